@@ -8,14 +8,13 @@ figures.json contains
                                            motors, noisy sensors) or hard (a twin with other friction, masses, slope,
                                            delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
-    PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward, stand, stop and go (COMMANDS)
+    PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward and stand (COMMANDS)
 
 Finished benches, priors and policies are reused. Half an hour on two cores.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +33,7 @@ from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.identification.fit_prior import PRIOR
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.command import Commands, Timetable
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
 from motorprior.progress import Lines
@@ -66,8 +65,6 @@ COMMANDS = (
     (0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.1, 0.0),
     (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
 )  # fmt: skip
-STOP_AND_GO = ((0.8, 0.0), (1.0, 0.0, -1.0))  # schedules of commanded speeds over the fastest, straight on
-HOLD = 2.0  # duration of each command in STOP_AND_GO [s]
 UNITS = {"upright": "1", "speed_off": "m/s", "speed": "m/s", "yaw_rate": "rad/s"}
 
 
@@ -116,7 +113,7 @@ class Environments:
         walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
         return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
 
-    def episodes(self, place: str, policy: PolicyArrays, commands: Commands | Timetable) -> list[Episode]:
+    def episodes(self, place: str, policy: PolicyArrays, commands: Commands) -> list[Episode]:
         """One episode per sample, with the same commands."""
         walk = WalkConfig(self.steps, commands=commands)
         executor = make_executor(partial(self.simulator, place, walk), self.settings.workers)
@@ -125,9 +122,9 @@ class Environments:
         return episodes
 
     def turns(self, place: str, policy: PolicyArrays, seed: int) -> list[Result]:
-        """How a policy follows COMMANDS and STOP_AND_GO."""
+        """How a policy follows COMMANDS."""
         rows = []
-        for name, commands in command_cases(self.robot, self.settings.seconds).items():
+        for name, commands in command_cases(self.robot).items():
             found = command_errors(self.robot, self.episodes(place, policy, commands), self.steps)
             for quantity, value in found.items():
                 rows.append(Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed))
@@ -148,16 +145,12 @@ class Environments:
         return Results.of(found)
 
 
-def command_cases(robot: Robot, seconds: float) -> dict[str, Commands | Timetable]:
-    """COMMANDS and STOP_AND_GO for walks of so many seconds, by their names in figures.json."""
-    cases: dict[str, Commands | Timetable] = {}
+def command_cases(robot: Robot) -> dict[str, Commands]:
+    """COMMANDS by their names in figures.json."""
+    cases: dict[str, Commands] = {}
     for share, turn in COMMANDS:
         forward, yaw_rate = _speed(robot, share), turn * robot.require_legs().yaw_rate
         cases[f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
-    for shares in STOP_AND_GO:
-        speeds = [_speed(robot, share) for share in shares]
-        rows = tuple((HOLD * k, speeds[k % len(speeds)], 0.0) for k in range(math.ceil(seconds / HOLD)))
-        cases[f"commands {', '.join(f'{speed:.3g}' for speed in speeds)} m/s in turn"] = Timetable(rows)
     return cases
 
 

@@ -15,7 +15,6 @@ from typing import Any
 
 import gymnasium
 
-from motorprior.locomotion.command import Timetable
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -27,9 +26,8 @@ ENV_ID = "motorprior/Walk-v0"
 
 
 def _scene(robot: str | Path | Robot, motors: MotorSource, options: dict[str, Any]) -> Scene:
-    walk, robot = WalkConfig(**options), as_robot(robot)
-    if not isinstance(walk.commands, Timetable):
-        robot = walk.commands.extend_range(robot)
+    walk = WalkConfig(**options)
+    robot = walk.commands.extend_range(as_robot(robot))
     found = simulated_motors(motors, robot)
     return Scene(robot, found.draw, walk, found.physics_dt)
 

@@ -7,28 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
 from motorprior.commands.walk import POLICY, SEED_FOLDER
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.command import Commands, Timetable
+from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Results
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
+from motorprior.robots.robot import Gait
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
 from motorprior.simulation.training import other_weight
 from motorprior.stage import locked, write_results
-from motorprior.studies.compare import TrainedPolicy, evaluation_seed, run_walks, with_shared_speeds
+from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import gait_quality, quality_results
 
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
-_STEADY_ONLY = ("speed_error", "heading_deg_per_m", "lateral_share")  # measures that need one constant command
 
 
 @dataclass(frozen=True)
@@ -46,9 +43,6 @@ class Play:
     """Commanded speed [m/s]; the largest in the range of all policies if not given."""
     yaw_rate: float = 0.0
     """Commanded yaw rate, to the left [rad/s]."""
-    schedule: Path | None = None
-    """CSV file with the columns time_s, forward_m_s and yaw_rate_rad_s; a row is in force until the next. It replaces
-    the two commands above."""
     seconds: float = 10.0
     """Duration [s]."""
     seed: int = 0
@@ -66,8 +60,8 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
 
     Raises:
         SimulationFault: a walk diverged.
-        ArtifactError, ConfigError, LogError: a policy, its motors, the schedule or the fleet cannot be used; a command
-            is outside the range of the robot or of a policy's training; the viewer finds no screen.
+        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used; a command is outside the range of
+            the robot or of a policy's training; the viewer finds no screen.
     """
     from motorprior.report import film  # here, since it imports matplotlib
 
@@ -75,22 +69,22 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
     require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
-    commands = _commands(config, with_shared_speeds(robot, (each.policy for each in policies.values())))
+    command = _command(config, with_shared_speeds(robot, (each.policy for each in policies.values())).require_legs())
     steps = max(1, round(config.seconds / robot.control_dt))
-    commanded = commands.schedule(robot, evaluation_seed(config.seed), steps)
     episodes: dict[str, Episode] = {}
     with locked(config.out):
         with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
             for name, trained in policies.items():
                 if line := other_weight(trained.policy, robot):
                     progress.note(line)
-                episodes[name] = _walk(config, trained, WalkConfig(steps, commands=commands))
+                episodes[name] = _walk(config, trained, WalkConfig(steps, commands=Commands.steady(*command)))
                 require_walks([episodes[name]], name)
                 task.advance()
-        results = sum((_measured(config, robot, *named, commanded) for named in episodes.items()), Results())
+        qualities = {name: gait_quality(robot, episode, *command, steps) for name, episode in episodes.items()}
+        results = sum((quality_results(each, name, config.environment) for name, each in qualities.items()), Results())
         write_results(config.out, results)
         titled = {f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()}
-        path = film.write_film(config.out, robot, titled, commanded, progress)
+        path = film.write_film(config.out, robot, titled, command, steps, progress)
     if config.viewer:
         show(robot, [film.until_end(episode.trace, steps) for episode in episodes.values()], robot.control_dt)
     return path, results
@@ -110,18 +104,12 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
     return names
 
 
-def _commands(config: Play, robot: Robot) -> Commands | Timetable:
-    """Commands of the walk; errors for one outside the robot's range, an unreadable schedule, or both given."""
-    size = robot.require_legs()
-    if config.schedule is None:
-        forward = size.forward[1] if config.forward is None else config.forward
-        require_number("forward", forward, *size.forward)
-        require_number("yaw_rate", config.yaw_rate, -size.yaw_rate, size.yaw_rate)
-        return Commands.steady(forward, config.yaw_rate)
-    if config.forward is not None or config.yaw_rate:
-        problem = "schedule replaces forward and yaw_rate"
-        raise ConfigError(problem, remedy="give one or the other", argument="schedule")
-    return Timetable.read(config.schedule, robot)
+def _command(config: Play, gait: Gait) -> tuple[float, float]:
+    """Speed [m/s] and yaw rate [rad/s]; ConfigError for one outside the range."""
+    forward = gait.forward[1] if config.forward is None else config.forward
+    require_number("forward", forward, *gait.forward)
+    require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
+    return forward, config.yaw_rate
 
 
 def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
@@ -132,18 +120,3 @@ def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
         walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
         scene = twin_scene(trained.robot, load_robot_fleet(trained.robot, config.fleet), walk)
     return run_walks(scene, trained.policy.arrays, [config.seed])[0]
-
-
-def _measured(config: Play, robot: Robot, name: str, episode: Episode, commanded: np.ndarray) -> Results:
-    """Measures of a walk with commands (steps, 2).
-
-    With changing commands, measures that need a constant one are replaced by speed_off, `Episode.speed_error` [m/s].
-    """
-    speeds = commanded[:, 0]
-    slowest = 0.0 if speeds.min() < 0.0 < speeds.max() else float(speeds[np.abs(speeds).argmin()])
-    quality = gait_quality(robot, episode, slowest, float(commanded[0, 1]), len(commanded))
-    measured = quality_results(quality, name, config.environment)
-    if (commanded == commanded[0]).all():
-        return measured
-    rows = [row for row in measured if row.quantity not in _STEADY_ONLY]
-    return Results.of([*rows, Result("speed_off", "m/s", episode.speed_error, name, config.environment)])

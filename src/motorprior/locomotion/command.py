@@ -1,21 +1,16 @@
-"""Commanded speed and yaw rate over an episode: sampled for every episode, or given at fixed times."""
+"""Commanded speed and yaw rate over an episode."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
-from pathlib import Path
 
 import numpy as np
 
 from motorprior.bounds import require_number, require_range
-from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import MAX_COMMAND
-from motorprior.logs.tables import table_columns
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
-COLUMNS = ("time_s", "forward_m_s", "yaw_rate_rad_s")  # of a timetable's file
 Range = tuple[float, float]
 
 
@@ -70,38 +65,3 @@ class Commands:
         moving = rng.uniform(size=count) >= self.still
         commands = np.stack([speeds * moving, turns * moving], axis=1)
         return commands[np.arange(steps) // each]
-
-
-@dataclass(frozen=True)
-class Timetable:
-    """Rows of time [s], speed [m/s] and yaw rate [rad/s], each held until the next; the same in every episode."""
-
-    rows: tuple[tuple[float, float, float], ...]
-
-    @classmethod
-    def read(cls, path: Path, robot: Robot) -> Timetable:
-        """Read a CSV file with `COLUMNS`; each command is in force until the time of the next row.
-
-        Raises:
-            LogError: the file cannot be read.
-            ConfigError: times that do not increase from 0 on, or a command outside the robot's range; names the row.
-        """
-        size, before = robot.require_legs(), -inf
-        bounds = (0.0, inf), size.forward, (-size.yaw_rate, size.yaw_rate)
-        columns = [column.tolist() for column in table_columns(path, COLUMNS).values()]
-        rows = list(zip(*columns, strict=True))
-        for number, row in enumerate(rows):
-            for name, value, (low, high) in zip(COLUMNS, row, bounds, strict=True):
-                if not low <= value <= high or (name == COLUMNS[0] and value <= before):
-                    problem = f"row {number}: {name} is {value:g}, but must be within {low:g} to {high:g}"
-                    remedy = f"give commands in the range of robot {robot.name!r}, and times that increase"
-                    raise ConfigError(problem, where=path, remedy=remedy)
-            before = row[0]
-        return cls(tuple(rows))
-
-    def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
-        """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step, 0 before the first row; no randomness."""
-        table = np.array([(-np.inf, 0.0, 0.0), *self.rows])
-        time = robot.control_dt * np.arange(steps)
-        row = np.searchsorted(table[:, 0], time + 1e-6 * robot.control_dt, side="right") - 1
-        return np.ascontiguousarray(table[row, 1:])

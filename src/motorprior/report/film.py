@@ -47,17 +47,22 @@ def film(
 
 
 def write_film(
-    folder: Path, robot: Robot, walks: Mapping[str, Episode], commanded: np.ndarray, progress: Progress
+    folder: Path,
+    robot: Robot,
+    walks: Mapping[str, Episode],
+    command: tuple[float, float],
+    steps: int,
+    progress: Progress,
 ) -> Path:
     """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path.
 
-    ``commanded`` are the (steps, 2) speeds [m/s] and yaw rates [rad/s] of all walks.
+    ``command`` is speed [m/s] and yaw rate [rad/s] of all walks.
     """
     as_mp4 = can_write_mp4()
     path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
     stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    traces = [until_end(episode.trace, len(commanded)) for episode in walks.values()]
-    notes = [_notes(robot, *each, commanded)[::stride] for each in zip(walks.values(), traces, strict=True)]
+    traces = [until_end(episode.trace, steps) for episode in walks.values()]
+    notes = [_notes(robot, *each, command)[::stride] for each in zip(walks.values(), traces, strict=True)]
     frames = [trace[::stride] for trace in traces]
     seconds, count = stride * robot.control_dt, len(frames[0])
     with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
@@ -91,14 +96,14 @@ def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
     return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
 
 
-def _notes(robot: Robot, episode: Episode, walk: np.ndarray, commanded: np.ndarray) -> list[str]:
+def _notes(robot: Robot, episode: Episode, walk: np.ndarray, command: tuple[float, float]) -> list[str]:
     """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
     distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
-    notes = []
-    for step, (way, (forward, turn)) in enumerate(zip(distance, commanded, strict=True)):
-        state = f"command {forward:z.2f} m/s, {turn:z.2f} rad/s" if step < episode.steps else "fell"
-        notes.append(f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {state}")
-    return notes
+    commanded = f"command {command[0]:z.2f} m/s, {command[1]:z.2f} rad/s"
+    return [
+        f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {commanded if step < episode.steps else 'fell'}"
+        for step, way in enumerate(distance)
+    ]
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:

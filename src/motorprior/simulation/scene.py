@@ -21,7 +21,7 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import Body, GaitName, body_of
-from motorprior.locomotion.command import Commands, Timetable
+from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     GaitState,
     SensorErrors,
@@ -57,7 +57,7 @@ class WalkConfig:
     """Reward."""
     randomization: Randomization = field(default_factory=Randomization)
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
-    commands: Commands | Timetable = field(default_factory=Commands)
+    commands: Commands = field(default_factory=Commands)
     """Commanded speeds and yaw rates, also above the robot's usual range."""
     gait: GaitName = "trot"
     """Gait: phases of the legs."""
