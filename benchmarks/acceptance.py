@@ -1,7 +1,7 @@
 """Acceptance figures: small runs of all experiments, and a comparison of two such runs.
 
     python benchmarks/acceptance.py run --data DIR --out runs/acceptance
-    python benchmarks/acceptance.py compare benchmarks/acceptance.json runs/acceptance/acceptance.json
+    python benchmarks/acceptance.py compare runs/before/acceptance.json runs/acceptance/acceptance.json
 
 `run` runs the demo, which is a small transfer study, and the benchmarks on real logs and on fleets, with one fold per
 robot and few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two
