@@ -45,6 +45,7 @@ class Constants:
     """A row per constant; prints as a table."""
 
     rows: tuple[Constant, ...]
+    columns: tuple[str, ...] = COLUMNS  # titles
 
     @classmethod
     def of(
@@ -68,17 +69,17 @@ class Constants:
 
     @property
     def cells(self) -> list[list[str]]:
-        """Texts of the rows, in the order of COLUMNS."""
+        """Texts of the rows, in the order of the columns."""
         words = {True: "yes", False: "no", None: "unknown"}
         return [
             [row.name, row.unit, *(f"{value:.3g}" for value in row[2:5]), words[row.identifiable]] for row in self.rows
         ]
 
     def __str__(self) -> str:
-        return text_table(COLUMNS, self.cells)
+        return text_table(self.columns, self.cells)
 
     def _repr_html_(self) -> str:
-        return html_table(COLUMNS, self.cells)
+        return html_table(self.columns, self.cells)
 
 
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:

@@ -99,7 +99,7 @@ class MotorPosterior(Described):
         return motors.with_factors(factors)
 
     def constants(self) -> Constants:
-        """Constants of these motors with units and ranges, at their gains; identifiable if the log narrows them.
+        """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.
 
         That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
         prior's; of its logarithm, if it is positive. Ranges are with `MODEL_ERROR`, as those of
@@ -121,7 +121,7 @@ class MotorPosterior(Described):
             own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
             varies = np.median(prior) > 1e-9  # logged gains do not
             narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
-        return Constants.of(values, UNITS, narrowed)
+        return Constants(Constants.of(values, UNITS, narrowed).rows, (*COLUMNS[:-1], "narrowed by the log"))
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of samples of these motors to a step of the command."""
@@ -136,7 +136,8 @@ class MotorPosterior(Described):
             "joints": listed(self.joint_names, 8),
             "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
         }  # fmt: skip
-        return Summary(f"motor posterior of {len(self.mean)} motors", facts, COLUMNS, self.constants().cells)
+        table = self.constants()
+        return Summary(f"motor posterior of {len(self.mean)} motors", facts, table.columns, table.cells)
 
     def take(self, index: list[int]) -> MotorPosterior:
         """The motors at ``index``."""

@@ -129,7 +129,8 @@ def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
 def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     """A line per joint with a marker per model, from model -> joint -> RMSE [rad]."""
     joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
-    figure = new_figure(1.1 + 0.23 * len(joints))
+    legend = 0.2 * len(errors) / 3.0  # of its height
+    figure = new_figure(1.1 + legend + 0.23 * len(joints))
     axes = panels(figure, 1)[0, 0]
     for number, (model, values) in enumerate(errors.items()):
         rows, milli = [joints.index(joint) for joint in values], [1e3 * value for value in values.values()]
