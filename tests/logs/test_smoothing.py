@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motorprior.logs.operations import smooth_on_grid
 from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed, smoothing_of
 
 DT, ROWS = 0.002, 1000
@@ -46,3 +47,27 @@ def test_the_steps_of_an_encoder_are_noise():
     found = smoothed(readings, PARTS, DT, *found_in(readings))
     assert np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
     assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
+
+
+def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
+    """Rounded angles of a first-order lag, and its simulation on the commands of the log on a grid."""
+    time, step = DT * np.arange(1200), 4096 / (2 * np.pi)
+    target = 0.15 * (np.sin(1.3 * time - 0.5) > 0.0)
+
+    def lagged(command: np.ndarray) -> np.ndarray:
+        angle = np.zeros_like(time)
+        for row in range(1, len(time)):
+            late = command[max(0, row - 8)]
+            angle[row] = late + (angle[row - 1] - late) * np.exp(-DT / 0.03)
+        return angle
+
+    readings = np.round(lagged(target) * step) / step
+    log = smooth_on_grid(make_log(
+        rows=len(time), period=DT, time=time, position_target=np.stack([target] * 2, axis=1), joint_vel=None,
+        joint_pos=np.stack([readings] * 2, axis=1),
+    ), DT)  # fmt: skip
+
+    def error(command: np.ndarray) -> float:
+        return float(np.mean((lagged(command) - log.joint_pos[:, 0]) ** 2))
+
+    assert error(log.position_target[:, 0]) < 0.8 * error(target)

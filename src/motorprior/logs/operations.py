@@ -15,6 +15,7 @@ from motorprior.logs.validity import checked
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
+MAX_SMOOTHING = 0.1  # of commands [rad]
 _MAX_NAMED = 5  # gaps that the message lists
 _MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated
@@ -135,8 +136,9 @@ def with_velocities(log: MotorLog) -> MotorLog:
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """The log at steps of ``period`` [s]; angles are splines through smoothed readings.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Commands
-    stay as they are: a smoothed step would keep a motor at its torque limit for another time.
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Smoothed
+    angles begin to move before the motor; a motor far from its limits is nearly linear, so smoothed commands move it
+    likewise. Commands with steps that this would move by MAX_SMOOTHING stay: steps drive a motor to its torque limit.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -146,6 +148,10 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     found = smoothing_of(angles, parts, log.period)
     if found is not None:
         angles = smoothed(angles, parts, log.period, *found)[0]
+        noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
+        commands = smoothed(grid.position_target, rows, period, noise, found[1])[0]
+        moved = np.abs(commands - grid.position_target).max(axis=0)
+        grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
     pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
     for old, new in zip(parts, grid.segment_slices(), strict=True):
         spline = CubicSpline(log.time[old], angles[old], axis=0)

@@ -115,7 +115,10 @@ def smoothing_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> t
 def smoothed(
     readings: np.ndarray, parts: tuple[slice, ...], dt: float, noise: float, density: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad]."""
+    """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad].
+
+    For readings at other steps, the same smoothing has the noise r·√(dt/dt'): r²·dt is its power density.
+    """
     out = np.empty((2, *readings.shape))
     for motor, column in enumerate(readings.T):
         for part in parts:

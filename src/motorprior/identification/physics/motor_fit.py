@@ -55,7 +55,7 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-GEAR_SAVING = 0.2  # share of the loss that compliant gears must save, otherwise they are rigid
+GEAR_SAVING = 0.05  # share of the loss that compliant gears must save, otherwise they are rigid
 RIGID_GEAR = ("gear_stiffness", "gear_damping", "backlash")
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
@@ -297,10 +297,11 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
 def _with_rigid_gears(
     search: Search, found: Fit, rigid: np.ndarray, simplest: np.ndarray, fixed: np.ndarray, classes: np.ndarray
 ) -> Fit:
-    """The fit with rigid gears in the classes (M,) of motors where compliance saves less than GEAR_SAVING of the loss.
+    """The fit with rigid gears where compliance saves less than GEAR_SAVING of the loss.
 
-    ``rigid`` (K,) is a motor with a rigid gear, ``simplest`` (M, K) are fits of such motors. A soft gear replays the
-    motion of a suspended robot slightly better by physics that the model lacks, but the robot falls when it walks.
+    In each class of motors (M,), or for each motor if all have one. ``rigid`` (K,) is a motor with a rigid gear,
+    ``simplest`` (M, K) are fits of such motors. A soft gear can replay the motion of a suspended robot as well by
+    physics that the model lacks, but then the robot falls when it walks.
     """
     gear = np.isin(np.arange(len(rigid)), [PARAMETERS.index(name) for name in RIGID_GEAR])
     if fixed[gear].any():
@@ -309,8 +310,9 @@ def _with_rigid_gears(
     starts = [np.where(gear, rigid, np.where(fixed, 0.0, x)) for x in (found.x, simplest)]
     first, second = (search.descend(np.clip(x, -LOG_REACH, LOG_REACH), held, STEPS) for x in starts)
     stiff, chosen = first.better(second), np.zeros(len(classes), dtype=bool)
-    for each in np.unique(classes):
-        own = classes == each
+    groups = classes if len(np.unique(classes)) > 1 else search.everyone
+    for each in np.unique(groups):
+        own = groups == each
         chosen |= own & (stiff.loss[own].sum() * (1.0 - GEAR_SAVING) <= found.loss[own].sum())
     return found.replaced(np.flatnonzero(chosen), stiff.of(np.flatnonzero(chosen)))
 
