@@ -12,10 +12,10 @@ import pytest
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
-from motorprior.cli.console import Bar
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
+from motorprior.progress import Ticks
 from motorprior.robots.pupper_v2 import spec
 
 
@@ -83,19 +83,19 @@ def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
 
 @pytest.fixture
 def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
-    """Send this process SIGINT at the n-th advance of a progress bar from now on; 0 for never again."""
+    """Send this process SIGINT at the n-th advance of a unit of work from now on; 0 for never again."""
     old = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
 
     def at(advance_number: int) -> None:
         calls = 0
 
-        def advance(self: Bar, count: int = 1, note: str = "") -> None:
+        def advance(self: Ticks, count: int = 1, note: str = "") -> None:
             nonlocal calls
             calls += 1
             if calls == advance_number:
                 signal.raise_signal(signal.SIGINT)
 
-        monkeypatch.setattr(Bar, "advance", advance)
+        monkeypatch.setattr(Ticks, "advance", advance)
 
     yield at
     signal.signal(signal.SIGINT, old)

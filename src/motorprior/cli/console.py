@@ -16,27 +16,24 @@ from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 from rich.text import Text
 
-from motorprior.progress import Ticks
+from motorprior.progress import Lines
 
 CONSOLE = Console(stderr=True, highlight=False)
 
 
 class Bar:
-    """Progress of one unit of work; without a terminal, `progress.Ticks`."""
+    """Progress of one unit of work."""
 
     def __init__(self, progress: Progress, name: str, total: int):
-        self._progress, shown = progress, CONSOLE.is_terminal
-        self._ticks = Ticks(lambda text: None if shown else TERMINAL.note(text), name, total)
-        self.task = progress.add_task(name, total=total, note="")
+        self._progress, self.task = progress, progress.add_task(name, total=total, note="")
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Count ``count`` more finished parts."""
         self._progress.update(self.task, advance=count, note=note)
-        self._ticks.advance(count, note)
 
 
-class Terminal:
-    """`progress.Progress` on the terminal; units of work in several threads have a bar each."""
+class Bars:
+    """`progress.Progress` on a terminal; units of work in several threads have a bar each."""
 
     def __init__(self):
         count = TextColumn("{task.completed:.0f}/{task.total:.0f}")
@@ -47,10 +44,8 @@ class Terminal:
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Bar]:
-        """Print the progress of ``total`` parts, then the time."""
+        """Show the progress of ``total`` parts, then the time."""
         started = time.monotonic()
-        if not CONSOLE.is_terminal:
-            self.note(f"{name} ...")
         self._count(1)
         bar = Bar(self._progress, name, total)
         try:
@@ -68,13 +63,13 @@ class Terminal:
         """Draw while there is a bar; threads share one drawing, since rich allows only one."""
         with self._lock:
             self._bars += more
-            if CONSOLE.is_terminal and self._bars == 0:
+            if self._bars == 0:
                 self._progress.stop()
-            elif CONSOLE.is_terminal and (self._bars, more) == (1, 1):
+            elif (self._bars, more) == (1, 1):
                 self._progress.start()
 
 
-TERMINAL = Terminal()
+TERMINAL = Bars() if CONSOLE.is_terminal else Lines()
 
 
 def command_line(name: str, config: Any, left_out: Sequence[str] = ()) -> str:

@@ -30,13 +30,11 @@ class RobotChoice:
 
     Attributes:
         port: serial port, for example /dev/ttyACM0; the only one if not given.
-        kind: name of a shipped robot.
         virtual: start a virtual robot and use it; in record it is suspended unless --standing.
         robot: the virtual robot.
     """
 
     port: str | None = None
-    kind: str = DEFAULT_ROBOT
     virtual: bool = False
     robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
 
@@ -77,9 +75,9 @@ def _opened(choice: RobotChoice) -> Iterator[tuple[ModuleType, Robot, str]]:
 
     if choice.virtual and choice.port is not None:
         raise ConfigError(f"--port {choice.port} and --virtual", remedy="give one of them")
-    robot = load_robot(choice.kind)
+    robot = load_robot(DEFAULT_ROBOT)
     if choice.virtual:
-        with running_virtual_robot(choice.kind, choice.robot) as port:
+        with running_virtual_robot(robot.name, choice.robot) as port:
             yield commands, robot, port
     else:
         yield commands, robot, serial_link.resolve_port(choice.port)

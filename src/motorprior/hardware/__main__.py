@@ -27,7 +27,6 @@ def parser() -> argparse.ArgumentParser:
     deploy, record, doctor = (commands.add_parser(name) for name in ("deploy", "record", "doctor"))
     for command in (deploy, record, doctor):
         command.add_argument("--port", help="serial port, for example /dev/ttyACM0; the only one if not given")
-        command.add_argument("--kind", default=DEFAULT_ROBOT, help="name of a shipped robot")
     deploy.add_argument("policy", type=Path, help="policy.safetensors")
     _add_options(deploy, DeploySettings)
     _add_options(record, RecordSettings)
@@ -59,12 +58,12 @@ def main() -> None:
         raise SystemExit(130) from None
 
 
-def _run(show: Print, command: str, kind: str, port: str | None, policy: Path = Path(), **settings: object) -> None:
+def _run(show: Print, command: str, port: str | None, policy: Path = Path(), **settings: object) -> None:
     require_robot_extra()
     from motorprior.hardware.commands import run_deploy, run_doctor, run_record
     from motorprior.hardware.serial_link import resolve_port
 
-    robot, found = load_robot(kind), resolve_port(port)
+    robot, found = load_robot(DEFAULT_ROBOT), resolve_port(port)
     if command == "deploy":
         run_deploy(robot, policy, found, DeploySettings(**settings), show)  # pyright: ignore[reportArgumentType]
     elif command == "record":
