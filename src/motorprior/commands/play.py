@@ -84,7 +84,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
         results = sum((quality_results(each, name, config.environment) for name, each in qualities.items()), Results())
         write_results(config.out, results)
         titled = {f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()}
-        path = film.write_film(config.out, robot, titled, command, steps, progress)
+        path = film.write_film(config.out, robot, titled, steps, progress)
     if config.viewer:
         show(robot, [film.until_end(episode.trace, steps) for episode in episodes.values()], robot.control_dt)
     return path, results

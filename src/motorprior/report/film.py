@@ -46,27 +46,14 @@ def film(
             yield whole
 
 
-def write_film(
-    folder: Path,
-    robot: Robot,
-    walks: Mapping[str, Episode],
-    command: tuple[float, float],
-    steps: int,
-    progress: Progress,
-) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path.
-
-    ``command`` is speed [m/s] and yaw rate [rad/s] of all walks.
-    """
+def write_film(folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: int, progress: Progress) -> Path:
+    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path."""
     as_mp4 = can_write_mp4()
     path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
-    stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    traces = [until_end(episode.trace, steps) for episode in walks.values()]
-    notes = [_notes(robot, *each, command)[::stride] for each in zip(walks.values(), traces, strict=True)]
-    frames = [trace[::stride] for trace in traces]
-    seconds, count = stride * robot.control_dt, len(frames[0])
+    traces, notes, seconds = _frames(robot, walks, steps, rate)
+    count = len(traces[0])
     with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = film(robot, frames, list(walks), notes, progress.note)
+        pictures = film(robot, traces, list(walks), notes, progress.note)
         counted = (picture for picture in pictures if task.advance() is None)
         if as_mp4:
             write_mp4(temporary, counted, seconds)
@@ -79,31 +66,32 @@ def comparison_gif(
     robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None], rate: float = 5.0
 ) -> bytes:
     """A GIF of the first control steps of walks by title, at a rate [Hz]; a robot that falls stays there."""
+    traces, notes, seconds = _frames(robot, walks, steps, rate)
+    return gif_bytes(film(robot, traces, list(walks), notes, note), seconds)
+
+
+def _frames(
+    robot: Robot, walks: Mapping[str, Episode], steps: int, rate: float
+) -> tuple[list[np.ndarray], list[list[str]], float]:
+    """Frames of walks at a rate [Hz], their notes (time, distance along the heading, fall), and seconds per frame."""
     stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    traces = [until_end(episode.trace[:steps], steps)[::stride] for episode in walks.values()]
-    notes = [
-        [
-            f"{step * robot.control_dt:.1f} s    {x:z.2f} m    {'fell' if step >= episode.steps else ''}"
-            for step, x in zip(range(0, steps, stride), trace[:, 0] - trace[0, 0], strict=True)
-        ]
-        for episode, trace in zip(walks.values(), traces, strict=True)
-    ]
-    return gif_bytes(film(robot, traces, list(walks), notes, note), stride * robot.control_dt)
+    traces, notes = [], []
+    for episode in walks.values():
+        trace = until_end(episode.trace[:steps], steps)
+        distance = np.append(0.0, np.cumsum(steps_along_heading(trace[:, :2], headings(trace))))
+        traces.append(trace[::stride])
+        notes.append(
+            [
+                f"{step * robot.control_dt:.2f} s    {distance[step]:z.2f} m    {'fell' if step >= episode.steps else ''}"
+                for step in range(0, steps, stride)
+            ]
+        )
+    return traces, notes, stride * robot.control_dt
 
 
 def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
     """The trace of a walk, its last frame repeated up to ``steps``."""
     return np.concatenate([trace, np.repeat(trace[-1:], steps - len(trace), axis=0)])
-
-
-def _notes(robot: Robot, episode: Episode, walk: np.ndarray, command: tuple[float, float]) -> list[str]:
-    """Per frame: time, distance along the heading, and the command or, after a fall, "fell"."""
-    distance = np.append(0.0, np.cumsum(steps_along_heading(walk[:, :2], headings(walk))))
-    commanded = f"command {command[0]:z.2f} m/s, {command[1]:z.2f} rad/s"
-    return [
-        f"{step * robot.control_dt:.2f} s    {way:z.2f} m    {commanded if step < episode.steps else 'fell'}"
-        for step, way in enumerate(distance)
-    ]
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:
