@@ -80,12 +80,9 @@ def _frames(
         trace = until_end(episode.trace[:steps], steps)
         distance = np.append(0.0, np.cumsum(steps_along_heading(trace[:, :2], headings(trace))))
         traces.append(trace[::stride])
-        notes.append(
-            [
-                f"{step * robot.control_dt:.2f} s    {distance[step]:z.2f} m    {'fell' if step >= episode.steps else ''}"
-                for step in range(0, steps, stride)
-            ]
-        )
+        fell = ["fell" if step >= episode.steps else "" for step in range(steps)]
+        shown = range(0, steps, stride)
+        notes.append([f"{step * robot.control_dt:.2f} s    {distance[step]:z.2f} m    {fell[step]}" for step in shown])
     return traces, notes, stride * robot.control_dt
 
 
