@@ -63,7 +63,7 @@ class Arguments:
     out: Path  # folder of the cards
     work: Path = Path("runs/motor_cards")  # imported logs and interrupted fits
     cards: tuple[str, ...] = ("go2", "so101", "xl330", "pupper_v2")
-    preset: str = "quick"
+    preset: str = "quick"  # of the arms' and the servo's; the quadruped's is rigid, so that it can walk
 
 
 def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str, str | float]]:
@@ -74,7 +74,8 @@ def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str,
     paths = imported(settings, name, columns, described, pattern)
     test = [path for path in paths if _is_held_out(name, path)]
     train = spread_windows([read_parquet(path) for path in paths if path not in test], 24.0 * FACTOR.get(name, 1.0))
-    prior = fit_prior(train, arguments.preset, out=arguments.work / name / "prior", progress=PROGRESS)
+    preset = "rigid" if name == "go2" else arguments.preset
+    prior = fit_prior(train, preset, out=arguments.work / name / "prior", progress=PROGRESS)
     errors, shares = [], []
     for path in test:
         log = read_parquet(path)

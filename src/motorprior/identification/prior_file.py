@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import (
     UNKNOWN_TORQUE_SCALE,
     MotorPrior,
@@ -21,6 +22,8 @@ from motorprior.logs.motor_log import MotorLog
 
 if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
+
+SOFT_GEAR = 5.0  # gear stiffness over position gain [-]; below, a note
 
 
 def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
@@ -62,7 +65,7 @@ def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | No
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
     """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
-    notes = [*_gain_note(prior, robot), *_class_note(prior, robot)]
+    notes = [*_gain_note(prior, robot), *_class_note(prior, robot), *_gear_note(prior, robot)]
     if hidden := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         notes.append(
             f"note: the torque scale of {hidden:.0f} of the prior's {len(prior.mean)} motors is not identifiable from "
@@ -76,6 +79,22 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
             "over-rely on it. Log motions that reach the limit"
         )
     return notes
+
+
+def _gear_note(prior: MotorPrior, robot: Robot) -> list[str]:
+    """A note on gears that are too soft for a robot that walks."""
+    motors = prior.sample(robot, 0, spread=0.0)
+    if not isinstance(motors, GreyBoxActuator) or not robot.legs:
+        return []
+    values = motors.constants()
+    ratio = values["gear_stiffness"] / values["kp"]
+    worst = int(np.argmin(ratio))
+    if ratio[worst] >= SOFT_GEAR:
+        return []
+    return [
+        f"note: the gear of {robot.joint_names[worst]} has {ratio[worst]:.2g} times the stiffness of its position gain; "
+        "logs of suspended legs hardly identify it. If the robot falls, identify with preset rigid"
+    ]
 
 
 def _class_note(prior: MotorPrior, robot: Robot) -> list[str]:

@@ -43,7 +43,7 @@ from motorprior.identification.physics.motor_problem import (
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import COMPLIANCE, Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
@@ -55,7 +55,6 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-GEAR_SAVING = 0.05  # share of the loss that compliant gears must save, otherwise they are rigid
 RIGID_GEAR = ("gear_stiffness", "gear_damping", "backlash")
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
@@ -128,8 +127,9 @@ def fit_motors(
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, runs.classes, report)
-    rigid = np.where(fixed, 0.0, rigid_motor(initial, terms, runs)[0] - center)
-    found = _with_rigid_gears(search, found, rigid, start - center, fixed, runs.classes)
+    if COMPLIANCE in runs.preset.lacks:
+        rigid = np.where(fixed, 0.0, rigid_motor(initial, terms, runs)[0] - center)
+        found = _with_rigid_gears(search, found, rigid, start - center, fixed)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
@@ -294,27 +294,13 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
 
 
-def _with_rigid_gears(
-    search: Search, found: Fit, rigid: np.ndarray, simplest: np.ndarray, fixed: np.ndarray, classes: np.ndarray
-) -> Fit:
-    """The fit with rigid gears where compliance saves less than GEAR_SAVING of the loss.
-
-    In each class of motors (M,), or for each motor if all have one. ``rigid`` (K,) is a motor with a rigid gear,
-    ``simplest`` (M, K) are fits of such motors. A soft gear can replay the motion of a suspended robot as well by
-    physics that the model lacks, but then the robot falls when it walks.
-    """
+def _with_rigid_gears(search: Search, found: Fit, rigid: np.ndarray, simplest: np.ndarray, fixed: np.ndarray) -> Fit:
+    """The fit with rigid gears, from ``found`` and from ``simplest`` (M, K), fits of such motors; ``rigid`` (K,)."""
     gear = np.isin(np.arange(len(rigid)), [PARAMETERS.index(name) for name in RIGID_GEAR])
-    if fixed[gear].any():
-        return found
     held = GaussianPrior(np.where(gear, rigid, found.x), np.where(fixed | gear, FIXED, WEAK) + np.zeros(found.x.shape))
     starts = [np.where(gear, rigid, np.where(fixed, 0.0, x)) for x in (found.x, simplest)]
     first, second = (search.descend(np.clip(x, -LOG_REACH, LOG_REACH), held, STEPS) for x in starts)
-    stiff, chosen = first.better(second), np.zeros(len(classes), dtype=bool)
-    groups = classes if len(np.unique(classes)) > 1 else search.everyone
-    for each in np.unique(groups):
-        own = groups == each
-        chosen |= own & (stiff.loss[own].sum() * (1.0 - GEAR_SAVING) <= found.loss[own].sum())
-    return found.replaced(np.flatnonzero(chosen), stiff.of(np.flatnonzero(chosen)))
+    return first.better(second)
 
 
 def _without_unidentified_limits(
