@@ -92,7 +92,7 @@ def _gear_note(prior: MotorPrior, robot: Robot) -> list[str]:
     if ratio[worst] >= SOFT_GEAR:
         return []
     return [
-        f"note: the gear of {robot.joint_names[worst]} has {ratio[worst]:.2g} times the stiffness of its position gain; "
+        f"note: the gear of {robot.joint_names[worst]} is {ratio[worst]:.2g} times as stiff as its position gain, and "
         "logs of suspended legs hardly identify it. If the robot falls, identify with preset rigid"
     ]
 
