@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.progress import SILENT
 
 KP, KD, LIMIT, ARMATURE, COULOMB, VISCOUS, DELAY = 8.0, 0.3, 1.6, 0.004, 0.06, 0.03, 0.02
@@ -109,7 +110,9 @@ def test_commands_stay_steps(log: mp.MotorLog):
 @pytest.mark.parametrize("seed", [1, 3])
 def test_the_constants_of_a_servo_at_its_torque_limit(log: mp.MotorLog, seed: int):
     prior = mp.fit_prior(log, preset="quick", seed=seed, progress=SILENT)
-    found = {name: each.item() for name, each in prior.training_motors(np.array([0])).constants().items()}
+    motors = prior.training_motors(np.array([0]))
+    assert isinstance(motors, GreyBoxActuator)
+    found = {name: each.item() for name, each in motors.constants().items()}
     assert prior.metrics["replay_rmse"] < 4e-3, found
     assert found["delay"] == pytest.approx(DELAY, abs=2e-3)
     for name, value, tolerance in (("kp", KP, 0.15), ("torque_limit", LIMIT, 0.1), ("armature", ARMATURE, 0.2)):
