@@ -137,10 +137,10 @@ def fit_motors(
     return FleetFit(center, x, centred(center, terms, runs).losses(x), terms)
 
 
-def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int) -> FleetFit:
+def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits: bool = True) -> FleetFit:
     """The simplest motors: the best of RIGID_STARTS random searches without a torque limit, and as many with one.
 
-    Arguments as for `fit_motors`.
+    Without ``limits`` the latter are left out; other arguments as for `fit_motors`.
     """
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
     initial = sized_center(runs, terms)
@@ -149,7 +149,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int) -> Fle
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
     prior = weak_prior(np.zeros(len(rigid))).fixing(lacks | fixed)
     found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
-    for start in range(2 * RIGID_STARTS):
+    for start in range((1 + limits) * RIGID_STARTS):
         held = fixed | (lacks & ~(limit & (start >= RIGID_STARTS)))
         away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
         away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]

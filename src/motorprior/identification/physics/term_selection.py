@@ -186,7 +186,7 @@ class _Trial:
 
     def rigid(self, terms: tuple[str, ...]) -> _State:
         """The simplest motors, with a rigid gear."""
-        found = fit_rigid_motors(self._trained, terms, self._seed)
+        found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)  # they would hide a limit of speed
         return self._state(terms, found.center + found.offsets)
 
     def enriched(self, rigid: _State) -> _State:
