@@ -87,18 +87,18 @@ def log(tmp_path_factory) -> mp.MotorLog:
     return mp.load_log(folder / "servo.csv", columns=columns, robot=robot, suspended=True, progress=SILENT)
 
 
-def test_repeated_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
+def test_duplicate_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
     angle = np.repeat([0.0, -30.0, 20.0], 40) + 0.29 * np.tile([0.0, 1.0], 60)
     failed = angle.copy()
     failed[[60, 100]] = 0.0
-    repeated = np.insert(np.arange(120), 9, 9)
-    rows = [f"{10 * row},{angle[row]:.2f},{failed[row]:.2f}" for row in repeated]
+    duplicated = np.insert(np.arange(120), 9, 9)
+    rows = [f"{10 * row},{angle[row]:.2f},{failed[row]:.2f}" for row in duplicated]
     (tmp_path / "servo.csv").write_text("\n".join(["ms,goal,present", *rows]))
     (tmp_path / "columns.toml").write_text(COLUMNS)
     notes = io.StringIO()
     columns = tmp_path / "columns.toml"
     log = mp.load_log(tmp_path / "servo.csv", columns=columns, period=None, progress=mp.Lines(notes))
-    assert log.num_rows == 118 and "1 repeated rows" in log.source
+    assert log.num_rows == 118 and "duplicate rows left out: 1" in log.source
     assert "2 rows in which a read failed" in notes.getvalue()
 
 

@@ -81,7 +81,7 @@ class GreyBoxActuator(Actuator):
     factors: Factors | None = None  # on the constants
 
     def __repr__(self) -> str:
-        return f"{self.num_motors} grey-box motors; their numbers: constants()"
+        return f"{self.num_motors} grey-box motors, see constants()"
 
     @property
     def kind(self) -> ActuatorKind:

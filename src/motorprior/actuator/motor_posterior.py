@@ -121,7 +121,7 @@ class MotorPosterior(Described):
             own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
             varies = np.median(prior) > 1e-9  # logged gains do not
             narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
-        return Constants(Constants.of(values, UNITS, narrowed).rows, (*COLUMNS[:-1], "narrowed by the log"))
+        return replace(Constants.of(values, UNITS, narrowed), columns=(*COLUMNS[:-1], "narrowed by the log"))
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of samples of these motors to a step of the command."""

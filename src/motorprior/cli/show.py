@@ -183,7 +183,7 @@ def walk(config: WalkCommand) -> None:
         print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
         if best["own_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
-            TERMINAL.note(f"warning: a negative return: the robot hardly walks or falls -> {remedy}")
+            TERMINAL.note(f"warning: a negative return: the robot falls, or hardly walks -> {remedy}")
     else:
         results = run_walk_seeds(one, config.seeds, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]

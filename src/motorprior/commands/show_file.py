@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import MotorPrior, shipped_cards
+from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ArtifactError
@@ -33,7 +33,7 @@ def described(config: Show) -> str:
     path = config.file
     if path.suffix == ".toml" or str(path) in {name for robot in SHIPPED for name, _ in robot.fleets}:
         return str(load_fleet(path))
-    if str(path) in shipped_cards():
+    if card_file(str(path)):
         return str(MotorPrior.load(path))
     if path.suffix != ".safetensors":
         return str(read_log(path, None, config.columns))

@@ -100,7 +100,8 @@ class Study:
 
     def seeds_of(self, condition: str) -> range:
         """Seeds of the policies of a condition."""
-        return range(self.seeds if condition != "oracle" or self.oracle_seeds is None else self.oracle_seeds)
+        of_oracle = self.oracle_seeds if condition == "oracle" else None
+        return range(of_oracle or self.seeds)
 
     def robot_of(self, seed: int) -> int:
         """Number of the robot that the adapted policies of a seed walk on."""

@@ -64,7 +64,7 @@ def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | No
 
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
-    """Notes on limits that the logs of a prior did not reach, and on gains that differ from the robot's."""
+    """Notes on limits that the logs of a prior did not reach, other gains than the robot's, and soft gears."""
     notes = [*_gain_note(prior, robot), *_class_note(prior, robot), *_gear_note(prior, robot)]
     if hidden := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         notes.append(

@@ -66,9 +66,9 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         *(name for names in wanted.values() for name in names),
     ]
     table, origin = source(path, list(dict.fromkeys(names)), columns), str(path)
-    if columns.time and (repeated := _repeated_rows(table)).any():
-        table = {name: values[~repeated] for name, values in table.items()}
-        origin = f"{path} ({repeated.sum()} repeated rows left out)"
+    if columns.time and (duplicate := _duplicate_rows(table)).any():
+        table = {name: values[~duplicate] for name, values in table.items()}
+        origin = f"{path} (duplicate rows left out: {duplicate.sum()})"
     shape = len(next(iter(table.values()))), len(joints)
     if columns.rate is not None:
         time = np.arange(shape[0]) / columns.rate
@@ -109,7 +109,7 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     return checked(log)
 
 
-def _repeated_rows(table: Mapping[str, np.ndarray]) -> np.ndarray:
+def _duplicate_rows(table: Mapping[str, np.ndarray]) -> np.ndarray:
     """Mask (T,) of rows that equal the row before in all columns, the time included."""
     same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
     return np.concatenate([[False], same])

@@ -138,7 +138,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 
     Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Smoothed
     angles begin to move before the motor; a motor far from its limits is nearly linear, so smoothed commands move it
-    likewise. Commands with steps that this would move by MAX_SMOOTHING stay: steps drive a motor to its torque limit.
+    likewise. Commands that this would change by MAX_SMOOTHING or more stay: large steps drive a motor to its limit.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 

@@ -155,8 +155,8 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     """Channel, kind and row of each jump of one joint; ``period`` of new readings [s].
 
     A jump exceeds 3 usual steps, 10 encoder steps, 10 rad/s and 0.03 rad. The usual step is the sixth largest median of
-    three successive steps, which fast motion raises and a failed read does not. Of a single reading between two that
-    are close, the step need not exceed 3 usual ones but 8 times those around it.
+    three successive steps, which fast motion raises and a failed read does not. A single reading that leaps and comes
+    back is found next to slow motion, too: see `_spikes`.
     """
     angle, command = log.joint_pos[:, column], log.position_target[:, column]
     steps, command_steps = (np.diff(values, prepend=values[0]) for values in (angle, command))
@@ -197,7 +197,10 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
 
 
 def _spikes(angle: np.ndarray, parts: Sequence[slice], least: float) -> Iterator[int]:
-    """Rows of single readings between two that are close, away by ``least`` [rad] and by 8 times the steps around."""
+    """Rows of single readings that leap and come back.
+
+    Both steps exceed ``least`` [rad], and 8 times the motion around them: the steps before and after, and their sum.
+    """
     for part in parts:
         steps = np.diff(angle[part])
         if len(steps) < 4:
