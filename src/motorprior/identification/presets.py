@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import FROZEN, MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
@@ -37,7 +37,8 @@ class Preset:
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
     tries_terms: bool = True  # whether terms are selected
-    lacks: tuple[str, ...] = ()  # constants that the motors do not have, such as frictions; COMPLIANCE: rigid gears
+    # constants that the motors do not have, such as frictions; without those of GEAR, the gear is rigid
+    lacks: tuple[str, ...] = ()
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
     # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
     firmware: tuple[tuple[str, float], ...] = ()
@@ -75,15 +76,15 @@ class Preset:
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
-COMPLIANCE = "compliance"
+GEAR = FROZEN["play"]
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
 # long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is hardly identifiable
 #     in an eighth of a second. The warm-up is a tenth of a second, since often only the first step of a segment
 #     identifies a torque limit.
 # quick: long_runs without the selection of optional terms, which takes minutes.
-# rigid: quick with rigid gears, for walking. Logs of suspended legs are replayed a little better by soft gears, which
-#     stand in for physics that the model lacks, and with which the robot falls.
+# rigid: quick with rigid gears and without load-dependent friction, for walking. Logs of suspended legs are replayed a
+#     little better with both, which stand in for physics that the model lacks; with soft gears the robot falls.
 # Baselines:
 # per_motor: every motor's constants by a search on its own log (as PACE, Bjelonic et al., 2025).
 # pace, pace_long_runs: per_motor and its long runs without optional terms but logged ones.
@@ -102,7 +103,7 @@ PRESETS = {
     "rollout": _ROLLOUT,
     "long_runs": _LONG_RUNS,
     "quick": replace(_LONG_RUNS, tries_terms=False),
-    "rigid": replace(_LONG_RUNS, tries_terms=False, lacks=(COMPLIANCE,)),
+    "rigid": replace(_LONG_RUNS, tries_terms=False, lacks=(*GEAR, "load_friction")),
     "per_motor": _PER_MOTOR,
     "pace": replace(_PER_MOTOR, tries_terms=False),
     "pace_long_runs": _PACE_LONG_RUNS,

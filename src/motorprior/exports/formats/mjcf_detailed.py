@@ -9,7 +9,8 @@ The actuator is a servo kp·(u - θ) with delay. A second one, a `dcmotor` witho
 torque constant 1 and the electric time constant of the velocity filter: its shorted winding brakes the rotor by
 kd·filtered velocity. MuJoCo limits the sum of both to the torque limit (``actuatorfrcrange``), as our law does. A
 damper outside of the actuators, such as a Maxwell element, would not be limited. An integrator that does not damp
-tendons implicitly is changed to implicitfast.
+tendons implicitly is changed to implicitfast. A motor whose gear is too stiff for the timestep becomes a plain joint,
+as of the format mjcf.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -25,15 +26,20 @@ import numpy as np
 
 from motorprior.exports.exporter import Exporter
 from motorprior.exports.mjcf_text import MjcfText, attribute_text
-from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_variants
+from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_plain, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+# of gear_stiffness·h²/armature: MuJoCo's explicit spring of a stiffer gear would be unstable on a light link
+MAX_STIFFNESS = 0.25
 _INERTIAL = '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-10 1e-10 1e-10"/>'
 
 
 def write_detailed(text: MjcfText, joint: str, values: Mapping[str, float]) -> None:
     """One motor at a joint."""
+    if values["gear_stiffness"] * text.compiled.opt.timestep**2 > MAX_STIFFNESS * values["armature"]:
+        write_plain(text, joint, values)
+        return
     text.set(text.joint(joint), {"armature": "0", "damping": "0", "frictionloss": "0"})
     text.insert_before_body_of(text.joint(joint), _rotor(text, joint, values))
     ends = " ".join(number(values["encoder_zero"] + side * 0.5 * values["backlash"]) for side in (-1.0, 1.0))

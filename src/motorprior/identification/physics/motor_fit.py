@@ -43,7 +43,7 @@ from motorprior.identification.physics.motor_problem import (
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
-from motorprior.identification.presets import COMPLIANCE, Preset
+from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
@@ -55,7 +55,6 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-RIGID_GEAR = ("gear_stiffness", "gear_damping", "backlash")
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -127,9 +126,6 @@ def fit_motors(
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
         found = _together(search, rng, found, fixed, runs.classes, report)
-    if COMPLIANCE in runs.preset.lacks:
-        rigid = np.where(fixed, 0.0, rigid_motor(initial, terms, runs)[0] - center)
-        found = _with_rigid_gears(search, found, rigid, start - center, fixed)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
@@ -147,16 +143,16 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     rigid, lacks = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
-    prior = weak_prior(np.zeros(len(rigid))).fixing(lacks | fixed)
-    found = search.at(np.zeros((runs.num_motors, len(rigid))), prior)
-    for start in range((1 + limits) * RIGID_STARTS):
-        held = fixed | (lacks & ~(limit & (start >= RIGID_STARTS)))
-        away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
-        away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]
-        away[:, 0] = 0.0
-        prior = weak_prior(np.zeros(len(rigid))).fixing(held)
-        best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
-        found = found.better(search.descend(best, prior, STEPS[:1]))
+    weak = weak_prior(np.zeros(len(rigid)))
+    found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
+    for held in (fixed | lacks, fixed | (lacks & ~limit))[: 1 + limits]:
+        prior = weak.fixing(held)
+        for _ in range(RIGID_STARTS):
+            away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
+            away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]
+            away[:, 0] = 0.0
+            best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
+            found = found.better(search.descend(best, prior, STEPS[:1]))
     found = search.descend(found.x, prior, STEPS[1:])
     return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
@@ -292,15 +288,6 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
     spread = (motors + 1) / max(1, motors - len(names)) * np.mean((found.x - mean) ** 2, axis=0)
     variance = np.maximum(spread + variance, _MIN_STD**2)
     return GaussianPrior(mean, found.loss.mean() / windows / variance)
-
-
-def _with_rigid_gears(search: Search, found: Fit, rigid: np.ndarray, simplest: np.ndarray, fixed: np.ndarray) -> Fit:
-    """The fit with rigid gears, from ``found`` and from ``simplest`` (M, K), fits of such motors; ``rigid`` (K,)."""
-    gear = np.isin(np.arange(len(rigid)), [PARAMETERS.index(name) for name in RIGID_GEAR])
-    held = GaussianPrior(np.where(gear, rigid, found.x), np.where(fixed | gear, FIXED, WEAK) + np.zeros(found.x.shape))
-    starts = [np.where(gear, rigid, np.where(fixed, 0.0, x)) for x in (found.x, simplest)]
-    first, second = (search.descend(np.clip(x, -LOG_REACH, LOG_REACH), held, STEPS) for x in starts)
-    return first.better(second)
 
 
 def _without_unidentified_limits(

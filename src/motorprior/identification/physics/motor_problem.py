@@ -19,7 +19,7 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, paramet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import GEAR, Preset
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -158,7 +158,8 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
     """
     if runs is None:
         return encoded(INITIAL_MOTOR, terms)
-    motor = INITIAL_MOTOR | dict.fromkeys(runs.preset.lacks, 1e-9)
+    absent = {name: INITIAL_MOTOR[name] * RIGID[name] if name in GEAR else 1e-9 for name in runs.preset.lacks}
+    motor = INITIAL_MOTOR | absent
     if runs.max_speed:
         # a little above the logged speeds: a limit that is too low rises in the fit, one that is too high has no effect
         profile = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"])) or runs.max_speed
