@@ -52,7 +52,7 @@ def test_the_steps_of_an_encoder_are_noise():
 def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
     """Rounded angles of a first-order lag, and its simulation on the commands of the log on a grid."""
     time, step = DT * np.arange(1200), 4096 / (2 * np.pi)
-    target = 0.15 * (np.sin(1.3 * time - 0.5) > 0.0)
+    target = 0.3 * (np.sin(1.3 * time - 0.5) > 0.0)
 
     def lagged(command: np.ndarray) -> np.ndarray:
         angle = np.zeros_like(time)

@@ -15,7 +15,7 @@ from motorprior.logs.validity import checked
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
-MAX_SMOOTHING = 0.1  # of commands [rad]
+MAX_SMOOTHING = 0.5  # of commands [rad]
 _MAX_NAMED = 5  # gaps that the message lists
 _MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated

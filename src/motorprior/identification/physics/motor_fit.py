@@ -143,7 +143,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     rigid, lacks = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
-    weak = weak_prior(np.zeros(len(rigid)))
+    prior = weak = weak_prior(np.zeros(len(rigid)))
     found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
     for held in (fixed | lacks, fixed | (lacks & ~limit))[: 1 + limits]:
         prior = weak.fixing(held)
