@@ -67,7 +67,9 @@ class Lines:
 
     def note(self, text: str) -> None:
         """See `Progress.note`."""
-        print(text, file=self._stream or sys.stderr, flush=True)
+        stream = self._stream or sys.stderr
+        stream.write(f"{text}\n")  # at once, since threads share the stream
+        stream.flush()
 
 
 class Ticks(Task):
@@ -113,8 +115,11 @@ def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, pro
     pool = ThreadPoolExecutor(threads)
     try:
         futures = [pool.submit(work, progress) for work in works]
-        for future in wait(futures, return_when=FIRST_EXCEPTION).done:
-            future.result()
+        left = set(futures)
+        while left:  # with a timeout, since Ctrl-C is lost if it comes while Python begins to wait
+            done, left = wait(left, timeout=0.5, return_when=FIRST_EXCEPTION)
+            for future in done:
+                future.result()
         return [future.result() for future in futures]
     finally:
         pool.shutdown(wait=False, cancel_futures=True)

@@ -54,7 +54,8 @@ def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(t
     words = [sys.executable, "-c", code, *WALK, "--iterations", 1_000_000, "--seeds", 2, "--out", tmp_path / "walk"]
     process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
-    assert "1000000 iterations" in process.stderr.readline()
+    for _ in range(2):  # both trainings have begun
+        assert "1000000 iterations" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
     try:
         err = process.communicate(timeout=300.0)[1]
