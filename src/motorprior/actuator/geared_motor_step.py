@@ -69,7 +69,7 @@ Values = Any  # one number per motor, in the type of the arithmetic
 # MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of its mean over the step
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
-    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain",
+    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain", "softened",
 )  # fmt: skip
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
@@ -131,6 +131,7 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
         "half_backlash": 0.5 * values["backlash"],
         "gear_damping": np.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
         "mean_filter_gain": 1.0 - gain / steps,
+        "softened": np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"]),
     }
     optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))
@@ -196,9 +197,10 @@ def step(
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
-    encoder_pos, encoder_vel, follows = r, v, 1.0  # encoder angle and velocity, and the slope of the latter by v
+    # encoder angle and velocity, without the part of the twist that MAX_STIFFNESS adds; and the slope of the latter by v
+    encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened * contact * (v - dq), 1.0
     if "output_encoder" in terms:
-        encoder_pos, encoder_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
+        encoder_pos, encoder_vel = encoder_pos + p.output_encoder * (q - encoder_pos), encoder_vel + p.output_encoder * (dq - encoder_vel)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
     error, active = target - encoder_pos - p.encoder_zero, 1.0  # active: 1 outside the dead zone, 0 within
     if "dead_zone" in terms:
@@ -232,7 +234,7 @@ def step(
 
     mean = 0.5 * (v + after)
     torque = gear + lead * (mean - v) + damping * dq
-    mean_encoder_vel = mean if "output_encoder" not in terms else encoder_vel + follows * (mean - v)
+    mean_encoder_vel = encoder_vel + follows * (mean - v)
     moved = state._replace(
         rotor_pos=r + h * after,
         rotor_vel=after,

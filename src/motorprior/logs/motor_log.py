@@ -17,6 +17,7 @@ from motorprior.texts import Described, Summary
 JOINT_SERIES = {
     "position_target": "rad",
     "joint_pos": "rad",
+    "joint_reading": "rad",
     "joint_vel": "rad_per_s",
     "joint_torque": "N_m",
     "load_inertia": "kg_m2",
@@ -63,6 +64,7 @@ class MotorLog(Described):
     motor: str  # motor model
     source: str  # file of the recording
     joint_vel: np.ndarray | None = None  # (T, J) [rad/s]
+    joint_reading: np.ndarray | None = None  # (T, J) angle as it was read, where joint_pos is smoothed [rad]
     joint_torque: np.ndarray | None = None  # (T, J) torque of the motor on the joint [N·m]
     # (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²]
     load_inertia: np.ndarray | None = None
@@ -113,6 +115,11 @@ class MotorLog(Described):
     def joint_classes(self) -> tuple[str, ...]:
         """(J) class of each joint, see `robots.joint_classes`."""
         return self.stated_classes or classes_by_name(self.joint_names)
+
+    @property
+    def readings(self) -> np.ndarray:
+        """(T, J) angles [rad] to compare simulated ones with: smoothed ones begin to move before the motor."""
+        return self.joint_pos if self.joint_reading is None else self.joint_reading
 
     @property
     def num_rows(self) -> int:

@@ -15,7 +15,6 @@ from motorprior.logs.validity import checked
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
-MAX_SMOOTHING = 0.5  # of commands [rad]
 _MAX_NAMED = 5  # gaps that the message lists
 _MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated
@@ -111,15 +110,15 @@ def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, perio
 
 
 def without_noise(log: MotorLog) -> MotorLog:
-    """The log with smoothed angles and velocities (`smoothing`); unchanged if its readings are free of noise."""
+    """The log with smoothed angles and velocities (`smoothing`); unchanged if it is smoothed or free of noise."""
     from motorprior.logs.smoothing import smoothed, smoothing_of  # it compiles
 
     parts = tuple(log.segment_slices())
-    found = smoothing_of(log.joint_pos, parts, log.period)
+    found = None if log.joint_reading is not None else smoothing_of(log.joint_pos, parts, log.period)
     if found is None:
         return log
     pos, vel = smoothed(log.joint_pos, parts, log.period, *found)
-    return replace(log, joint_pos=pos, joint_vel=vel)
+    return replace(log, joint_pos=pos, joint_vel=vel, joint_reading=log.joint_pos)
 
 
 def with_velocities(log: MotorLog) -> MotorLog:
@@ -134,29 +133,19 @@ def with_velocities(log: MotorLog) -> MotorLog:
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
-    """The log at steps of ``period`` [s]; angles are splines through smoothed readings.
+    """The log at steps of ``period`` [s]; angles are splines through smoothed readings, joint_reading through raw ones.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Smoothed
-    angles begin to move before the motor; a motor far from its limits is nearly linear, so smoothed commands move it
-    likewise. Commands that this would change by MAX_SMOOTHING or more stay: large steps drive a motor to its limit.
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
-    from motorprior.logs.smoothing import smoothed, smoothing_of
-
-    parts, grid, angles = tuple(log.segment_slices()), resample(log, period), log.joint_pos
-    found = smoothing_of(angles, parts, log.period)
-    if found is not None:
-        angles = smoothed(angles, parts, log.period, *found)[0]
-        noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
-        commands = smoothed(grid.position_target, rows, period, noise, found[1])[0]
-        moved = np.abs(commands - grid.position_target).max(axis=0)
-        grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
-    pos, vel = np.empty_like(grid.joint_pos), np.empty_like(grid.joint_pos)
-    for old, new in zip(parts, grid.segment_slices(), strict=True):
-        spline = CubicSpline(log.time[old], angles[old], axis=0)
+    log, grid = without_noise(log), resample(log, period)
+    pos, vel, reading = np.empty((3, *grid.joint_pos.shape))
+    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
+        spline = CubicSpline(log.time[old], log.joint_pos[old], axis=0)
         pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
-    return replace(grid, joint_pos=pos, joint_vel=vel)
+        reading[new] = CubicSpline(log.time[old], log.readings[old], axis=0)(grid.time[new])
+    return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=None if log.joint_reading is None else reading)
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:

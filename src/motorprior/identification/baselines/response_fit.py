@@ -30,7 +30,7 @@ from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, select
-from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, TARGET, VEL
+from motorprior.identification.training_data.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress
@@ -121,13 +121,13 @@ class JointRuns:
     def __init__(self, runs: WindowRuns, joint: int):
         first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []
         for segment in runs.segments:
-            target, rest, stiffness, pos, vel = (
+            target, rest, stiffness, pos, vel, reading = (
                 np.ascontiguousarray(segment.rows[:, channel, joint])
-                for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL)
+                for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL, READING)
             )
             external = rest + stiffness * pos
             starts = first + self._window * np.arange(segment.windows)
-            recorded = pos[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
+            recorded = reading[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
             self._segments.append((target, external, starts, pos[starts], vel[starts], recorded))
 
     def errors(self, constants: np.ndarray) -> np.ndarray:

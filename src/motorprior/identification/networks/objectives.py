@@ -86,7 +86,7 @@ def closed_loop(preset: Preset, scales: dict[str, float]) -> Rollout:
         begin = (pos, vel, _Memory(_fill(error, kept), _fill(speed, kept)))
         warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
         _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
-        return pos - free[1:, :, channel.POS], vel - free[1:, :, channel.VEL], torque - free[:-1, :, channel.TORQUE]
+        return pos - free[1:, :, channel.READING], vel - free[1:, :, channel.VEL], torque - free[:-1, :, channel.TORQUE]
 
     return rollout
 

@@ -24,12 +24,13 @@ from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
-# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
-FILTER_STD = 1.0
+# of the logarithms of the time constant of velocity filters, around the initial motor's, and of the gear's stiffness,
+# around the rigid motor's: a slower filter or a softer gear with a shorter delay replays many logs as well
+STDS = {"velocity_filter": 1.0, "gear_stiffness": 1.5}
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
 RIGID = {
-    "velocity_filter": 0.1, "stribeck_torque": 0.1, "load_friction": 0.005, "gear_stiffness": 14.0,
+    "velocity_filter": 0.1, "stribeck_torque": 0.1, "load_friction": 0.005, "gear_stiffness": 140.0,
     "gear_damping": 7.0, "backlash": 0.007,
 }  # fmt: skip
 
@@ -143,12 +144,13 @@ def weak_prior(mean: np.ndarray) -> GaussianPrior:
 def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
     """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
 
-    Its precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of
-    slow motion slightly better, and no other.
+    Precisions of STDS are those at the loss of motors ``x`` (M, K).
     """
-    filtered = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
-    precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
-    return GaussianPrior(np.where(filtered, initial, mean), np.where(filtered, precision, WEAK))
+    rows = np.arange(mean.shape[-1])
+    loss, precision = search.losses(x)[:, None] / search.problem.observations, np.full(1, WEAK)
+    for name, std in STDS.items():
+        precision = np.where(rows == PARAMETERS.index(name), loss / std**2, precision)
+    return GaussianPrior(np.where(rows == PARAMETERS.index("velocity_filter"), initial, mean), precision)
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:

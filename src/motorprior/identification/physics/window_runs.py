@@ -19,7 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor import JOINT_VEL, ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
@@ -35,6 +35,7 @@ from motorprior.logs.motor_log import MotorLog
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, _ = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
+LOST = 1.0  # an observer further from the reading than this, times its gain, follows the joint exactly [rad]
 LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
 # rows of a grey box's parameters
@@ -53,9 +54,11 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales, at_rotor, out):
+def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales, at_rotor, has_rotor, velocity_steps, corrections, out):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
+    Velocities of smoothed angles begin before the motor moves. With readings, the error of the velocity is therefore
+    the difference of errors of the angle ``velocity_steps`` apart, over their time; errors are 0 before the window.
     ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the load; lane i
     simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
     row ``first``.
@@ -79,7 +82,7 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales,
             free.history[:] = observer.history
             q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        if at_rotor:
+        if at_rotor or corrections[0] > 0.0:
             step_joints(observer, dt, target, external, stiffness, inertia, obs_q, obs_dq, unused)
         else:
             step_actuator(observer, dt, target, obs_q, obs_dq, unused)
@@ -88,8 +91,18 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales,
         for lane in range(lanes):
             j = motor[lane]
             next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
+            reading = rows[step + 1, channel.READING, j]
             if at_rotor:
                 observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = next_pos, next_vel
+            elif abs(reading - obs_q[lane]) < LOST * corrections[0]:
+                moved = corrections[0] * (reading - obs_q[lane])
+                faster = corrections[1] * (reading - obs_q[lane]) / dt
+                obs_q[lane] += moved
+                obs_dq[lane] += faster
+                if has_rotor:
+                    observer.memory[ROTOR_POS, lane] += moved
+                    observer.memory[ROTOR_VEL, lane] += faster
+                    observer.memory[JOINT_VEL, lane] += faster
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
@@ -97,8 +110,13 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales,
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
                 own_pos, own_vel = free.memory[ROTOR_POS, lane], free.memory[ROTOR_VEL, lane]
-            out[lane, index, 0, within] = (own_pos - next_pos) / scales[0]
-            out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
+            out[lane, index, 0, within] = (own_pos - reading) / scales[0]
+            if velocity_steps == 0:
+                out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
+            else:
+                before = out[lane, index, 0, within - velocity_steps] if within >= velocity_steps else 0.0
+                change = (out[lane, index, 0, within] - before) * scales[0]
+                out[lane, index, 1, within] = change / (velocity_steps * dt * scales[1])
             if channels > 2:
                 applied = torque[lane] - free.damping[lane] * dq[lane]
                 out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
@@ -148,6 +166,7 @@ class WindowRuns:
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
         self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
+        self._noise = data.velocity_steps, np.array(data.corrections)
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
@@ -249,7 +268,7 @@ class WindowRuns:
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
         _free_runs(
             observer, free, motor, segment.rows, motors.armature, preset.period, preset.history, preset.window,
-            np.array(SCALES), at_rotor, out,
+            np.array(SCALES), at_rotor, isinstance(motors, GreyBoxActuator), *self._noise, out,
         )  # fmt: skip
         return out
 

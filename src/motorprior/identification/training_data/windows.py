@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from motorprior.exceptions import LogError
 from motorprior.identification.presets import Preset
 from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.operations import with_velocities, without_noise
+from motorprior.signals import rms
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,10 @@ class TrainingData:
 
     # (M, R, CHANNELS) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
     # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
-    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] and load_stiffness
-    # (0 if missing). For a rollout noisy positions are smoothed (`smoothing`), velocities are those of half a
-    # period earlier and torques are averages centred on the sample, as a semi-implicit step needs them
+    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] load_stiffness
+    # (0 if missing) and joint_reading. For a rollout noisy positions are smoothed (`smoothing`) except for
+    # joint_reading, velocities are those of half a period earlier and torques are averages centred on the sample, as a
+    # semi-implicit step needs them
     series: np.ndarray
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
@@ -43,11 +47,17 @@ class TrainingData:
     gain_unit: str = ""  # of the logged gains, "" if there are none
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
+    # steps over which differences of errors of joint_reading are errors of velocity; 0 compares velocities
+    velocity_steps: int = 0
+    # gains of the observer's corrections, angle by reading and velocity·period by reading; 0 follows the joint exactly
+    corrections: tuple[float, float] = (0.0, 0.0)
 
 
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
-SUPPLY, TEMPERATURE_RISE, STIFFNESS = range(KD + 1, KD + 4)
-CHANNELS = STIFFNESS + 1
+SUPPLY, TEMPERATURE_RISE, STIFFNESS, READING = range(KD + 1, KD + 5)
+CHANNELS = READING + 1
+VELOCITY_NOISE = 0.02  # of differences of readings, at most [rad/s]
+MODEL_ERROR = 0.05  # of accelerations, over their root mean square
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 
@@ -66,7 +76,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
     channels = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
-        seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness,
+        seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness, log.readings,
     )  # fmt: skip
     series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
@@ -85,8 +95,22 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         gain_unit=preset.gain_unit,
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
+        **_noise(log),
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
+
+
+def _noise(log: MotorLog) -> dict[str, Any]:
+    """What depends on the noise of readings; the gains are those of a steady α-β filter (Kalata, 1984)."""
+    if log.joint_reading is None:
+        return {}
+    noise = float(np.median(rms(log.joint_reading - log.joint_pos, axis=0)))
+    acceleration = np.concatenate([np.diff(log.joint_vel[part], axis=0) for part in log.segment_slices()]) / log.period
+    index = MODEL_ERROR * float(np.median(rms(acceleration, axis=0))) * log.period**2 / noise
+    alpha = 1.0 - (0.25 * (4.0 + index - math.sqrt(8.0 * index + index**2))) ** 2
+    beta = 2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)
+    steps = max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
+    return {"velocity_steps": steps, "corrections": (alpha, beta)}
 
 
 def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
