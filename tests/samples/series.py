@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.identification.training_data.windows import CHANNELS, KD, KP, SUPPLY
+from motorprior.identification.training_data.windows import CHANNELS, KD, KP, POS, READING, SUPPLY
 
 
 def complete(series: np.ndarray) -> np.ndarray:
@@ -10,4 +10,5 @@ def complete(series: np.ndarray) -> np.ndarray:
     missing = CHANNELS - series.shape[-1]
     whole = np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
     whole[..., [KP, KD, SUPPLY]] = 1.0
+    whole[..., READING] = whole[..., POS]
     return whole
