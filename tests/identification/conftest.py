@@ -50,7 +50,7 @@ def decoder_data() -> Callable[..., TrainingData]:
             channels = (
                 case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
                 inertia, seconds, *logged, np.full_like(seconds, under.supply),
-                np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds),
+                np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds), found.joint_pos,
             )  # fmt: skip
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         return TrainingData(
