@@ -15,6 +15,7 @@ from motorprior.identification.training_data.windows import (
     EXTERNAL,
     INERTIA,
     POS,
+    READING,
     TARGET,
     VEL,
     Measured,
