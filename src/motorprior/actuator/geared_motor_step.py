@@ -11,8 +11,9 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
               twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos + h/2·(v̄ - v) +
-              encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to t + h/2
+    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
+              h/2·(v̄ - v) + encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to
+              t + h/2; softened is the share of the twist s that a gear softened for the step adds
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
 
 The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
@@ -53,7 +54,7 @@ PARAMETERS = (
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
 # Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this limit, since they
-# would be unstable
+# would be unstable; encoders do not see the additional twist, which would act like a longer delay
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
 LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
@@ -197,10 +198,11 @@ def step(
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
-    # encoder angle and velocity, without the part of the twist that MAX_STIFFNESS adds; and the slope of the latter by v
+    # encoder angle and velocity, without the twist that MAX_STIFFNESS adds; and the slope of the latter by v
     encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened * contact * (v - dq), 1.0
     if "output_encoder" in terms:
-        encoder_pos, encoder_vel = encoder_pos + p.output_encoder * (q - encoder_pos), encoder_vel + p.output_encoder * (dq - encoder_vel)
+        encoder_pos = encoder_pos + p.output_encoder * (q - encoder_pos)
+        encoder_vel = encoder_vel + p.output_encoder * (dq - encoder_vel)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
     error, active = target - encoder_pos - p.encoder_zero, 1.0  # active: 1 outside the dead zone, 0 within
     if "dead_zone" in terms:

@@ -102,11 +102,15 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
 
 def _noise(log: MotorLog) -> dict[str, Any]:
     """What depends on the noise of readings; the gains are those of a steady α-β filter (Kalata, 1984)."""
-    if log.joint_reading is None:
+    if log.joint_reading is None or log.joint_vel is None:
         return {}
-    noise = float(np.median(rms(log.joint_reading - log.joint_pos, axis=0)))
-    acceleration = np.concatenate([np.diff(log.joint_vel[part], axis=0) for part in log.segment_slices()]) / log.period
-    index = MODEL_ERROR * float(np.median(rms(acceleration, axis=0))) * log.period**2 / noise
+    changes = np.concatenate([np.diff(log.joint_vel[part], axis=0) for part in log.segment_slices()])
+    noises = rms(log.joint_reading - log.joint_pos, axis=0)
+    moving = noises > 0.0  # a static joint repeats its reading
+    if not moving.any():
+        return {}
+    noise, change = (float(np.median(each[moving])) for each in (noises, rms(changes, axis=0)))
+    index = MODEL_ERROR * change * log.period / noise
     alpha = 1.0 - (0.25 * (4.0 + index - math.sqrt(8.0 * index + index**2))) ** 2
     beta = 2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)
     steps = max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
