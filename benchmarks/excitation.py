@@ -38,7 +38,7 @@ from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.progress import Lines
-from motorprior.report.plots_style import MODEL_COLORS, png_bytes
+from motorprior.report.plots_style import png_bytes
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -52,7 +52,7 @@ from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitiviti
 
 PROGRESS = Lines(sys.stderr)
 PLACES = {"standing": False, "suspended": True}
-COLORS = dict(zip(("runs", *KINDS), ("k", *MODEL_COLORS.values()), strict=False))
+COLORS = dict(zip(("runs", *KINDS), ("k", "C7", "C0", "C2", "C1", "C3"), strict=True))
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
 ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs

@@ -140,7 +140,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     from scipy.interpolate import CubicSpline  # takes half a second
 
     log, grid = without_noise(log), resample(log, period)
-    pos, vel, reading = np.empty((3, *grid.joint_pos.shape))
+    pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
     for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
         spline = CubicSpline(log.time[old], log.joint_pos[old], axis=0)
         pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)

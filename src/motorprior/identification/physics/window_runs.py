@@ -2,9 +2,12 @@
 
 The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
 observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
-starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If the encoders are on the
-rotors, the observer's rotor follows the recording instead, with the joint attached to it; backlash and encoder zero,
-which such a log does not identify, are then that of the central motor and 0.
+starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If readings are noisy, the
+observer's joint is simulated, too, and corrected by them: smoothed angles begin to move before the motor, and free runs
+that start from them identify delays that are too short. For the same reason errors of velocity are then differences
+of errors of the readings. If the encoders are on the rotors, the observer's rotor follows the recording instead, with
+the joint attached to it; backlash and encoder zero, which such a log does not identify, are then that of the central
+motor and 0.
 """
 
 from __future__ import annotations
@@ -54,15 +57,16 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(observer, free, motor, rows, armature, dt, first, window, scales, at_rotor, has_rotor, velocity_steps, corrections, out):
+def _free_runs(
+    observer, free, motor, rows, armature, dt, first, window, at_rotor, has_rotor, velocity_steps, corrections, out
+):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
-    Velocities of smoothed angles begin before the motor moves. With readings, the error of the velocity is therefore
-    the difference of errors of the angle ``velocity_steps`` apart, over their time; errors are 0 before the window.
     ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the load; lane i
     simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
-    row ``first``.
+    row ``first``. ``velocity_steps`` and ``corrections`` are those of `TrainingData`.
     """
+    scales = SCALES
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
@@ -270,7 +274,7 @@ class WindowRuns:
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
         _free_runs(
             observer, free, motor, segment.rows, motors.armature, preset.period, preset.history, preset.window,
-            np.array(SCALES), at_rotor, isinstance(motors, GreyBoxActuator), *self._noise, out,
+            at_rotor, isinstance(motors, GreyBoxActuator), *self._noise, out,
         )  # fmt: skip
         return out
 
