@@ -14,6 +14,7 @@ from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, o
 from motorprior.logs.validity import checked
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
+MAX_SMOOTHING = 0.5  # of commands [rad]
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
 _MAX_NAMED = 5  # gaps that the message lists
 _MAX_ROWS = 50_000_000  # of a grid
@@ -135,17 +136,27 @@ def with_velocities(log: MotorLog) -> MotorLog:
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """The log at steps of ``period`` [s]; angles are splines through smoothed readings, joint_reading through raw ones.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations.
+    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need accelerations. Commands
+    are smoothed like the angles, since many logs give both late by up to a sample, unless that changes them by
+    MAX_SMOOTHING or more: large steps drive a motor to its limit.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
-    log, grid = without_noise(log), resample(log, period)
+    from motorprior.logs.smoothing import smoothed, smoothing_of
+
+    grid, found = resample(log, period), smoothing_of(log.joint_pos, tuple(log.segment_slices()), log.period)
+    if found is not None:
+        noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
+        commands = smoothed(grid.position_target, rows, period, noise, found[1])[0]
+        moved = np.abs(commands - grid.position_target).max(axis=0)
+        grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
+    log = without_noise(log)
     pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
     for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
         spline = CubicSpline(log.time[old], log.joint_pos[old], axis=0)
         pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
         reading[new] = CubicSpline(log.time[old], log.readings[old], axis=0)(grid.time[new])
-    return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=None if log.joint_reading is None else reading)
+    return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:

@@ -65,7 +65,7 @@ def replay_errors(motors: LoadedMotors, log: MotorLog, nominal: Mapping[str, flo
     errors, velocities = [], []
     for rows in (parts[place] for place in places):
         part = log.rows(rows)
-        case, recorded = trial_of(part), part.readings
+        case, recorded = trial_of(part), part.joint_pos
         simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
         errors.append(recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos))
         velocities.append(simulated.joint_vel)

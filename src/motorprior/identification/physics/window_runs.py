@@ -296,9 +296,13 @@ def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
 
 
 def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
-    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`."""
+    """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`.
+
+    Simulated angles are compared with smoothed ones: readings of many robots have late time stamps.
+    """
     preset = replace(with_gains_of(preset, log), objective="rollout", window=1)
     data = training_data(log, preset, log.source)
+    data.series[..., channel.READING] = data.series[..., channel.POS]
     windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
     return [
         WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
