@@ -144,18 +144,18 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 
     from motorprior.logs.smoothing import smoothed, smoothing_of
 
-    grid, found = resample(log, period), smoothing_of(log.joint_pos, tuple(log.segment_slices()), log.period)
+    parts, grid, angles = tuple(log.segment_slices()), resample(log, period), log.joint_pos
+    found = smoothing_of(angles, parts, log.period)
     if found is not None:
+        angles = smoothed(angles, parts, log.period, *found)[0]
         noise, rows = found[0] * math.sqrt(log.period / period), tuple(grid.segment_slices())
         commands = smoothed(grid.position_target, rows, period, noise, found[1])[0]
         moved = np.abs(commands - grid.position_target).max(axis=0)
         grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
-    log = without_noise(log)
     pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
-    for old, new in zip(log.segment_slices(), grid.segment_slices(), strict=True):
-        spline = CubicSpline(log.time[old], log.joint_pos[old], axis=0)
-        pos[new], vel[new] = spline(grid.time[new]), spline(grid.time[new], 1)
-        reading[new] = CubicSpline(log.time[old], log.readings[old], axis=0)(grid.time[new])
+    for old, new in zip(parts, grid.segment_slices(), strict=True):
+        smooth, raw = (CubicSpline(log.time[old], each[old], axis=0) for each in (angles, log.joint_pos))
+        pos[new], vel[new], reading[new] = smooth(grid.time[new]), smooth(grid.time[new], 1), raw(grid.time[new])
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
