@@ -56,6 +56,7 @@ PARAMETERS = (
 # Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this limit, since they
 # would be unstable; encoders do not see the additional twist, which would act like a longer delay
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
+MAX_RATE = 0.25  # kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
 LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
@@ -71,6 +72,7 @@ Values = Any  # one number per motor, in the type of the arithmetic
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
     "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain", "softened",
+    "softened_rate",
 )  # fmt: skip
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
@@ -124,15 +126,19 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
     steps = h / values["velocity_filter"]
     gain = -np.expm1(-steps)
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
+    softened = np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"])
+    max_damping = MAX_DAMPING * values["armature"] / h
     changed = {
         "kd": values["kp"] * values["kd_over_kp"],
         "filter_gain": gain,
         "delay": values["delay"] / h,
         "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
         "half_backlash": 0.5 * values["backlash"],
-        "gear_damping": np.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
+        # the law does not damp the twist that the encoder does not see
+        "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
         "mean_filter_gain": 1.0 - gain / steps,
-        "softened": np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"]),
+        "softened": softened,
+        "softened_rate": softened * np.minimum(1.0, MAX_RATE * max_damping / (values["kp"] * values["kd_over_kp"])),
     }
     optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))
@@ -199,7 +205,8 @@ def step(
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
     # encoder angle and velocity, without the twist that MAX_STIFFNESS adds; and the slope of the latter by v
-    encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened * contact * (v - dq), 1.0
+    twisting = where(abs(deflection) > 0.0, v - dq, 0.0)
+    encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened_rate * twisting, 1.0
     if "output_encoder" in terms:
         encoder_pos = encoder_pos + p.output_encoder * (q - encoder_pos)
         encoder_vel = encoder_vel + p.output_encoder * (dq - encoder_vel)
