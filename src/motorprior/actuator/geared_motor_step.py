@@ -128,6 +128,7 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
     softened = np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"])
     max_damping = MAX_DAMPING * values["armature"] / h
+    rate = MAX_RATE * max_damping
     changed = {
         "kd": values["kp"] * values["kd_over_kp"],
         "filter_gain": gain,
@@ -138,7 +139,7 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
         "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
         "mean_filter_gain": 1.0 - gain / steps,
         "softened": softened,
-        "softened_rate": softened * np.minimum(1.0, MAX_RATE * max_damping / (values["kp"] * values["kd_over_kp"])),
+        "softened_rate": softened * rate / np.maximum(rate, values["kp"] * values["kd_over_kp"]),
     }
     optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))

@@ -25,12 +25,12 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
 # of the logarithms of the time constant of velocity filters, around the initial motor's, and of the gear's stiffness,
-# around the rigid motor's: a slower filter or a softer gear with a shorter delay replays many logs as well
-STDS = {"velocity_filter": 1.0, "gear_stiffness": 1.5}
+# around STIFFER times the rigid motor's: a slower filter or a softer gear with a shorter delay replays many logs as well
+STDS, STIFFER = {"velocity_filter": 1.0, "gear_stiffness": 1.5}, 10.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
 RIGID = {
-    "velocity_filter": 0.1, "stribeck_torque": 0.1, "load_friction": 0.005, "gear_stiffness": 140.0,
+    "velocity_filter": 0.1, "stribeck_torque": 0.1, "load_friction": 0.005, "gear_stiffness": 14.0,
     "gear_damping": 7.0, "backlash": 0.007,
 }  # fmt: skip
 
@@ -141,14 +141,16 @@ def weak_prior(mean: np.ndarray) -> GaussianPrior:
     return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))
 
 
-def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
+def alone_prior(
+    search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray, gear: bool = True
+) -> GaussianPrior:
     """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
 
-    Precisions of STDS are those at the loss of motors ``x`` (M, K).
+    Precisions of STDS, the one of the gear only with ``gear``, are those at the loss of motors ``x`` (M, K).
     """
     rows = np.arange(mean.shape[-1])
     loss, precision = search.losses(x)[:, None] / search.problem.observations, np.full(1, WEAK)
-    for name, std in STDS.items():
+    for name, std in list(STDS.items())[: 1 + gear]:
         precision = np.where(rows == PARAMETERS.index(name), loss / std**2, precision)
     return GaussianPrior(np.where(rows == PARAMETERS.index("velocity_filter"), initial, mean), precision)
 
