@@ -25,7 +25,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
 # of the logarithms of the time constant of velocity filters, around the initial motor's, and of the gear's stiffness,
-# around STIFFER times the rigid motor's: a slower filter or a softer gear with a shorter delay replays many logs as well
+# around STIFFER times the rigid motor's: slower filters and softer gears with shorter delays replay many logs as well
 STDS, STIFFER = {"velocity_filter": 1.0, "gear_stiffness": 1.5}, 10.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
