@@ -57,7 +57,7 @@ TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 SUPPLY, TEMPERATURE_RISE, STIFFNESS, READING = range(KD + 1, KD + 5)
 CHANNELS = READING + 1
 VELOCITY_NOISE = 0.02  # of differences of readings, at most [rad/s]
-MODEL_ERROR = 0.05  # of accelerations, over their root mean square
+ACCELERATION_ERROR = 0.05  # of models, over the root mean square of accelerations: gives the gains of `corrections`
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 
@@ -110,7 +110,7 @@ def _noise(log: MotorLog) -> dict[str, Any]:
     if not moving.any():
         return {}
     noise, change = (float(np.median(each[moving])) for each in (noises, rms(changes, axis=0)))
-    index = MODEL_ERROR * change * log.period / noise
+    index = ACCELERATION_ERROR * change * log.period / noise
     alpha = 1.0 - (0.25 * (4.0 + index - math.sqrt(8.0 * index + index**2))) ** 2
     beta = 2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)
     steps = max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
