@@ -31,7 +31,6 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import TERMS, constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
-    STIFFER,
     WEAK,
     alone_prior,
     centred,
@@ -174,10 +173,8 @@ def _alone(
     ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and
     ``neutral`` (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
     """
+    prior = alone_prior(search, simplest, np.where(lacks, neutral, 0.0), initial).fixing(fixed)
     shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
-    mean = np.where(lacks, neutral, 0.0)
-    mean[gear] += np.log(STIFFER) * lacks[gear]
-    prior = alone_prior(search, simplest, mean, initial, gear=False).fixing(fixed)
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         noise, kind = rng.standard_normal(shape), restart % 4
@@ -209,7 +206,7 @@ def _alone(
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
         found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
-    # at the loss that was reached: the prior is too strong at that of the simplest motors
+    # at the loss that was reached: the prior of filters is too strong at that of the simplest motors
     prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
     return search.descend(found.x, prior, ((10, NARROW), (10, FINEST)))
 

@@ -24,9 +24,8 @@ from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
-# of the logarithms of the time constant of velocity filters, around the initial motor's, and of the gear's stiffness,
-# around STIFFER times the rigid motor's: slower filters and softer gears with shorter delays replay many logs as well
-STDS, STIFFER = {"velocity_filter": 1.0, "gear_stiffness": 1.5}, 10.0
+# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
+FILTER_STD = 1.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
 RIGID = {
@@ -141,18 +140,15 @@ def weak_prior(mean: np.ndarray) -> GaussianPrior:
     return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))
 
 
-def alone_prior(
-    search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray, gear: bool = True
-) -> GaussianPrior:
+def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
     """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
 
-    Precisions of STDS, the one of the gear only with ``gear``, are those at the loss of motors ``x`` (M, K).
+    Its precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of
+    slow motion slightly better, and no other.
     """
-    rows = np.arange(mean.shape[-1])
-    loss, precision = search.losses(x)[:, None] / search.problem.observations, np.full(1, WEAK)
-    for name, std in list(STDS.items())[: 1 + gear]:
-        precision = np.where(rows == PARAMETERS.index(name), loss / std**2, precision)
-    return GaussianPrior(np.where(rows == PARAMETERS.index("velocity_filter"), initial, mean), precision)
+    filtered = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
+    precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
+    return GaussianPrior(np.where(filtered, initial, mean), np.where(filtered, precision, WEAK))
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:

@@ -2,12 +2,11 @@
 
 The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
 observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
-starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. If readings are noisy, the
-observer's joint is simulated, too, and corrected by them: smoothed angles begin to move before the motor, and free runs
-that start from them identify delays that are too short. For the same reason errors of velocity are then differences
-of errors of the readings. If the encoders are on the rotors, the observer's rotor follows the recording instead, with
-the joint attached to it; backlash and encoder zero, which such a log does not identify, are then that of the central
-motor and 0.
+starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. Errors are those of the raw
+readings, and if these are noisy, errors of velocity are their differences: smoothed angles begin to move before the
+motor, and delays fitted to them are too short. If the encoders are on the rotors, the observer's rotor follows the
+recording instead, with the joint attached to it; backlash and encoder zero, which such a log does not identify, are
+then that of the central motor and 0.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.geared_motor import JOINT_VEL, ROTOR_POS, ROTOR_VEL, added_twist
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL, added_twist
 from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
@@ -38,7 +37,6 @@ from motorprior.logs.motor_log import MotorLog
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, _ = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LOST = 1.0  # an observer further from the reading than this, times its gain, follows the joint exactly [rad]
 LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
 # rows of a grey box's parameters
@@ -57,14 +55,12 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(
-    observer, free, motor, rows, armature, dt, first, window, at_rotor, has_rotor, velocity_steps, corrections, out
-):
+def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_rotor, velocity_steps, out):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
     ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the load; lane i
     simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
-    row ``first``. ``velocity_steps`` and ``corrections`` are those of `TrainingData`.
+    row ``first``. ``velocity_steps`` are those of `TrainingData`.
     """
     scales = SCALES
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
@@ -86,7 +82,7 @@ def _free_runs(
             free.history[:] = observer.history
             q[:], dq[:] = obs_q, obs_dq
         free.clock[0] = observer.clock[0]
-        if at_rotor or corrections[0] > 0.0:
+        if at_rotor:
             step_joints(observer, dt, target, external, stiffness, inertia, obs_q, obs_dq, unused)
         else:
             step_actuator(observer, dt, target, obs_q, obs_dq, unused)
@@ -99,15 +95,6 @@ def _free_runs(
             if at_rotor:
                 rotor = next_pos + added_twist(observer, lane, obs_q[lane])
                 observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = rotor, next_vel
-            elif abs(reading - obs_q[lane]) < LOST * corrections[0]:
-                moved = corrections[0] * (reading - obs_q[lane])
-                faster = corrections[1] * (reading - obs_q[lane]) / dt
-                obs_q[lane] += moved
-                obs_dq[lane] += faster
-                if has_rotor:
-                    observer.memory[ROTOR_POS, lane] += moved
-                    observer.memory[ROTOR_VEL, lane] += faster
-                    observer.memory[JOINT_VEL, lane] += faster
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
@@ -172,7 +159,7 @@ class WindowRuns:
         series = data.series if motors is None else data.series[motors]
         self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
         self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
-        self._noise = data.velocity_steps, np.array(data.corrections)
+        self._velocity_steps = data.velocity_steps
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
@@ -274,7 +261,7 @@ class WindowRuns:
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
         _free_runs(
             observer, free, motor, segment.rows, motors.armature, preset.period, preset.history, preset.window,
-            at_rotor, isinstance(motors, GreyBoxActuator), *self._noise, out,
+            at_rotor, self._velocity_steps, out,
         )  # fmt: skip
         return out
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class TrainingData:
 
     # (M, R, CHANNELS) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
     # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
-    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K] load_stiffness
+    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K], load_stiffness
     # (0 if missing) and joint_reading. For a rollout noisy positions are smoothed (`smoothing`) except for
     # joint_reading, velocities are those of half a period earlier and torques are averages centred on the sample, as a
     # semi-implicit step needs them
@@ -49,15 +48,12 @@ class TrainingData:
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
     # steps over which differences of errors of joint_reading are errors of velocity; 0 compares velocities
     velocity_steps: int = 0
-    # gains of the observer's corrections, angle by reading and velocity·period by reading; 0 follows the joint exactly
-    corrections: tuple[float, float] = (0.0, 0.0)
 
 
 TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
 SUPPLY, TEMPERATURE_RISE, STIFFNESS, READING = range(KD + 1, KD + 5)
 CHANNELS = READING + 1
 VELOCITY_NOISE = 0.02  # of differences of readings, at most [rad/s]
-ACCELERATION_ERROR = 0.05  # of models, over the root mean square of accelerations: gives the gains of `corrections`
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 
@@ -95,26 +91,17 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         gain_unit=preset.gain_unit,
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
-        **_noise(log),
+        velocity_steps=_velocity_steps(log),
         measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
     )
 
 
-def _noise(log: MotorLog) -> dict[str, Any]:
-    """What depends on the noise of readings; the gains are those of a steady α-β filter (Kalata, 1984)."""
-    if log.joint_reading is None or log.joint_vel is None:
-        return {}
-    changes = np.concatenate([np.diff(log.joint_vel[part], axis=0) for part in log.segment_slices()])
-    noises = rms(log.joint_reading - log.joint_pos, axis=0)
-    moving = noises > 0.0  # a static joint repeats its reading
-    if not moving.any():
-        return {}
-    noise, change = (float(np.median(each[moving])) for each in (noises, rms(changes, axis=0)))
-    index = ACCELERATION_ERROR * change * log.period / noise
-    alpha = 1.0 - (0.25 * (4.0 + index - math.sqrt(8.0 * index + index**2))) ** 2
-    beta = 2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)
-    steps = max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
-    return {"velocity_steps": steps, "corrections": (alpha, beta)}
+def _velocity_steps(log: MotorLog) -> int:
+    noises = rms(log.readings - log.joint_pos, axis=0)
+    if not noises.any():
+        return 0
+    noise = float(np.median(noises[noises > 0.0]))  # a static joint repeats its reading
+    return max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
 
 
 def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
