@@ -14,6 +14,7 @@ from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED, TERMS  # noqa: E402
+from motorprior.exceptions import ConfigError  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
 
 CENTRAL = INITIAL | {
@@ -66,13 +67,14 @@ def test_a_partial_reset_restarts_the_masked_motors_only():
     np.testing.assert_array_equal(motors.table.numpy(), bank[:, [0, 3]])
 
 
-def test_a_gear_that_is_too_stiff_for_the_step_moves_as_ours():
-    motors = motors_of_prior(2)
+def test_a_step_that_cannot_resolve_the_gear_is_refused():
+    motors = motors_of_prior(1)
     center = motors.model.motor.center.copy()
     center[parameters_of(()).index("gear_stiffness")] = np.log(5000.0)
     stiff = replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
-    ours, theirs = (bench.free_run(make(stiff), 2, 500) for make in (bench.compiled, bench.kernel))
-    assert np.abs(ours).max() > 0.3 and np.abs(ours - theirs).max() < 2e-3
+    with pytest.raises(ConfigError, match="gear") as refused:
+        WarpMotors(stiff, 1, bench.DT, "cpu")
+    assert "use a step of" in str(refused.value.remedy)
 
 
 def test_newton_moves_the_joints_as_our_motors_do():
