@@ -20,7 +20,7 @@ from motorprior.identification.physics.window_runs import (
     with_gains_of,
 )
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import READING, SECONDS, TARGET, training_data
+from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
@@ -84,7 +84,7 @@ def traces(
     for log, joint in errors.median_and_max(model):
         name = errors.logs[log]
         longest = max(runs[name], key=lambda run: run.preset.window)
-        time, target, measured = (longest.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, READING))
+        time, target, measured = (longest.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
         simulated = {key: measured + angle_errors(longest, models[key])[joint, 0] for key in drawn}
         found.append(Trace(name, errors.joints[joint], time, target, measured, simulated))
     return found

@@ -62,7 +62,6 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
     simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
     row ``first``. ``velocity_steps`` are those of `TrainingData`.
     """
-    scales = SCALES
     observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
     lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
     target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
@@ -101,16 +100,16 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
                 own_pos, own_vel = free.memory[ROTOR_POS, lane], free.memory[ROTOR_VEL, lane]
-            out[lane, index, 0, within] = (own_pos - reading) / scales[0]
+            out[lane, index, 0, within] = (own_pos - reading) / SCALES[0]
             if velocity_steps == 0:
-                out[lane, index, 1, within] = (own_vel - next_vel) / scales[1]
+                out[lane, index, 1, within] = (own_vel - next_vel) / SCALES[1]
             else:
                 before = out[lane, index, 0, within - velocity_steps] if within >= velocity_steps else 0.0
-                change = (out[lane, index, 0, within] - before) * scales[0]
-                out[lane, index, 1, within] = change / (velocity_steps * dt * scales[1])
+                change = (out[lane, index, 0, within] - before) * SCALES[0]
+                out[lane, index, 1, within] = change / (velocity_steps * dt * SCALES[1])
             if channels > 2:
                 applied = torque[lane] - free.damping[lane] * dq[lane]
-                out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / scales[2]
+                out[lane, index, 2, within] = (applied - rows[step, channel.TORQUE, j]) / SCALES[2]
 
 
 @dataclass(frozen=True)
@@ -290,7 +289,7 @@ def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
     data.series[..., channel.READING] = data.series[..., channel.POS]
     windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
     return [
-        WindowRuns(replace(data, parts=(part,)), replace(preset, window=window))
+        WindowRuns(replace(data, parts=(part,), velocity_steps=0), replace(preset, window=window))
         for part, window in windows
         if window > 0
     ]
