@@ -48,9 +48,11 @@ from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianP
 from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
-RESTARTS, DRAWS = 24, 256  # at most, and candidates of each
+RESTARTS, DRAWS = 48, 256  # at most, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
-STEPS = ((10, WIDE), (6, NARROW))  # of a descent
+RIGID_STEPS = ((10, WIDE), (6, NARROW))  # of a descent of the simplest motors
+# of other descents: the widest differences cross ripples of the loss, which impacts cause
+STEPS = ((8, 0.5), (8, 0.2), (8, WIDE), (6, NARROW))
 FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
@@ -152,8 +154,8 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
             away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]
             away[:, 0] = 0.0
             best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
-            found = found.better(search.descend(best, prior, STEPS[:1]))
-    found = search.descend(found.x, prior, STEPS[1:])
+            found = found.better(search.descend(best, prior, RIGID_STEPS[:1]))
+    found = search.descend(found.x, prior, RIGID_STEPS[1:])
     return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
 
@@ -192,11 +194,15 @@ def _alone(
             candidates = np.where(rng.random(shape) < 0.8, initial + 0.7 * noise, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    found = search.descend(simplest, prior, STEPS[:1])
+    found = search.descend(simplest, prior, RIGID_STEPS[:1])
     complete = np.where(lacks, np.clip(initial, -LOG_REACH, LOG_REACH), simplest)
-    found = found.better(search.descend(complete, prior, STEPS[:1]))
+    found = found.better(search.descend(complete, prior, RIGID_STEPS[:1]))
     lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
-    found = search.until_found_again(found, prior, draw, restarts, STEPS, report, lead)
+    first = restarts // 4
+    found = search.until_found_again(found, prior, draw, first, STEPS, report, lead)
+    # the prior of filters is too strong at the simplest motors' loss
+    prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
+    found = search.until_found_again(search.at(found.x, prior), prior, draw, restarts - first, STEPS, report, lead)
     if len(rest := np.setdiff1d(search.everyone, lead)):
 
         def draw_near(restart: int, best: Fit) -> np.ndarray:
@@ -206,7 +212,6 @@ def _alone(
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
         found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
-    # at the loss that was reached: the prior of filters is too strong at that of the simplest motors
     prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
     return search.descend(found.x, prior, ((10, NARROW), (10, FINEST)))
 
@@ -309,7 +314,7 @@ def _without_unidentified_limits(
         off = np.log(OFF * largest.max()) - center[row]
         free[:, row] = np.clip(off, x[:, row], LOG_REACH)
         precision = np.where(fixed | (np.arange(len(names)) == row), FIXED, WEAK)
-        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), STEPS[1:])
+        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), RIGID_STEPS[1:])
         unidentified = free.loss * (1.0 - SAVING) <= losses
         x, losses = np.where(unidentified[:, None], free.x, x), np.where(unidentified, free.loss, losses)
     return x
