@@ -23,7 +23,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.motor_fit import FleetFit, fit_motors, fit_rigid_motors
+from motorprior.identification.physics.motor_fit import STEPS, FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     alone_prior,
     centred,
@@ -35,7 +35,7 @@ from motorprior.identification.physics.motor_problem import (
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import NARROW, WIDE, Fit, Steps
+from motorprior.identification.search import WIDE, Fit, Steps
 
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
@@ -50,7 +50,7 @@ TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
-_SCREEN, _STEPS = ((4, WIDE),), ((10, WIDE), (6, NARROW))  # descents of all candidates, and of the finalists
+_SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
 
 
 @dataclass(frozen=True)
@@ -212,12 +212,12 @@ class _Trial:
 
     def polished(self, screened: _State, added: tuple[str, ...]) -> _State:
         """The same after a longer search."""
-        return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, _STEPS)
+        return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, STEPS)
 
     def without(self, before: _State, name: str) -> _State:
         """The fits ``before`` without a term, after a longer search."""
         terms = tuple(other for other in before.terms if other != name)
-        return self._searched(terms, with_more_terms(before.raw, before.terms, terms, self._runs), (), 0, _STEPS)
+        return self._searched(terms, with_more_terms(before.raw, before.terms, terms, self._runs), (), 0, STEPS)
 
     def _searched(
         self,
