@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.logs.motor_log import checked
 from motorprior.logs.operations import joined
-from motorprior.logs.validity import checked
 
 
 def test_a_value_that_is_not_finite_is_named(make_log):

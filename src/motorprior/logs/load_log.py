@@ -15,10 +15,9 @@ from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
-from motorprior.logs.motor_log import CONDITIONS, MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, checked
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
-from motorprior.logs.validity import checked
 from motorprior.progress import WARNED, WARNING, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot

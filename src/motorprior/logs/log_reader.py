@@ -11,8 +11,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.column_map import TURN, ColumnMap, Conversion, MappedJoint
-from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.validity import CORRECT, bad_value, checked, require_finite
+from motorprior.logs.motor_log import CORRECT, POSTURES, MotorLog, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name

@@ -19,7 +19,7 @@ import numpy as np
 
 from motorprior.artifacts import read_bytes, require_file
 from motorprior.exceptions import LogError, quoted
-from motorprior.logs.validity import CORRECT, bad_value, missing_column
+from motorprior.logs.motor_log import CORRECT, bad_value, missing_column
 
 COPY_AGAIN = "copy or record it again"
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"

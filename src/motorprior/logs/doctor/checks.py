@@ -9,9 +9,8 @@ import numpy as np
 
 from motorprior.logs.doctor import readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
-from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
 # The checks of jumps and motion need a correct clock and correct units; those of motion need angles without jumps.
@@ -24,7 +23,7 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     """Check a log.
 
     Args:
-        log: it must pass `validity.checked`, else LogError is raised.
+        log: it must pass `checked`, else LogError is raised.
         robot: of the log; gives limits of the joints, and gravity if its base was suspended or is fixed.
 
     Returns:

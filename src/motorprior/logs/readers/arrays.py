@@ -19,9 +19,9 @@ from motorprior.artifacts import read_bytes, require_file, require_size
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
+from motorprior.logs.motor_log import CORRECT, missing_column
 from motorprior.logs.pickles import load_pickle, torch_content
 from motorprior.logs.tables import element_of, unreadable
-from motorprior.logs.validity import CORRECT, missing_column
 
 _ELEMENT = re.compile(r"(.+)_(\d{1,6})", re.ASCII)
 _MAX_PARTS = 100  # of a list that is no list of steps

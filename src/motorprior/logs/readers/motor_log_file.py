@@ -17,9 +17,8 @@ from motorprior.artifacts import atomic_path, parse_json
 from motorprior.bounds import TABLE, TEXT, Field, exactly, many
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
-from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
+from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked, missing_column
 from motorprior.logs.tables import parquet_table
-from motorprior.logs.validity import checked, missing_column
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
