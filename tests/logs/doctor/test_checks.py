@@ -59,7 +59,6 @@ CASES: dict[str, tuple[str, str, int | None, Callable[[MotorLog], MotorLog]]] = 
     "beyond a limit": ("limits", "warning", 300, changed(joint_pos=rows(300, 301, 1.2))),
     "constant angle": ("dead", "warning", 0, changed(joint_pos=rows(0, 1200, 0.1))),
     "angle dies": ("dead", "warning", 600, changed(joint_pos=held(600, 850))),
-    "velocity dies": ("dead", "warning", 600, changed(joint_vel=held(600, 850))),
     "no command": ("excitation", "error", 0, changed(position_target=np.zeros_like)),
     "other unit": ("excitation", "warning", 0, changed(joint_pos=lambda angle: 10.0 * angle)),
     "one way": ("reversals", "warning", 0, changed(position_target=np.sort, joint_pos=lambda a: np.sort(a, axis=0))),
