@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.logs.tables import csv_names, table_columns
+from motorprior.logs.readers.table import csv_names, table_columns
 
 ROWS = [[0.1, -2.5e-3], [1e300, 3.0]]
 

@@ -21,7 +21,7 @@ from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import CORRECT, missing_column
 from motorprior.logs.pickles import load_pickle, torch_content
-from motorprior.logs.tables import element_of, unreadable
+from motorprior.logs.readers.table import element_of, unreadable
 
 _ELEMENT = re.compile(r"(.+)_(\d{1,6})", re.ASCII)
 _MAX_PARTS = 100  # of a list that is no list of steps

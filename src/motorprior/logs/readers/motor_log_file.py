@@ -18,7 +18,7 @@ from motorprior.bounds import TABLE, TEXT, Field, exactly, many
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
 from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked, missing_column
-from motorprior.logs.tables import parquet_table
+from motorprior.logs.readers.table import parquet_table
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
@@ -89,7 +89,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     if path.suffix != ".parquet":
         remedy = "convert a recording with `motorprior logs import`, or use mp.load_log in Python"
         raise LogError(f"a file {path.suffix}, not a motor log (.parquet)", where=path, remedy=remedy)
-    table = parquet_table(path, lambda names: names)
+    table = parquet_table(path)
     header = _read_header(table.schema.metadata, path)
     values: dict[str, Any] = {}
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():

@@ -19,7 +19,7 @@ from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, MappedJoint, load_column_map
 from motorprior.logs.log_reader import FOLDER, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog, bad_value, require_increasing
-from motorprior.logs.tables import COPY_AGAIN, csv_table
+from motorprior.logs.readers.table import COPY_AGAIN, csv_table
 from motorprior.robots.robot import Robot
 
 CONTROL, STATE = "control.csv", "state_motor.csv"
