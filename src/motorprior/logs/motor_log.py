@@ -251,6 +251,7 @@ def range_text(condition: str, low: float, high: float) -> str:
 
 
 CORRECT = "correct the column map, or the file"
+COPY_AGAIN = "copy or record it again"
 NUMBER = "a finite number"
 Where: TypeAlias = str | Path | None
 _TINY = float(np.nextafter(0.0, 1.0))
@@ -363,6 +364,12 @@ def missing_column(kind: str, name: str, known: Iterable[str], where: Where, rem
     """The error for a missing column, tensor or topic; it lists the first eight that exist."""
     have = listed([quoted(each) for each in known], 8) or "none"
     return LogError(f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy)
+
+
+def unreadable(path: Path, error: Exception) -> LogError:
+    """A library's error in one line."""
+    reason = (str(error) or type(error).__name__).splitlines()[0][:300]
+    return LogError(f"truncated or damaged file ({reason})", where=path, remedy=COPY_AGAIN)
 
 
 def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None:

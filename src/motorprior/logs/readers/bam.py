@@ -83,7 +83,7 @@ def _conditions(content: dict[str, Any]) -> dict[str, Any]:
 
 def _positive(content: dict[str, Any], name: str, path: Path) -> float:
     value: Any = content.get(name)
-    if not is_number(value, 0.0) or value == 0.0:
+    if not is_number(value, 1e-12):
         raise LogError(f"{name} {quoted(value)} is not a positive number", where=path, remedy=_REMEDY)
     return float(value)
 

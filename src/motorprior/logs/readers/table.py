@@ -20,9 +20,8 @@ import numpy as np
 from motorprior.artifacts import read_bytes, require_file
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import CORRECT, bad_value, missing_column
+from motorprior.logs.motor_log import COPY_AGAIN, CORRECT, bad_value, missing_column, unreadable
 
-COPY_AGAIN = "copy or record it again"
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
 _CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
@@ -143,12 +142,6 @@ def parquet_table(path: Path, names: Sequence[str] | None = None) -> Any:
     if not table.num_rows:
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     return table
-
-
-def unreadable(path: Path, error: Exception) -> LogError:
-    """A library's error in one line."""
-    reason = (str(error) or type(error).__name__).splitlines()[0][:300]
-    return LogError(f"truncated or damaged file ({reason})", where=path, remedy=COPY_AGAIN)
 
 
 def element_of(name: str) -> tuple[str, int | None]:
