@@ -5,11 +5,11 @@
 The error is the RMSE of one free run over each whole held-out log, without removal of means. The models of
 `fitted_baselines` have constants per joint, fitted to the same segments of the training logs as the prior. ``prior``
 uses only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor.
-``adapted`` is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
-those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
-[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the adapted prior as
-ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as ROBOT/unseen/coverage90.
-tables.md also has all models on the rest of the logs. Finished stages are reused.
+``adapted`` is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of
+the joints) are those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means
+over joints and logs [rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the
+adapted prior as ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as
+ROBOT/unseen/coverage90. tables.md also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
