@@ -202,7 +202,7 @@ def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> Mapped
     return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
 
 
-def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any], place: str) -> Conversion:
+def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], place: str) -> Conversion:
     quantity, own = QUANTITIES[channel], joint.get(channel, {})
     _check(own, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
     tables = (own, joint, units) if quantity == "angle" else (own, units)
@@ -216,7 +216,7 @@ def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any]
     )  # fmt: skip
 
 
-def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> float:
+def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
     """SI units per unit of the column, from the first table that gives one."""
     for table in tables:
         unit = table.get(quantity, "tick" if quantity == "angle" and "ticks_per_turn" in table else None)
