@@ -3,13 +3,13 @@
     python benchmarks/real_logs.py --data DIR --out runs/real
 
 The error is the RMSE of one free run over each whole held-out log, without removal of means. The models of
-`log_baselines` have constants per joint, fitted to the same segments of the training logs as the prior. ``prior`` uses
-only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor. ``adapted``
-is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of the joints) are
-those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
-[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the adapted prior as
-ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as ROBOT/unseen/coverage90.
-tables.md also has all models on the rest of the logs. Finished stages are reused.
+`fitted_baselines` have constants per joint, fitted to the same segments of the training logs as the prior. ``prior``
+uses only the joint names and gains recorded in the test log: the motor of the same joint, or the central motor.
+``adapted`` is fitted to the first 10 s of the test log and tested on the rest. Loads (inertia, gravity, coupling of
+the joints) are those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means
+over joints and logs [rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the
+adapted prior as ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as
+ROBOT/unseen/coverage90. tables.md also has all models on the rest of the logs. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
@@ -42,9 +42,9 @@ from motorprior.identification.evaluation.bench_truth import log_coverage, zero_
 from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.latents.latent_fit import Posterior
-from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
+from motorprior.identification.validate import baseline_recipes, fitted_baselines
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.operations import drop_repeats, excited_joints, joined, resample

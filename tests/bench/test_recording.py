@@ -9,8 +9,7 @@ import pytest
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import MAX_DEVIATION, PRESETS, record
-from motorprior.logs.motor_log import channels
-from motorprior.logs.validity import checked
+from motorprior.logs.motor_log import channels, checked
 
 FLEET = load_fleet("pupper_v2")
 MOTORS = FLEET.sample(3, np.random.default_rng(0))

@@ -137,10 +137,11 @@ def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in said
 
 
-def test_several_gains_need_the_joints_in_a_robots_order(tmp_path: Path):
+def test_several_gains_are_reported_with_their_joints(tmp_path: Path):
     path, out = write_csv(tmp_path), tmp_path / "out"
-    with pytest.raises(ConfigError, match="the joints pan, lift are not in a robot's order"):
-        import_logs(LogsImport((path,), out, columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0)))
+    assert "kp: pan 20, lift 16" in imported(
+        LogsImport((path,), out, columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0))
+    )
     gains, path = tuple(float(number) for number in range(1, 1 + PUPPER.num_joints)), tmp_path / "walk.parquet"
     write_log(path, of_pupper())
     messages = imported(LogsImport((path,), out, kp=gains, robot=PUPPER.name))

@@ -12,8 +12,8 @@ from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.real_motors import RealMotors, _loads, read_logs_of, run_real_motors
 from motorprior.identification.baselines import response_fit
+from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.identification.evaluation.free_runs import TRACES, read_traces
-from motorprior.identification.evaluation.log_tables import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.chapters import real_motors

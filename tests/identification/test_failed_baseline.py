@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import ArtifactError
-from motorprior.identification import log_baselines
+from motorprior.identification import validate
 from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
@@ -20,13 +20,13 @@ def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.Monkey
             raise ArtifactError("kp = 1318 is too large")
         return SimpleNamespace(model=SimpleNamespace(motors=lambda mean: "motors"), mean=None)
 
-    monkeypatch.setattr(log_baselines, "fit_recipe", fit)
-    monkeypatch.setattr(log_baselines, "fitted_responses", lambda *_: {})
-    monkeypatch.setattr(log_baselines, "fitted_tuned_pd", lambda *_: "pd")
+    monkeypatch.setattr(validate, "fit_recipe", fit)
+    monkeypatch.setattr(validate, "fitted_responses", lambda *_: {})
+    monkeypatch.setattr(validate, "fitted_tuned_pd", lambda *_: "pd")
     recipes = {name: (name, identification_preset("quick")) for name in ("coulomb_viscous", "stribeck")}
-    monkeypatch.setattr(log_baselines, "baseline_recipes", lambda *_: recipes)
+    monkeypatch.setattr(validate, "baseline_recipes", lambda *_: recipes)
     said = StringIO()
-    found = log_baselines.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(said))  # pyright: ignore
+    found = validate.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(said))  # pyright: ignore
     assert found == {"coulomb_viscous": None, "stribeck": "motors", "tuned_pd": "pd"}
     assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in said.getvalue()
 

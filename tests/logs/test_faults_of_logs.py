@@ -77,9 +77,9 @@ def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_get_no_remedy()
 
 def test_findings_of_one_kind_are_one_line():
     log = moving((0.5, 0.8, 1.1, 1.3))
-    report = check_log(replace(log, joint_pos=-log.joint_pos, joint_vel=None))
-    (one,) = [each for each in grouped(report.findings) if each.severity == "error"]
-    assert len(report.errors) == 4 and all(name in one.message for name in "abcd")
+    errors = check_log(replace(log, joint_pos=-log.joint_pos, joint_vel=None)).errors
+    (one,) = grouped(errors)
+    assert len(errors) == 4 and all(name in one.message for name in "abcd")
 
 
 def test_a_bench_log_becomes_one_of_the_robots_joints_by_one_option(tmp_path: Path):

@@ -61,13 +61,6 @@ def test_inertia_times_acceleration_is_torque_plus_load():
     assert np.abs(balance[inside]).max() < 0.02 * np.abs(loaded.load_inertia * acceleration).max()
 
 
-def test_a_shank_s_inertia_about_its_knee_is_the_parallel_axis_theorem():
-    log, _ = moved(0.0, 0.01)
-    knee = with_loads(log, PUPPER_V2).load_inertia[0, 2]  # pyright: ignore[reportOptionalSubscript]
-    expected = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
-    assert knee == pytest.approx(expected, rel=1e-6)
-
-
 def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
     """At rest the load is gravity alone; tip every joint by itself and see."""
     log = swaying(spec.NOMINAL_POSE, 0.0, rows=2)

@@ -7,8 +7,7 @@ import pytest
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.fleet import Fleet, load_fleet
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.validity import checked
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World

@@ -27,7 +27,7 @@ from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.adapt import OutlierTest
-from motorprior.identification.evaluation.log_tables import (
+from motorprior.identification.evaluation.errors import (
     FREE_RUN_RMSE,
     WHOLE_RUN_RMSE,
     constant_table,

@@ -38,9 +38,9 @@ class LogsImport:
     period: float | None = PERIOD
     """Sample period of the result [s]; None: the recorded rows."""
     kp: tuple[float, ...] = ()
-    """Proportional gain during the log: one for all joints, or one per joint in the order of the robot. Overrides the
-    log and ``columns``, in the log's unit of gains: N·m/rad, or firmware units (Rhoban/bam, or if ``columns`` states
-    so)."""
+    """Proportional gain during the log: one for all joints, or one per joint in the order of the robot, or of
+    ``columns`` without one. Overrides the log and ``columns``, in the log's unit of gains: N·m/rad, or firmware units
+    (Rhoban/bam, or if ``columns`` states so)."""
     kd: tuple[float, ...] = ()
     """Derivative gain, like ``kp``; in N·m·s/rad if that is in N·m/rad."""
     firmware: Mapping[str, float] = field(default_factory=dict)

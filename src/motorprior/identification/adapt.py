@@ -27,9 +27,8 @@ from motorprior.identification.latents.latent_fit import (
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
-from motorprior.logs.validity import checked
 from motorprior.progress import SILENT, WARNED, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects

@@ -36,9 +36,8 @@ from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.train import Arrays, Keep, identify, work_of
 from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, log_digest, motion_digest
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest
 from motorprior.logs.operations import joined
-from motorprior.logs.validity import checked
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 

@@ -31,9 +31,8 @@ from motorprior.identification.physics.window_runs import POSITION_SCALE, Segmen
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
-from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog
+from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
 from motorprior.logs.operations import static_joints
-from motorprior.logs.validity import checked
 from motorprior.signals import rms
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only

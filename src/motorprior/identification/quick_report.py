@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 
@@ -16,27 +15,27 @@ from motorprior.exceptions import listed
 from motorprior.identification.adapt import motor_constants
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
-from motorprior.identification.evaluation.errors import LogErrors
-from motorprior.identification.evaluation.free_runs import (
-    FREE_RUN,
-    WHOLE_RUN,
-    MotorModel,
-    Trace,
-    free_run_errors,
-    free_runs,
-    traces,
-)
-from motorprior.identification.evaluation.log_tables import (
+from motorprior.identification.evaluation.errors import (
     CONSTANT,
     FREE_RUN_RMSE,
     UNIDENTIFIED,
     WHOLE_RUN_RMSE,
+    LogErrors,
     error_results,
+)
+from motorprior.identification.evaluation.free_runs import (
+    FREE_RUN,
+    WHOLE_RUN,
+    MotorModel,
+    free_run_errors,
+    free_runs,
+    traces,
 )
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.physics.motor_problem import near_bounds
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
+from motorprior.identification.validate import Validation
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
@@ -57,10 +56,7 @@ RESPONSE_CONSTANTS = {
 MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
 
 
-QuickReport: TypeAlias = tuple[Results, list[Trace], list[str]]  # errors and constants, traces to draw, warnings
-
-
-def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> QuickReport:
+def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> Validation:
     """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows.
 
     Raises:
@@ -74,25 +70,22 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         progress.note(text)
 
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, Notes(note, progress), tuned=tuned)
-    expected = prior.predicted(train).mean
-    models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(expected)}
+    models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
         models["prior_mean"] = prior.model.motors(prior.classes.moments(prior.classes_of(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
-    names = UNITS.keys() - ({"kp", "kd_over_kp"} if prior.model.gain_unit else set())  # logged gains are not fitted
-    constants = {name: values for name, values in motor_constants(prior, train, prior.mean).items() if name in names}
-    identified = [name for name, values in constants.items() if _identified(prior, name, values)]
     results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
-    for name, values in constants.items():
-        kept = _within_bounds(prior, name) & (name in identified)
-        results += _constant_results({name: values}, UNITS, train.joint_names, kept)
+    for name, values in motor_constants(prior, train, prior.mean).items():
+        if name in UNITS and not (prior.model.gain_unit and name in ("kp", "kd_over_kp")):  # logged gains: not fitted
+            kept = _identified(prior, name, values)
+            results += _constant_results(name, UNITS[name], values, train.joint_names, kept)
     lines = (*warnings, *whole.warnings("prior"))
-    return results, drawn, [line.removeprefix(WARNING) for line in lines]
+    return Validation(results, drawn, [line.removeprefix(WARNING) for line in lines])
 
 
-def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickReport:
+def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
@@ -100,18 +93,15 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> QuickRep
     errors = _errors(logs, runs, models)
     drawn = traces(errors, "servo_limits", runs, models, ("second_order", "servo_limits"))
     fitted = dict(zip(CONSTANTS, models["servo_limits"].constants.T, strict=True))
-    constants = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
-    units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
     results, warnings, bounds = error_results(errors, WHOLE_RUN_RMSE), [], at_bounds(models["servo_limits"])
-    for name, values in constants.items():
-        reached = bounds[RESPONSE_CONSTANTS[name][0]]
-        results += _constant_results({name: values}, units, train.joint_names, ~reached)
+    for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
+        values, reached = factor * fitted[key], bounds[key]
+        results += _constant_results(name, unit, values, train.joint_names, ~reached)
         if reached.any():
-            joints = listed(
-                [f"{train.joint_names[i]} {values[i]:.3g} {units[name]}" for i in np.flatnonzero(reached)], 6
-            )
-            warnings.append(f"{name.replace('_', ' ')} at a bound of the search, so not identifiable: {joints}")
-    return results, drawn, warnings
+            found = [f"{train.joint_names[i]} {values[i]:.3g} {unit}" for i in np.flatnonzero(reached)]
+            problem = f"{name.replace('_', ' ')} at a bound of the search, so not identifiable"
+            warnings.append(f"{problem}: {listed(found, 6)}")
+    return Validation(results, drawn, warnings)
 
 
 def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, MotorModel]) -> LogErrors:
@@ -131,31 +121,21 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     return {"ideal_pd": IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)}
 
 
-def _constant_results(
-    values: Mapping[str, np.ndarray], units: Mapping[str, str], joints: Sequence[str], kept: np.ndarray
-) -> Results:
-    """Constants of the ``kept`` (J,) joints; the median as unidentified if none is."""
-    rows = []
-    for name, column in values.items():
-        if not kept.any():
-            rows.append(Result(f"{CONSTANT}{name}", units[name], float(np.median(column)), statistic=UNIDENTIFIED))
-        pairs = zip(np.array(joints)[kept].tolist(), column[kept].tolist(), strict=True)
-        rows += [Result(f"{CONSTANT}{name}", units[name], value, part=joint) for joint, value in pairs]
-    return Results.of(rows)
+def _constant_results(name: str, unit: str, values: np.ndarray, joints: Sequence[str], kept: np.ndarray) -> Results:
+    """A constant of the ``kept`` (J,) joints; its median as unidentified if there are none."""
+    quantity = f"{CONSTANT}{name}"
+    if not kept.any():
+        return Results.of([Result(quantity, unit, float(np.median(values)), statistic=UNIDENTIFIED)])
+    pairs = zip(np.array(joints)[kept].tolist(), values[kept].tolist(), strict=True)
+    return Results.of([Result(quantity, unit, value, part=joint) for joint, value in pairs])
 
 
-def _within_bounds(prior: MotorPrior, name: str) -> np.ndarray:
-    """(M,) motors whose constant is not at a bound of the search."""
+def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> np.ndarray:
+    """(M,) motors whose constant is identified, by the training log or as the motors differ in it, within bounds."""
+    differ = np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
+    kept = np.full(len(values), prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or differ)
     model = prior.model
     assert isinstance(model, GreyBox)
     names, reached = parameters_of(model.motor.terms), near_bounds(model.decoder_latents(prior.mean))
-    if reached.shape[1] != len(names):  # latents are no constants
-        return np.ones(len(prior.mean), dtype=bool)
-    return ~reached[:, names.index(name)]
-
-
-def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> bool:
-    """Whether the training log identifies a constant, or the motors differ in it."""
-    return (
-        prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
-    )
+    # otherwise latents are no constants
+    return kept & ~reached[:, names.index(name)] if reached.shape[1] == len(names) else kept

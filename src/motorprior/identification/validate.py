@@ -1,4 +1,4 @@
-"""Validate a prior on a log: errors of its motors and of baselines on held-out rows."""
+"""Validate a prior on a log: errors of its motors and of baselines, fitted to the same rows, on held-out rows."""
 
 from __future__ import annotations
 
@@ -11,9 +11,19 @@ import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ConfigError, LogError, MotorPriorError
+from motorprior.identification import presets
 from motorprior.identification.adapt import adapt_to, note_training_log
-from motorprior.identification.evaluation.errors import MAX_ERROR, PRIOR, TUNED_PD, LogErrors, log_warnings
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.baselines.response_fit import fitted_responses
+from motorprior.identification.evaluation.errors import (
+    MAX_ERROR,
+    PRIOR,
+    TUNED_PD,
+    LogErrors,
+    error_results,
+    log_warnings,
+)
 from motorprior.identification.evaluation.free_runs import (
     WHOLE_RUN,
     MotorModel,
@@ -22,21 +32,27 @@ from motorprior.identification.evaluation.free_runs import (
     free_runs,
     traces,
 )
-from motorprior.identification.evaluation.log_tables import error_results
-from motorprior.identification.fit_prior import trained_on
-from motorprior.identification.log_baselines import baseline_recipes, fitted_baselines
-from motorprior.identification.presets import recipe_of
+from motorprior.identification.fit_prior import fit_recipe, trained_on
+from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
+from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import first_and_rest, train_test_halves
-from motorprior.progress import SHOWN, Progress
+from motorprior.progress import SHOWN, SILENT, WARNING, Notes, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
+
+
+# baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
+PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
+# for a prior of preset long_runs or quick, which are for servos with much friction
+LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
+BASELINE_PERIOD = 0.002  # of these presets [s]; priors with another period have no such baselines
 
 
 class Validation(NamedTuple):
@@ -74,7 +90,7 @@ def validate(
     Returns:
         ``free_run_rmse`` [rad] of free runs of 1 s and ``whole_run_rmse`` [rad] of free runs of whole segments: median
         and mean over motors, and of each motor (``part``). Models: ADAPTED, the prior adapted to the training rows;
-        PRIOR, its motor of the same name or else the mean of the joint's class; and the baselines of `log_baselines`,
+        PRIOR, its motor of the same name or else the mean of the joint's class; and the `fitted_baselines`,
         with an error of 2π if they cannot be fitted. ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and
         ``whole_run_coverage90`` of samples of the posterior and of `MotorPrior.predicted`. TRAINED_ON: 1 if the prior
         was trained on the log, so that the figures are not a test, otherwise 0.
@@ -136,3 +152,50 @@ def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float
         problem = f"joints {', '.join(train.joint_names)}; {log.source} has {', '.join(log.joint_names)}"
         raise LogError(problem, where=train.source, remedy="give logs of the same joints in the same order")
     return replace(train, source=", ".join(dict.fromkeys(each.source for each in fitted_on))), log
+
+
+def fitted_baselines(
+    log: MotorLog,
+    preset: Preset,
+    folder: Path | None,
+    adam_steps: int | None = None,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> dict[str, MotorModel | None]:
+    """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
+
+    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if
+    not given. A baseline that cannot be fitted or read is None, and a warning reports why.
+
+    Raises:
+        LogError: it lacks a channel, has another sample period, or is too short.
+    """
+    recipes = baseline_recipes(log, preset)
+    models: dict[str, MotorModel | None] = dict(fitted_responses(log, preset, seed, progress))
+    tuned = fitted_tuned_pd(log, progress)
+    for name, (named, recipe) in recipes.items():
+        if name == "pooled_network" and adam_steps is not None:
+            recipe = replace(recipe, steps=adam_steps)
+        try:
+            out = None if folder is None else folder / name
+            fitted = fit_recipe(log, named, recipe, seed, out, Notes(SILENT.note, progress), tuned=tuned)
+            models[name] = fitted.model.motors(fitted.mean)
+        except MotorPriorError as error:
+            models[name] = None
+            progress.note(f"{WARNING}baseline {name} counts as diverged: {error}")
+    return models | {"tuned_pd": tuned}
+
+
+def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
+    """Preset and recipe of every baseline that has one; windows are shortened to fit the log.
+
+    Raises:
+        LogError: every segment is too short for one of them.
+    """
+    if preset.period != BASELINE_PERIOD:
+        return {}
+    names = PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})
+    recipes = {name: (preset, with_window_that_fits(presets.PRESETS[preset], log)) for name, preset in names.items()}
+    for _, recipe in recipes.values():
+        window_starts(tuple(log.segment_slices()), recipe, log.source)
+    return recipes

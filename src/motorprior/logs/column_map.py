@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -53,20 +54,13 @@ GAINS = ("kp", "kd")
 JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
 
 _UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {"ticks_per_turn": number(above=1.0)}
-_SCALED = {"scale": number(above=0.0)}
-_SIGNED = _SCALED | {"sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1)}
-_ENTRIES = {  # of the table of a channel, by its quantity
-    "angle": {
-        **_SIGNED,
-        "zero": number(-TURN, TURN, unit="rad"),
-        "wraps": BOOLEAN,
-        **{name: _UNITS[name] for name in ("angle", "ticks_per_turn")},
-    },
-    "velocity": {**_SIGNED, "velocity": _UNITS["velocity"]},
-    "torque": {**_SIGNED, "torque": _UNITS["torque"]},
-    "voltage": {**_SCALED, "voltage": _UNITS["voltage"]},
-    "temperature": _SCALED,
-}
+_CHANGES = {
+    "scale": number(above=0.0),
+    "sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1),
+    "zero": number(-TURN, TURN, unit="rad"),
+    "wraps": BOOLEAN,
+    "ticks_per_turn": _UNITS["ticks_per_turn"],
+}  # and the unit of the channel's quantity
 _NAME = Field("a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200)
 _CONDITION = Field("the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value))
 _MAP = Schema(
@@ -86,7 +80,8 @@ _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
 _UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
 _JOINT = {
-    "name": _NAME, **_ENTRIES["angle"], **dict.fromkeys(QUANTITIES, TABLE), **dict.fromkeys(GAINS, number(0.0)),
+    "name": _NAME, **_CHANGES, "angle": _UNITS["angle"], **dict.fromkeys(QUANTITIES, TABLE),
+    **dict.fromkeys(GAINS, number(0.0)),
 }  # fmt: skip
 
 
@@ -167,12 +162,18 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     if ("time" in table) == ("rate" in table):
         problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
         raise ArtifactError(problem, where=where, remedy="give one of the two")
-    scale = dict.fromkeys(CONDITIONS, 1.0) | {"supply_voltage": SCALES["voltage"][units.get("voltage", "V")]}
+    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
+    for name, column in series.items():
+        one_for_all = name in CONDITIONS or len(table["joints"]) == 1
+        if not one_for_all and JOINT not in column and NAME not in column:
+            remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
+            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy)
+    scales = {name: _scale(QUANTITIES[name], (units,), where) for name in CONDITIONS}
     return ColumnMap(
-        source=where, time_scale=TIMES[units.get("time", "s")], series=_series(table, where),
+        source=where, time_scale=TIMES[units.get("time", "s")], series=series,
         joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
-        conditions={name: table[name] * scale[name] for name in CONDITIONS if is_number(table.get(name))},
+        conditions={name: table[name] * scales[name] for name in CONDITIONS if is_number(table.get(name))},
         **{name: table[name] for name in _PLAIN if name in table},
     )  # fmt: skip
 
@@ -180,16 +181,6 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
 def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
     """Check a table of optional entries."""
     Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
-
-
-def _series(table: dict[str, Any], where: str) -> dict[str, str]:
-    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
-    for name, column in series.items():
-        one_for_all = name in CONDITIONS or len(table["joints"]) == 1
-        if not one_for_all and JOINT not in column and NAME not in column:
-            remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
-            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy)
-    return series
 
 
 def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
@@ -211,29 +202,30 @@ def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> Mapped
     return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
 
 
-def _conversion(channel: str, joint: Mapping[str, Any], units: Mapping[str, Any], place: str) -> Conversion:
+def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], place: str) -> Conversion:
     quantity, own = QUANTITIES[channel], joint.get(channel, {})
-    entries = _ENTRIES[quantity]
-    _check(own, entries, f"{place}.{channel}")
-    of_joint = joint if quantity == "angle" else {}
-    factor = _scale(quantity, (own, of_joint, units), place)
-    if "sign" in entries:
-        sign = joint.get("sign", 1)
-        factor *= own.get("sign", joint.get("joint_pos", {}).get("sign", sign) if channel == "joint_vel" else sign)
-    wraps = quantity == "angle" and own.get("wraps", of_joint.get("wraps", units.get("wraps", False)))
-    return Conversion(float(factor), float(own.get("zero", of_joint.get("zero", 0.0))), wraps)
+    _check(own, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
+    tables = (own, joint, units) if quantity == "angle" else (own, units)
+    sign = 1 if channel in CONDITIONS else joint.get("sign", 1)
+    if channel == "joint_vel":
+        sign = joint.get("joint_pos", {}).get("sign", sign)
+    changes = ChainMap(*tables)
+    return Conversion(
+        float(own.get("sign", sign) * _scale(quantity, tables, place)), float(changes.get("zero", 0.0)),
+        quantity == "angle" and changes.get("wraps", False),
+    )  # fmt: skip
 
 
-def _scale(quantity: str, tables: tuple[Mapping[str, Any], ...], where: str) -> float:
+def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
     """SI units per unit of the column, from the first table that gives one."""
-    ticks: Any = next((table["ticks_per_turn"] for table in tables if "ticks_per_turn" in table), None)
     for table in tables:
-        default = "tick" if quantity == "angle" and "ticks_per_turn" in table else None
-        unit = table.get("scale", table.get(quantity, default))
-        if unit == "tick" and ticks is None:
-            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
+        unit = table.get(quantity, "tick" if quantity == "angle" and "ticks_per_turn" in table else None)
+        if "scale" in table:
+            return float(table["scale"])
         if unit == "tick":
-            return TURN / ticks
+            if ticks := ChainMap(*tables).get("ticks_per_turn"):
+                return TURN / ticks
+            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
         if unit is not None:
-            return SCALES[quantity][unit] if isinstance(unit, str) else float(unit)
+            return SCALES[quantity][unit]
     return 1.0

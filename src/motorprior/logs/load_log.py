@@ -15,10 +15,9 @@ from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
-from motorprior.logs.motor_log import CONDITIONS, MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, checked
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
-from motorprior.logs.validity import checked
 from motorprior.progress import WARNED, WARNING, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
@@ -53,8 +52,8 @@ def load_log(
         suspended: the robot was suspended with a level body, or has a fixed base: smooth the readings and compute the
             loads of the motors from the model of ``robot``. Otherwise loads are those of the log, if it has any.
         period: time step of the result [s]; None keeps the recorded rows.
-        kp: proportional gain during the log, in its unit of gains: one for all joints, or one per joint in the robot's
-            order. Overrides the log and ``columns``.
+        kp: proportional gain during the log, in its unit of gains: one for all joints, or one per joint in the order of
+            the robot, or of ``columns`` without one. Overrides the log and ``columns``.
         kd: derivative gain, likewise.
         firmware: registers of `motor_log.FIRMWARE`, in SI units; they override those of the log.
         conditions: some of `motor_log.CONDITIONS`, for all joints and rows; they override those of the log.
@@ -63,8 +62,8 @@ def load_log(
         progress: where to report to; by default warnings are Python warnings.
 
     Raises:
-        ConfigError: a period out of range, several gains without an order of the joints, or loads without a robot or
-            period, or for a log that has loads; joints that are none of the robot's, without ``as_joint``.
+        ConfigError: a period out of range, another number of gains, or loads without a robot or period, or for a log
+            that has loads; joints that are none of the robot's, without ``as_joint``.
         LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
         ArtifactError: a bad column map or robot.
     """
@@ -79,7 +78,7 @@ def load_log(
     on_grid = None if period is None or columns else reader.on_grid
     log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
     log = _of_robot(log, robot, tuple(as_joint), path)
-    log = _with_settings(log, kp, kd, firmware, conditions, robot, progress)
+    log = _with_settings(log, kp, kd, firmware, conditions, progress)
     if robot is not None and set(log.joint_names) <= set(robot.joint_names):
         classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
         log = replace(log, stated_classes=tuple(classes[name] for name in log.joint_names))
@@ -136,7 +135,6 @@ def _with_settings(
     kd: float | Sequence[float],
     firmware: Mapping[str, float] | None,
     conditions: Mapping[str, float] | None,
-    robot: Robot | None,
     progress: Progress,
 ) -> MotorLog:
     values: dict[str, Any] = {}
@@ -145,11 +143,6 @@ def _with_settings(
             problem = f"{name}: {given.size} gains for {log.num_joints} joints"
             raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
         if given.size > 1:
-            order = tuple(joint for joint in robot.joint_names if joint in log.joint_names) if robot else ()
-            if log.joint_names != order:
-                problem = f"{name}: several gains; the joints {', '.join(log.joint_names)} are not in a robot's order"
-                remedy = f"give them in the column map ([joints.{log.joint_names[0]}] {name} = …), or give the robot"
-                raise ConfigError(problem, where=log.source, argument=name, remedy=remedy)
             pairs = zip(log.joint_names, given.tolist(), strict=True)
             progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")
         if given.size:

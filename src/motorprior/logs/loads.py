@@ -28,8 +28,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog
-from motorprior.logs.validity import checked
+from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
 LOADS = ("load_inertia", "external_torque", "load_stiffness")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -11,8 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.column_map import TURN, ColumnMap, Conversion, MappedJoint
-from motorprior.logs.motor_log import POSTURES, MotorLog
-from motorprior.logs.validity import CORRECT, bad_value, checked, require_finite
+from motorprior.logs.motor_log import CORRECT, POSTURES, MotorLog, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
@@ -60,13 +60,10 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     """
     joints = _in_order(columns, robot, path)
     wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
-    names = [
-        *filter(None, (columns.time, columns.segment)),
-        *columns.base_orientation,
-        *(name for names in wanted.values() for name in names),
-    ]
+    names = [*filter(None, (columns.time, columns.segment)), *columns.base_orientation, *chain(*wanted.values())]
     table, origin = source(path, list(dict.fromkeys(names)), columns), str(path)
-    if columns.time and (duplicate := _duplicate_rows(table)).any():
+    same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
+    if columns.time and (duplicate := np.append(False, same)).any():
         table = {name: values[~duplicate] for name, values in table.items()}
         origin = f"{path} (duplicate rows left out: {duplicate.sum()})"
     shape = len(next(iter(table.values()))), len(joints)
@@ -89,7 +86,7 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         if channel == "joint_pos" and wraps.any():  # in the turn of the command
             turns = np.rint(np.median(values["position_target"] - values[channel], axis=0) / TURN)
             values[channel][:, wraps] += TURN * turns[wraps]
-    values |= {name: np.broadcast_to(gains, shape) for name, gains in columns.gains(joints).items()}
+    values |= {name: np.broadcast_to(given, shape) for name, given in columns.gains(joints).items()}
     values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
     if columns.base_orientation:
         values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)
@@ -107,12 +104,6 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
     )  # fmt: skip
     return checked(log)
-
-
-def _duplicate_rows(table: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Mask (T,) of rows that equal the row before in all columns, the time included."""
-    same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
-    return np.concatenate([[False], same])
 
 
 def robot_of_joints(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:

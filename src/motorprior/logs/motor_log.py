@@ -1,14 +1,18 @@
-"""`MotorLog`: commands and measured motion of motors, in SI units."""
+"""`MotorLog`: commands and measured motion of motors, in SI units; its checks, and common errors of logs."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from motorprior.bounds import first_not_finite, is_number
+from motorprior.exceptions import LogError, listed, quoted
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.signals import rms
 from motorprior.texts import Described, Summary
@@ -33,13 +37,14 @@ BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# Firmware registers and their bounds: speed [rad/s] and acceleration [rad/s²] of the profile, dead zone [rad]; 0 is off
-FIRMWARE = {"profile_speed": (1e-3, 1e6), "profile_acceleration": (1e-3, 1e9), "dead_zone": (1e-6, 1.0)}
-# Operating conditions and their bounds
-CONDITIONS = {"supply_voltage": (0.1, 2000.0), "motor_temperature": (-60.0, 300.0)}
-_GAINS = {"kp": "N·m/rad", "kd": "N·m·s/rad"}
-_REGISTERS = {"profile_speed": "rad/s", "profile_acceleration": "rad/s²", "dead_zone": "rad"}
-CONDITION_UNITS = {"supply_voltage": "V", "motor_temperature": "°C"}
+# Firmware registers, of the profile and the dead zone, and operating conditions: lowest and highest value, unit; a
+# register of 0 is off
+FIRMWARE = {
+    "profile_speed": (1e-3, 1e6, "rad/s"),
+    "profile_acceleration": (1e-3, 1e9, "rad/s²"),
+    "dead_zone": (1e-6, 1.0, "rad"),
+}
+CONDITIONS = {"supply_voltage": (0.1, 2000.0, "V"), "motor_temperature": (-60.0, 300.0, "°C")}
 POSTURES = ("standing", "suspended", "fixed", "fallen")  # the channel `posture` holds indices of this tuple
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
@@ -51,7 +56,7 @@ SIGN_CONVENTION = (
 class MotorLog(Described):
     """One or more contiguous recordings (segments) of T rows and J joints.
 
-    Construction does not check; `validity.checked` does. A row holds the measurements at its time and the command in
+    Construction does not check; `checked` does. A row holds the measurements at its time and the command in
     force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models read gains, registers and
     conditions of a segment, or of the whole log, from `gains`, `firmware` and `conditions`.
     """
@@ -89,12 +94,11 @@ class MotorLog(Described):
 
     def overview(self) -> Summary:
         """For people: size, origin, channels, settings, and ranges of the joints."""
-        size = f"{self.num_rows} rows, {self.duration:.4g} s at {1.0 / self.period:.4g} Hz"
-        segments = len(self.segment_slices())
         optional = [name for name in channels(self) if name not in ("time", "position_target", "joint_pos", *CODES)]
         facts = {
-            "size": size + (f", {segments} segments" if segments > 1 else ""), "robot": self.robot,
-            "motor": self.motor, "source": self.source[-100:],
+            "size": f"{self.num_rows} rows in {len(self.segment_slices())} segments, {self.duration:.4g} s at "
+            f"{1.0 / self.period:.4g} Hz",
+            "robot": self.robot, "motor": self.motor, "source": self.source[-100:],
             "channels besides command and angle": ", ".join(optional) or "none",
             "loads": "known" if self.load_inertia is not None else "unknown; mp.load_log computes them from a model",
             "settings": settings_text(self),
@@ -218,21 +222,13 @@ def motion_digest(log: MotorLog) -> str:
     return whole.hexdigest()
 
 
-def column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
-    """Display name of a column, e.g. ``joint_pos/FR_hip``."""
-    if channel in JOINT_SERIES:
-        return f"{channel}/{joint_names[column]}"
-    return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel
-
-
 def settings_text(log: MotorLog) -> str:
     """Gains, registers and conditions with units, and postures, separated by semicolons; empty without any."""
     parts = gain_texts(log)
-    for name, unit in _REGISTERS.items():
-        if name in log.firmware:
-            parts.append(f"{name} {log.firmware[name]:.4g} {unit}" if log.firmware[name] else f"{name} off")
+    for name, value in log.firmware.items():
+        parts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
     for name, values in channels(log).items():
-        if name in CONDITION_UNITS:
+        if name in CONDITIONS:
             parts.append(f"{name} {range_text(name, values.min(), values.max())}")
     if log.posture is not None:
         parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
@@ -240,19 +236,155 @@ def settings_text(log: MotorLog) -> str:
 
 
 def gain_texts(log: MotorLog) -> list[str]:
-    """Each logged gain with its unit; of more than three different values, the range."""
+    """Each logged gain with its unit."""
     texts = []
-    for name, unit in _GAINS.items():
+    for name, unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
         if (gains := getattr(log, f"stated_{name}")) is not None:
-            values = np.unique(gains).tolist()
-            text = ", ".join(f"{value:.4g}" for value in values)
-            if len(values) > 3:
-                text = f"{values[0]:.4g} to {values[-1]:.4g}"
-            texts.append(f"{name} {text} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
+            values = listed([f"{value:.4g}" for value in np.unique(gains).tolist()], 3)
+            texts.append(f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
     return texts
 
 
 def range_text(condition: str, low: float, high: float) -> str:
     """For example "9.6 to 12 V", or "12 V" if both are equal."""
-    one, other = f"{low:.3g}", f"{high:.3g}"
-    return f"{one if one == other else f'{one} to {other}'} {CONDITION_UNITS[condition]}"
+    return f"{' to '.join(dict.fromkeys((f'{low:.3g}', f'{high:.3g}')))} {CONDITIONS[condition][2]}"
+
+
+CORRECT = "correct the column map, or the file"
+COPY_AGAIN = "copy or record it again"
+NUMBER = "a finite number"
+Where: TypeAlias = str | Path | None
+_TINY = float(np.nextafter(0.0, 1.0))
+_BOUNDS = {  # lowest and highest value, and what it is
+    "load_inertia": (_TINY, np.inf, "a positive inertia [kg·m²]"),
+    "stated_kp": (_TINY, np.inf, "a positive gain"),
+    "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
+    "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
+    **{name: (low, high, f"from {low:g} to {high:g} {unit}") for name, (low, high, unit) in CONDITIONS.items()},
+}
+
+
+def checked(log: MotorLog, where: Where = None) -> MotorLog:
+    """Return the log with float64 arrays and sorted firmware registers, or raise.
+
+    Args:
+        log: channels may be any array-like; rows count from 0.
+        where: file to name in the error, by default the log's source.
+
+    Raises:
+        LogError: wrong shape, a value that is not finite or out of its bounds, time that does not increase within a
+            segment, a segment of fewer than 2 rows or in two places, gains that change within a segment, or an unknown
+            encoder, gain unit, posture or register; names row, column and value.
+    """
+    where = where or log.source
+    for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
+        if (value := getattr(log, name)) not in allowed:
+            raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
+    for name, value in log.firmware.items():
+        if name not in FIRMWARE:
+            raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
+        low, high, unit = FIRMWARE[name]
+        if value != 0 and not is_number(value, low, high):
+            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
+            raise LogError(problem, where=where, remedy=f"give it in {unit}, or leave it out")
+    log = replace(_as_arrays(log, where), firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)})
+    for name, value in channels(log).items():
+        table = value[:, None] if value.ndim == 1 else value
+        columns = [_column_name(name, index, log.joint_names) for index in range(table.shape[1])]
+        require_finite(table, columns, where)
+        low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))
+        if np.any(outside := (table < low) | (table > high)):
+            row, column = np.argwhere(outside)[0].tolist()
+            raise bad_value(row, columns[column], table[row, column], expected, where)
+    _check_segments(log, where)
+    return log
+
+
+def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
+    if log.num_joints < 1 or len(set(log.joint_names)) != log.num_joints:
+        problem = f"joint names {list(log.joint_names)} are empty or repeat"
+        raise LogError(problem, where=where, remedy="give every joint its own name")
+    arrays: dict[str, Any] = {}
+    rows = np.size(log.time)
+    shapes = {"time": (rows,), **dict.fromkeys(CODES, (rows,)), "base_orientation": (rows, len(BASE_AXES))}
+    for name, shape in (dict.fromkeys(JOINT_SERIES, (rows, log.num_joints)) | shapes).items():
+        kind, words = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
+        if (value := getattr(log, name)) is None:
+            continue
+        try:
+            arrays[name] = np.asarray(value).astype(kind, casting="same_kind", copy=False)
+        except (ValueError, TypeError) as error:
+            problem = f"{name} is not an array of {words} ({error})"
+            raise LogError(problem, where=where, remedy=f"give {words} in every row") from error
+        if (found := arrays[name].shape) != shape:
+            problem = f"{name} has shape {found}, expected {shape} ({rows} rows, {log.num_joints} joints)"
+            raise LogError(problem, where=where, remedy="give one row per time and one column per joint name")
+    return replace(log, joint_names=tuple(log.joint_names), **arrays)
+
+
+def _check_segments(log: MotorLog, where: Where) -> None:
+    """Rows, times and gains within segments."""
+    if log.stated_kp is None and log.stated_kd is not None:
+        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
+    seen: set[int] = set()
+    for part in log.segment_slices():
+        index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
+        if part.stop - part.start < 2:
+            problem = f"segment {index} has {part.stop - part.start} rows, at least 2 are needed"
+            raise LogError(problem, where=where, remedy="record longer, or drop the segment")
+        if index in seen:
+            problem = f"row {part.start}: segment {index} starts again after it ended"
+            raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
+        seen.add(index)
+        require_increasing(log.time[part], where, part.start)
+        for name in ("stated_kp", "stated_kd"):
+            gains = getattr(log, name)
+            if gains is not None and np.any(changed := gains[part] != gains[part.start]):
+                row, column = np.argwhere(changed)[0].tolist()
+                name = _column_name(name, column, log.joint_names)
+                problem = f"row {part.start + row}, {name} changes within a segment"
+                raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
+
+
+def _column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
+    """Display name of a column, e.g. ``joint_pos/FR_hip``."""
+    if channel in JOINT_SERIES:
+        return f"{channel}/{joint_names[column]}"
+    return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel
+
+
+def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = "") -> LogError:
+    """The error for one cell, as "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
+    text = quoted(value.item() if isinstance(value, np.generic) else value)
+    problem = f"row {row}, {column[:120]} is {text}, not {expected}"
+    return LogError(problem, where=where, remedy=remedy or "correct or remove the row, or leave the channel out")
+
+
+def missing_column(kind: str, name: str, known: Iterable[str], where: Where, remedy: str = CORRECT) -> LogError:
+    """The error for a missing column, tensor or topic; it lists the first eight that exist."""
+    have = listed([quoted(each) for each in known], 8) or "none"
+    return LogError(f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy)
+
+
+def unreadable(path: Path, error: Exception) -> LogError:
+    """A library's error in one line."""
+    reason = (str(error) or type(error).__name__).splitlines()[0][:300]
+    return LogError(f"truncated or damaged file ({reason})", where=path, remedy=COPY_AGAIN)
+
+
+def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None:
+    """Raise LogError, with row, column and value, unless values (T, N) are finite."""
+    if (place := first_not_finite(values)) is not None:
+        row, column = place
+        raise bad_value(row, columns[column], values[row, column], NUMBER, where)
+
+
+def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> None:
+    """Raise LogError, with the row counted from ``first_row`` and both values, unless times (T,) [s] increase."""
+    stuck = np.diff(time) <= 0.0
+    if stuck.any():
+        row = 1 + int(np.argmax(stuck))
+        before, now = float(time[row - 1]), float(time[row])
+        problem = f"row {first_row + row}, time {'repeats' if before == now else 'runs backwards'}"
+        remedy = "sort the rows and drop duplicates, or begin a segment where the clock restarted"
+        raise LogError(f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy)

@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError, listed
-from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, other_firmware, time_steps
-from motorprior.logs.validity import checked
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware, time_steps
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MAX_SMOOTHING = 0.5  # of commands [rad]

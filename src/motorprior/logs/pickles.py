@@ -17,7 +17,7 @@ import numpy as np
 
 from motorprior.artifacts import require_size
 from motorprior.exceptions import LogError
-from motorprior.logs.tables import unreadable
+from motorprior.logs.motor_log import unreadable
 
 
 class _NumberType:

@@ -14,7 +14,7 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation import log_tables
+from motorprior.identification.evaluation import errors as log_errors
 from motorprior.identification.evaluation.free_runs import read_traces
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
@@ -33,7 +33,7 @@ def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table
 
 def real_motors(folder: Path) -> Section:
     """Models of the motors in real logs, from the files of the quick report."""
-    return _models_of_logs(folder, "Your motors", log_tables.WHOLE_RUN_RMSE)
+    return _models_of_logs(folder, "Your motors", log_errors.WHOLE_RUN_RMSE)
 
 
 def validated_log(folder: Path) -> Section:
@@ -51,13 +51,13 @@ def samples(prior: MotorPrior) -> Section:
 
 def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     results, (traces, lines) = read_results(folder), read_traces(folder)
-    tables = [Table(*log_tables.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
-    if constants := log_tables.constants_in(results):
-        tables.append(Table(*log_tables.constant_table(constants), "Constants of your motors, over joints."))
+    tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    if constants := log_errors.constants_in(results):
+        tables.append(Table(*log_errors.constant_table(constants), "Constants of your motors, over joints."))
     for row in results.where(quantity="whole_run_coverage90"):
         lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
-        picture(plots.errors_by_joint(log_tables.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(plots.errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
         picture(plots.draw_traces(traces), "The joints with the median and maximum error."),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."

@@ -13,8 +13,7 @@ from motorprior.bench.learned_excitation import excitation_of
 from motorprior.bounds import generator_of, require_finite
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.validity import checked
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.motors import MotorSource, simulated_motors

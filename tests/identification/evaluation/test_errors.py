@@ -11,9 +11,16 @@ from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.evaluation.errors import MAX_ERROR, LogErrors, capped, log_warnings, replay_errors
+from motorprior.identification.evaluation.errors import (
+    MAX_ERROR,
+    LogErrors,
+    capped,
+    error_results,
+    error_table,
+    log_warnings,
+    replay_errors,
+)
 from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, free_run_errors, free_runs
-from motorprior.identification.evaluation.log_tables import error_results, error_table
 from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog

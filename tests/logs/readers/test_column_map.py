@@ -2,8 +2,6 @@
 
 import gzip
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -109,14 +107,6 @@ def test_what_a_channel_states_counts_before_what_its_joint_states(tmp_path: Pat
     np.testing.assert_allclose(log.joint_torque[:, 1], 1e-3 * COLUMNS["load_2"])
 
 
-def test_a_velocity_has_the_sign_of_its_angle(tmp_path: Path):
-    change = ('name = "pan"', 'name = "pan"\n[joints.1.joint_pos]\nsign = -1')
-    log = read_log(write(tmp_path / "log.csv"), columns=a_map(tmp_path, TICKS, change))
-    assert log.joint_vel is not None
-    np.testing.assert_allclose(log.position_target[:, 0], TICK * COLUMNS["goal_1"])
-    np.testing.assert_allclose(log.joint_vel[:, 0], -RPM * COLUMNS["vel_1"])
-
-
 def test_gains_of_the_map_hold_for_every_row(tmp_path: Path):
     gains = ('name = "pan"', 'name = "pan"\nkp = 32\nkd = 0'), ("sign = -1", "sign = -1\nkp = 16\nkd = 2")
     path = write(tmp_path / "log.csv")
@@ -152,23 +142,11 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
         read_log(path, PUPPER_V2, strange)
 
 
-def test_the_encoder_is_that_of_the_map_or_else_of_the_robot(tmp_path: Path):
-    path = write(tmp_path / "log.csv")
-    arms: list[Any] = [
-        SimpleNamespace(name="arm", joint_names=("pan", "lift"), encoder=each) for each in ("joint", "rotor")
-    ]
-    assert read_log(path, arms[0], a_map(tmp_path, TICKS)).encoder == "rotor"
-    silent = a_map(tmp_path, TICKS, ('encoder = "rotor"', ""))
-    assert [read_log(path, arm, silent).encoder for arm in (None, *arms)] == ["joint", "joint", "rotor"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
         ('motor = "servo"', "", "missing keys"),
-        ('time = "t"', 'time = "t"\nspeed = "v"', "speed"),
         ('time = "t"', "", "neither time"),
-        ('time = "t"', 'time = "t"\nposture = "lying"', "posture = 'lying' is not standing or suspended"),
         ("goal_{joint}", "goal", "lacks {joint}"),
         ("a = {}", "a = {sign = 2}", "sign = 2"),
         ("a = {}", 'a = {name = "b"}', "two joints are named 'b'"),

@@ -32,35 +32,23 @@ def content() -> dict[str, list]:
     return {"t": time[:, 0].tolist(), "IMU": imu.tolist(), "MotorAngle": angle.tolist(), "action": target.tolist()}
 
 
-VARIANTS = {
-    "lists": lambda values: values,
-    "arrays in lists": lambda values: list(np.array(values)),
-    "one array": np.array,
-    "rows of one": lambda values: [np.ravel(value) for value in values],
-}
-
-
-@pytest.mark.parametrize(("variant", "protocol"), list(zip(VARIANTS, (0, 2, 5, 5), strict=True)))
-def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, variant: str, protocol: int):
-    made = {key: VARIANTS[variant](value) for key, value in content().items()}
+@pytest.mark.parametrize(("container", "protocol"), [(list, 0), (np.array, 2)])
+def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, container, protocol: int):
+    made = {key: container(value) for key, value in content().items()}
     (tmp_path / "env_real_bf_log.txt").write_bytes(pickle.dumps(made, protocol))
     pickled = read_log(tmp_path / "env_real_bf_log.txt", PUPPER_V2)
-    for name, columns in (
-        ("position_target", slice(1, 13)),
-        ("joint_pos", slice(13, 25)),
-        ("base_orientation", slice(25, 27)),
-    ):
-        np.testing.assert_array_equal(getattr(pickled, name), TABLE[:, columns])
-    for name in ("env_real_bf_log.csv", "env_real_bf_log.csv.gz"):
-        for channel, value in channels(read_log(write_csv(tmp_path / name), PUPPER_V2)).items():
-            np.testing.assert_array_equal(value, getattr(pickled, channel))
+    np.testing.assert_array_equal(pickled.position_target, TABLE[:, 1:13])
+    np.testing.assert_array_equal(pickled.joint_pos, TABLE[:, 13:25])
+    np.testing.assert_array_equal(pickled.base_orientation, TABLE[:, 25:27])
+    table = read_log(write_csv(tmp_path / "env_real_bf_log.csv.gz"), PUPPER_V2)
+    for channel, value in channels(table).items():
+        np.testing.assert_array_equal(value, getattr(pickled, channel))
 
 
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
         (lambda c: c.pop("IMU"), "not lists t, action, MotorAngle, IMU"),
-        (lambda c: c["MotorAngle"][3].pop(), "not lists .* of equal rows"),
         (lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")), r"row 6, joint_pos/FR_hip \(column q_1\) is nan"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Errors of motor models on logs, and the warnings that follow from them.
+"""Errors of motor models on logs, the warnings that follow from them, and their tables.
 
 All models simulate the joints from recorded commands and loads, without feedback from the recorded motion. Errors are
 simulated minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
@@ -11,8 +11,9 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from motorprior.identification.training_data.windows import relative_conditions,
 from motorprior.logs.motor_log import MotorLog, range_text
 from motorprior.logs.operations import excited_joints, static_joints
 from motorprior.progress import Progress
+from motorprior.results import Result, Results
 from motorprior.signals import rms
 
 PRIOR, TUNED_PD = "prior", "tuned_pd"
@@ -37,6 +39,9 @@ MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lack
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
 _MAX_SEGMENTS = 20  # of a replay
+# quantities of the quick report: errors of free runs of whole segments and of 1 s, and the prefix of constants
+WHOLE_RUN_RMSE, FREE_RUN_RMSE, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
+UNIDENTIFIED = "unidentified"  # statistic of a constant that the logs do not identify; its value is the median of a fit
 
 
 def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndarray:
@@ -117,25 +122,23 @@ class LogErrors:
 
     def warnings(self, model: str) -> list[str]:
         """Warnings of simpler models with less error, and of joints where too much of the tuned PD's error remains."""
-        mean = {name: float(np.nanmean(values)) for name, values in self.models.items()}
+        mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
+        logs, remedy = ", ".join(self.logs), "try preset long_runs, another seed or longer logs"
         lines = [
-            f"warning: {name} replays {', '.join(self.logs)} better than {model}: {1e3 * mean[name]:.2f} instead of "
-            f"{1e3 * mean[model]:.2f} mrad -> do not use this model; try preset long_runs, another seed or longer logs"
+            f"warning: {name} replays {logs} better than {model}: {mean[name]:.2f} instead of {mean[model]:.2f} mrad "
+            f"-> do not use this model; {remedy}"
             for name in SIMPLER
             if mean.get(name, np.inf) < mean[model]
         ]
         share = self.unexplained(model)
-        large = np.flatnonzero(share > MAX_UNEXPLAINED)
-        if not large.size:
-            return lines
-        named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
-        return [
-            *lines,
-            f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
-            f"{', '.join(self.logs)}: {named}. The model lacks physics of these motors, they differ from the prior's, "
-            "or the fit did not converge -> do not interpret their constants; try preset long_runs, another seed or "
-            "longer logs",
-        ]
+        if (large := np.flatnonzero(share > MAX_UNEXPLAINED)).size:
+            named = listed([f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10)
+            lines.append(
+                f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on {logs}: {named}. "
+                "The model lacks physics of these motors, they differ from the prior's, or the fit did not converge -> "
+                f"do not interpret their constants; {remedy}"
+            )
+        return lines
 
 
 def evaluate_replay(
@@ -183,4 +186,66 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
                 f"{range_text(name, lowest, highest)}: its effect is {effect} -> check its unit, or identify with "
                 "logs of both"
             )
+    return found
+
+
+def error_results(
+    errors: LogErrors,
+    quantity: str,
+    statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MappingProxyType({None: np.nanmean}),
+) -> Results:
+    """Statistics of each model over all joints and logs; its means by joint and by log."""
+    rows = []
+    for model, values in errors.models.items():
+        for statistic, function in statistics.items():
+            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
+        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
+            rows += [
+                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
+                for name, row in zip(names, table, strict=True)
+                if np.isfinite(row).any()
+            ]
+    return Results.of(rows)
+
+
+def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
+    """Model -> joint -> RMSE [rad]."""
+    errors: dict[str, dict[str, float]] = {}
+    for row in results.where(quantity=quantity, log=None):
+        if row.model is not None and row.part is not None:
+            errors.setdefault(row.model, {})[row.part] = row.value
+    return errors
+
+
+def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
+    """Columns and a row per model: median, mean and maximum over joints [mrad], with the joint of the maximum.
+
+    Args:
+        results: a row per model and joint.
+        quantities: title of each quantity.
+    """
+    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
+    rows: dict[str, list[str]] = {}
+    for quantity in quantities:
+        for model, errors in errors_by_joint(results, quantity).items():
+            rows.setdefault(model, [model]).extend(summary(errors))
+    return ["model", *columns], list(rows.values())
+
+
+def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:
+    """Columns and a row per constant with its minimum, median and maximum over motors, or "not identifiable"."""
+    rows = []
+    for name, values in constants.items():
+        cells = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])] if len(values) else []
+        rows.append([name, *(cells or ("", "not identifiable", ""))])
+    return ["constant", "minimum", "median", "maximum"], rows
+
+
+def constants_in(results: Results) -> dict[str, list[float]]:
+    """Constants of a quick report, by name and unit: a value per motor, or none if the logs do not identify it."""
+    found: dict[str, list[float]] = {}
+    for row in results:
+        if row.quantity.startswith(CONSTANT) and row.quantity not in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
+            name = row.quantity.removeprefix(CONSTANT).replace("_", " ") + f" [{row.unit}]"
+            found.setdefault(name, []).extend([] if row.statistic == UNIDENTIFIED else [row.value])
     return found

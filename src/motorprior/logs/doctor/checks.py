@@ -9,14 +9,10 @@ import numpy as np
 
 from motorprior.logs.doctor import readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
-from motorprior.logs.validity import checked
 from motorprior.robots.robot import Robot
 
-# The checks of jumps and motion need a correct clock and correct units; those of motion need angles without jumps.
-READINGS = (readings.rate, readings.gaps, readings.repeats, readings.speeds, readings.ranges)
-MOTION = (response.excitation, response.dead, response.copied, response.velocity)
 PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)  # where a joint's command travels farthest
 
 
@@ -24,22 +20,24 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     """Check a log.
 
     Args:
-        log: it must pass `validity.checked`, else LogError is raised.
+        log: it must pass `checked`, else LogError is raised.
         robot: of the log; gives limits of the joints, and gravity if its base was suspended or is fixed.
 
     Returns:
         The findings, errors first.
     """
-    log = checked(log)
-    findings = [*readings.angles(log, robot), *(finding for check in READINGS for finding in check(log))]
-    if LogReport(tuple(findings)).usable:
-        findings += readings.jumps(log)
-    if LogReport(tuple(findings)).usable:
-        findings += [finding for check in (*MOTION, _each_joint) for finding in check(log)]
-    if LogReport(tuple(findings)).usable and robot is not None:
-        findings += signs.gravity_signs(log, robot)
+    log, found = checked(log), []
+    stages = (  # jumps need a correct clock and correct units, checks of motion need angles without jumps
+        (readings.angles(log, robot), *(check(log) for check in readings.CHECKS)),
+        (readings.jumps(log),),
+        (*(check(log) for check in response.CHECKS), _each_joint(log)),
+        (signs.gravity_signs(log, robot),) if robot else (),
+    )
+    for checks in stages:
+        if LogReport(tuple(found)).usable:
+            found += [finding for check in checks for finding in check]
     order = ("error", "warning", "info")
-    return LogReport(tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
+    return LogReport(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
 
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:

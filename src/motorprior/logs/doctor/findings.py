@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -24,12 +23,11 @@ class Finding:
 
 
 def grouped(findings: Sequence[Finding]) -> list[Finding]:
-    """One finding for each kind: that of the largest value, with the other joints of the same kind in its message."""
-    kinds: dict[tuple[str, str, str], list[Finding]] = {}
+    """One finding for each kind and remedy: that of the largest value, with the other joints in its message."""
+    kinds: dict[tuple[str, ...], list[Finding]] = {}
     for each in findings:
-        named = re.sub(rf"(?<!\w){re.escape(each.joint or chr(0))}(?!\w)", "J", each.message, count=1)
-        words = re.sub(r"[-+]?[\d.]+(e[-+]\d+)?", "#", named)
-        kinds.setdefault((each.severity, each.check, words if each.joint else each.message), []).append(each)
+        kind = each.message.partition(each.joint)[0] + each.remedy if each.joint else each.message
+        kinds.setdefault((each.severity, each.check, kind), []).append(each)
     found = []
     for same in kinds.values():
         worst = max(same, key=lambda each: abs(each.value))

@@ -19,15 +19,12 @@ TURN = 2.0 * np.pi
 MAX_TURNS = 4.0  # of a joint without known limits
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
 FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
+WRAPS = "by a turn"
 LEFT_OUT = "check the bus; mp.load_log and `motorprior logs import` leave these rows out"
-_DEGREES = f'convert them in the file, or state their unit {IN_MAP}: angle = "deg", "turn" or "tick"'
-_UNWRAP = (
-    f"state wraps = true for the joint {IN_MAP}; or unwrap angle and command in the file by numpy.unwrap(column, "
-    "period=one turn in the column's unit: 4096 for such ticks, 360 for degrees, 2π for rad)"
-)
+_UNITS = f'convert them in the file, or state their unit {IN_MAP}: angle = "deg", "turn" or "tick"'
 REMEDIES = {
-    "by a turn": _UNWRAP,
-    "by a turn that the angle does not make": _UNWRAP,
+    WRAPS: f"state wraps = true for the joint {IN_MAP}; or unwrap angle and command in the file by "
+    "numpy.unwrap(column, period=one turn in the column's unit: 4096 for such ticks, 360 for degrees, 2π for rad)",
     FAILED: f"{LEFT_OUT}; or delete these rows from the file",
     STAYS: f"check bus, power and homing; delete the wrong rows, or begin a segment there {IN_MAP} by segment",
 }
@@ -48,8 +45,7 @@ def rate(log: MotorLog) -> Iterator[Finding]:
     yield Finding("info", "rate", hertz, message)
     if jitter > MAX_JITTER:
         row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
-        remedy = "import with a period, which resamples the log; if these are times of arrival, record the robot's "
-        remedy += f"time, or replace the time by rate = … {IN_MAP}"
+        remedy = f"import with a period; if these are times of arrival, record the robot's or state rate = … {IN_MAP}"
         yield Finding("warning", "jitter", jitter, f"{message}, more than {MAX_JITTER}", remedy, row=row)
 
 
@@ -164,7 +160,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         steps[part.start] = command_steps[part.start] = 0.0
     if np.ptp(angle) <= 0.5 * TURN:
         for row in np.flatnonzero(np.abs(np.abs(command_steps) - TURN) < 0.3).tolist():
-            yield "position_target", "by a turn that the angle does not make", row
+            yield "position_target", WRAPS, row
     rows = np.flatnonzero(steps)
     steps = steps[rows]
     moves = np.pad(steps - TURN * np.rint(steps / TURN), 1)
@@ -186,7 +182,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         if row < back or {row, row - 1} & spikes:
             continue
         if abs(size - TURN) <= bound:
-            yield "joint_pos", "by a turn", row
+            yield "joint_pos", WRAPS, row
         elif np.abs(command_steps[max(1, row - lag + 1) : row + 1]).max(initial=0.0) >= 0.5 * size:
             continue  # the command stepped, too
         elif near.any():
@@ -214,25 +210,22 @@ def _spikes(angle: np.ndarray, parts: Sequence[slice], least: float) -> Iterator
 def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
     """Angles outside the limits of the robot, or beyond one turn (warning) or four turns (error) without limits."""
     limits = np.full((log.num_joints, 2), np.nan) if robot is None else robot.limits_of(log.joint_names)
-    if robot is not None and np.isnan(limits).any():
-        unknown = [joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()]
-        message = f"the robot has no limits for {', '.join(unknown)}"
+    unknown = [joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()]
+    if robot is not None and unknown:
         remedy = f"rename the joints in the file, or {IN_MAP} by name; or give the robot that was recorded"
-        yield Finding("info", "limits", len(unknown), message, remedy)
+        yield Finding("info", "limits", len(unknown), f"the robot has no limits for {', '.join(unknown)}", remedy)
     for channel in ("position_target", "joint_pos"):
         for joint, angle, (low, high) in zip(log.joint_names, getattr(log, channel).T, limits, strict=True):
             row, reach = int(np.argmax(np.abs(angle))), float(np.nanmax(np.abs([0.0, low, high])))
-            size, message = abs(float(angle[row])), f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}"
+            size, moved = abs(float(angle[row])), float(np.ptp(angle))
+            message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, it moves over {moved:.4g} rad"
             if size > max(MAX_TURNS * TURN, reach):
-                message += f", beyond {max(MAX_TURNS, reach / TURN):.3g} turns"
-                remedy = f"if it is one row, delete it; else {_DEGREES}; or give the robot, if its limits are so wide"
+                message += f"; beyond {max(MAX_TURNS, reach / TURN):.3g} turns"
+                remedy = f"if it is one row, delete it; else {_UNITS}; or give the robot, if its limits are so wide"
                 yield Finding("error", "units", size, message, remedy, joint, row)
-            elif size > max(TURN, reach) or np.ptp(angle) > np.nanmax([TURN, high - low]):
-                message += f"; it moves over {np.ptp(angle):.4g} rad: more than one turn"
-                remedy = (
-                    f"if these are not rad, {_DEGREES}; if the encoder wrapped, state wraps = true for it in the map"
-                )
-                yield Finding("warning", "units", size, message, remedy, joint, row)
+            elif size > max(TURN, reach) or moved > np.nanmax([TURN, high - low]):
+                remedy = f"if these are not rad, {_UNITS}; if the encoder wrapped, state wraps = true for it in the map"
+                yield Finding("warning", "units", size, f"{message}: more than one turn", remedy, joint, row)
             row = int(np.argmax(np.maximum(low - angle, angle - high)))
             if angle[row] < low or angle[row] > high:
                 message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, outside {low:.4g} to {high:.4g} rad"
@@ -247,33 +240,31 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
     """
     width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
     rows = np.arange(0, log.num_rows, width)
-    lengths = np.maximum(np.diff(log.time[rows]), width * log.period)
+    velocity = np.diff(log.joint_pos[rows], axis=0)
+    velocity /= np.maximum(np.diff(log.time[rows]), width * log.period)[:, None]
+    lasting = np.minimum(*np.abs([velocity[1:], velocity[:-1]])) * (velocity[1:] * velocity[:-1] > 0.0)
     for column, joint in enumerate(log.joint_names):
-        speed = np.diff(log.joint_pos[rows, column]) / lengths
-        lasting = np.where(speed[1:] * speed[:-1] > 0.0, np.minimum(*np.abs([speed[1:], speed[:-1]])), 0.0)
-        places = rows[np.flatnonzero(lasting > MAX_SPEED)]
+        places = rows[np.flatnonzero(lasting[:, column] > MAX_SPEED)]
         if len(places) > 5:
-            message = f"joint_pos/{joint} moves at up to {lasting.max():.4g} rad/s, faster than {MAX_SPEED:g} rad/s"
-            yield Finding("error", "units", float(lasting.max()), message, _DEGREES, joint, int(places[0]))
-        if log.joint_vel is None:
-            continue
-        speed, spikes = np.abs(log.joint_vel[:, column]), velocity_spikes(log.joint_vel[:, [column]])[:, 0]
+            fastest = float(lasting[:, column].max())
+            message = f"joint_pos/{joint} moves at up to {fastest:.4g} rad/s, faster than {MAX_SPEED:g} rad/s"
+            yield Finding("error", "units", fastest, message, _UNITS, joint, int(places[0]))
+    if log.joint_vel is None:
+        return
+    failed = velocity_spikes(log.joint_vel)
+    for joint, spikes, speed in zip(log.joint_names, failed.T, np.abs(log.joint_vel).T, strict=True):
         if spikes.any():
-            message = (
-                f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s (read "
-            )
-            message += f"failed), first in row {spikes.argmax()}"
+            message = f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s"
             remedy = f"{LEFT_OUT}; or leave joint_vel out"
             yield Finding("warning", "failed_reads", float(spikes.sum()), message, remedy, joint, int(spikes.argmax()))
-        speed = np.where(spikes, 0.0, speed)
-        if speed.max() > MAX_SPEED:
-            fast, row = float(np.mean(speed > MAX_SPEED)), int(np.argmax(speed > MAX_SPEED))
-            message = f"joint_vel/{joint} is up to {speed.max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
-            message += f"{100 * fast:.2g} % of the rows, first in row {row}"
+        fast = (speed > MAX_SPEED) & ~spikes
+        if fast.any():
+            message = f"joint_vel/{joint} is up to {speed[fast].max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
+            message += f"{100 * fast.mean():.2g} % of the rows"
             remedy = f'convert it in the file, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
+            severity = "error" if fast.mean() > 0.02 else "warning"  # failed reads are rare
             remedy += "; or leave joint_vel out"
-            severity = "error" if fast > 0.02 else "warning"  # failed reads are rare
-            yield Finding(severity, "units", float(speed.max()), message, remedy, joint, row)
+            yield Finding(severity, "units", float(speed[fast].max()), message, remedy, joint, int(fast.argmax()))
 
 
 def ranges(log: MotorLog) -> Iterator[Finding]:
@@ -282,3 +273,6 @@ def ranges(log: MotorLog) -> Iterator[Finding]:
     spans = [f"{joint} {a:.4g}..{b:.4g}" for joint, a, b in zip(log.joint_names, low, high, strict=True)]
     yield Finding("info", "angles", max(map(abs, low + high)), f"angles in degrees: {', '.join(spans)}")
     yield Finding("info", "settings", 0.0, f"the log states {settings_text(log) or 'no gain, register or posture'}")
+
+
+CHECKS = (rate, gaps, repeats, speeds, ranges)

@@ -19,7 +19,7 @@ from motorprior.signals import runs_of_true
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
 TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
-OFFSETS = (0.1, 1.2)  # of an angle from its command that are a fact, and a warning [rad]; loads deflect servos less
+MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos less
 SURE = 0.8  # correlation above which sign and order of a joint are certain
 RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
 MIN_REVERSALS = 4
@@ -53,25 +53,24 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
         yield Finding("error", "excitation", 0.0, "no joint is excited", "record commands that move")
     for column, joint in enumerate(log.joint_names):
         command, angle = log.position_target[:, column], log.joint_pos[:, column]
-        ratio = float(np.std(angle) / max(np.std(command), 1e-12))
+        std = float(np.std(command))
         if column not in excited:
-            message = f"{joint} is not excited: standard deviation of its command {1e3 * np.std(command):.3f} mrad"
-            yield Finding("info", "excitation", float(np.std(command)), message, joint=joint)
+            message = f"{joint} is not excited: standard deviation of its command {1e3 * std:.3f} mrad"
+            yield Finding("info", "excitation", std, message, joint=joint)
             continue
-        if not RATIOS[0] <= ratio <= RATIOS[1]:
+        if not RATIOS[0] <= (ratio := float(np.std(angle)) / std) <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
             remedy = "check power, homing, joint order and units; if command and angle have different units, state one "
             remedy += f'{IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
             yield Finding("warning", "excitation", ratio, message, remedy, joint)
-        count = sum(reversals(angle[part], 0.05 * float(np.ptp(angle))) for part in log.segment_slices())
-        if count < MIN_REVERSALS:
+        if (count := sum(reversals(angle[part]) for part in log.segment_slices())) < MIN_REVERSALS:
             message = f"{joint}: {count} reversals, fewer than {MIN_REVERSALS}: friction and backlash need reversals"
             yield Finding("warning", "reversals", count, message, "record motions back and forth", joint)
 
 
-def reversals(angle: np.ndarray, threshold: float) -> int:
-    """Number of reversals of an angle (T,) that exceed ``threshold`` [rad]."""
-    count, direction, extreme = -1, 0.0, float(angle[0])
+def reversals(angle: np.ndarray) -> int:
+    """Number of reversals of an angle (T,) that exceed 5 % of its range."""
+    count, direction, extreme, threshold = -1, 0.0, float(angle[0]), 0.05 * float(np.ptp(angle))
     for value in angle[:: max(1, len(angle) // 200_000)].tolist():
         if direction and direction * (value - extreme) >= 0.0:
             extreme = value
@@ -81,33 +80,23 @@ def reversals(angle: np.ndarray, threshold: float) -> int:
 
 
 def dead(log: MotorLog) -> Iterator[Finding]:
-    """Channels that do not change for 0.5 s while the command moves by half of its range and 0.1 rad.
+    """Angles that rest for 0.5 s, away from end stops, while the command moves by half of its range and 0.1 rad.
 
-    The last 0.25 s do not count, as a servo responds late. A velocity is dead only while the angle moves. An angle or a
-    torque at its extreme is saturated.
+    The last 0.25 s do not count, as a servo responds late.
     """
     for column in excited_joints(log):
         joint, command, angle = log.joint_names[column], log.position_target[:, column], log.joint_pos[:, column]
-        for channel in ("joint_pos", "joint_vel", "joint_torque"):
-            if (values := getattr(log, channel)) is None:
-                continue
-            values = values[:, column]
-            changed = np.diff(values, prepend=np.nan) != 0.0
-            changed[[part.start for part in log.segment_slices()]] = True
-            starts = np.flatnonzero(changed)
-            lasts = np.append(starts[1:], log.num_rows) - 1
-            times = log.time[lasts] - log.time[starts]
-            for place in np.flatnonzero(times >= 0.5).tolist():
-                row, last = int(starts[place]), int(lasts[place])
-                moved = np.ptp(command[row : max(row + 1, last + 1 - round(MAX_LAG / log.period))])
-                extreme = values[row] in (values.min(), values.max()) and np.ptp(values) > 0.0
-                moving = np.ptp(angle[row : last + 1]) > 0.05 * np.ptp(angle)
-                if moved > max(0.1, 0.5 * np.ptp(command)) and (moving if channel == "joint_vel" else not extreme):
-                    message = f"{channel}/{joint} does not change for {times[place]:.2f} s from row {row} while its "
-                    message += f"command moves by {moved:.2g} rad"
-                    remedy = "check sensor, power and bus; record again, or delete these rows or the channel"
-                    yield Finding("warning", "dead", float(times[place]), message, remedy, joint, row)
-                    break
+        still = np.diff(angle, prepend=np.nan) == 0.0
+        still[[part.start for part in log.segment_slices()]] = False
+        for after, end in runs_of_true(still).tolist():
+            row, seconds = after - 1, float(log.time[end - 1] - log.time[after - 1])
+            moved = np.ptp(command[row : max(row + 1, end - round(MAX_LAG / log.period))])
+            at_stop = angle[row] in (angle.min(), angle.max()) and np.ptp(angle) > 0.0
+            if seconds >= 0.5 and moved > max(0.1, 0.5 * np.ptp(command)) and not at_stop:
+                message = f"joint_pos/{joint} does not change for {seconds:.2f} s from row {row} while its command "
+                remedy = "check sensor, power and bus; record again, or delete these rows"
+                yield Finding("warning", "dead", seconds, f"{message}moves by {moved:.2g} rad", remedy, joint, row)
+                break
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
@@ -155,10 +144,10 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
     severity, value, message, remedy = "warning", seconds, described, ""
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
         severity, value, message = "error", opposes, f"{joint} {against}"
-        remedy = "compare sign and order of the joints, and the clocks of command and angle"
-        if -opposes > SURE:
-            remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
-            remedy += "[joints.….position_target]"
+        remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
+        remedy += "[joints.….position_target]"
+        if -opposes <= SURE:
+            remedy = "compare sign and order of the joints, and the clocks of command and angle"
     elif follows < MIN_CORRELATION:
         value, message = follows, f"{described}, below {MIN_CORRELATION}"
         remedy = "check power, joint order and clocks; or command more than the dead band of the servo"
@@ -166,8 +155,7 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
         message = f"{described}, or {against}"
         remedy = "record more than one frequency, or a step: the lag of one sine is ambiguous"
     elif ahead * period >= 0.015 and 1.0 - r[lead - ahead] <= 0.2 * (1.0 - r[lead]):
-        value, correlation = -ahead * period, r[lead - ahead]
-        message = f"{joint} moves {1e3 * ahead * period:.3g} ms before its command, correlation {correlation:.2f}"
+        value, message = -ahead * period, f"{joint} moves {1e3 * ahead * period:.3g} ms before its command"
         remedy = "command and measurement have different clocks, or are in different rows: put them on one clock"
     elif seconds > MAX_LAG and seconds * speed > 0.1:  # [rad]; less may be dead band and friction
         message, remedy = f"{described}, above {1e3 * MAX_LAG:g} ms", "check the clocks of command and measurement"
@@ -175,11 +163,10 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
         severity = "info"
     yield Finding(severity, "tracking", value, message, remedy, joint)
     offset = float(np.median(window.joint_pos - window.position_target))
-    if abs(offset) > OFFSETS[0] and follows >= MIN_CORRELATION:
-        message, far = f"{joint} is {offset:+.2f} rad off its command (median)", abs(offset) > OFFSETS[1]
+    if abs(offset) > MAX_OFFSET and follows >= MIN_CORRELATION:
+        message = f"{joint} is {offset:+.2f} rad off its command (median), more than {MAX_OFFSET}"
         remedy = f"if no load deflects it so far, correct the zero of command or angle in the file, or {IN_MAP}"
-        message += f", more than {OFFSETS[1]}" if far else ""
-        yield Finding("warning" if far else "info", "offset", offset, message, remedy if far else "", joint)
+        yield Finding("warning", "offset", offset, message, remedy, joint)
 
 
 def followed(rows: MotorLog, column: int, period: float) -> tuple[str, float]:
@@ -271,3 +258,6 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
         message += f", outside {VELOCITY_SLOPES[0]} to {VELOCITY_SLOPES[1]} (correlation {correlation:.2f})"
         wrong = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)  # sign, or deg/s, rpm
         yield Finding("error" if wrong else "warning", "velocity", slope, message, remedy, joint)
+
+
+CHECKS = (excitation, dead, copied, velocity)

@@ -28,7 +28,7 @@ def torque_sign(window: MotorLog) -> Iterator[Finding]:
         return
     torque, angle, joint = window.joint_torque[:, 0], window.joint_pos[:, 0], window.joint_names[0]
     low, high = np.percentile(np.abs(torque), [5, 95])
-    both_ways = reversals(angle, 0.05 * float(np.ptp(angle))) >= MIN_REVERSALS
+    both_ways = reversals(angle) >= MIN_REVERSALS
     if torque.min() * torque.max() >= 0.0 and low <= 0.1 * high and both_ways:
         message = f"joint_torque/{joint} never changes sign while the joint moves back and forth"
         remedy = f"it is the magnitude of a current: leave it out of the file, or {IN_MAP}"
@@ -83,21 +83,17 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     before, after = np.sqrt([given, best])
     if best > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
         return
-    causes = {
-        (" and ".join(log.joint_names[column] for column in each), how)
-        for each, how, found in ((joints, "reversed", square), (pair, "exchanged", others.get(pair, np.inf)))
+    explained = ((joints, "reversed", square), (pair, "exchanged", others.get(pair, np.inf)))
+    causes = [
+        (" and ".join(log.joint_names[column] for column in sorted(each)), how)
+        for each, how, found in explained
         if found <= best + 0.1 * (given - best)
-    }
-    text = ", or with ".join(f"{names} {how}" for names, how in sorted(causes))
+    ]
     message = f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
-    message += f" and {1e3 * after:.1f} mrad with {text}"
-    remedy = ""
-    if len(causes) == 1:
-        named = next(iter(causes))[0]
-        remedy = (
-            f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
-        )
-        remedy += f"{IN_MAP} by names, sign and zero, or in the model"
+    message += f" and {1e3 * after:.1f} mrad with " + ", or with ".join(" ".join(each) for each in causes)
+    named = ", or ".join(names for names, _ in causes)
+    remedy = f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
+    remedy += f"{IN_MAP} by names, sign and zero, or in the model"
     joint = log.joint_names[joints[0]] if len(joints) == len(causes) == 1 and square == best else None
     yield Finding("warning", "gravity", 1.0 - best / given, message, remedy, joint)
 

@@ -1,15 +1,14 @@
 """Files of named arrays, read by a column map: PyTorch (.pt), NumPy (.npz, .npy), MATLAB (.mat), pickles (.pkl).
 
-A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]`` or ``x_2``. Arrays in tables and lists have
-names with dots, such as ``run.0.joint_pos``; the last part is enough where it is the only such name. A list with a
-table of arrays per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
+A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Arrays in tables and lists have names with
+dots, such as ``run.0.joint_pos``; the last part is enough where it is the only such name. A list with a table of arrays
+per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
 """
 
 from __future__ import annotations
 
-import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +18,10 @@ from motorprior.artifacts import read_bytes, require_file, require_size
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
+from motorprior.logs.motor_log import CORRECT, missing_column, unreadable
 from motorprior.logs.pickles import load_pickle, torch_content
-from motorprior.logs.tables import element_of, unreadable
-from motorprior.logs.validity import CORRECT, missing_column
+from motorprior.logs.readers.table import element_of
 
-_ELEMENT = re.compile(r"(.+)_(\d{1,6})", re.ASCII)
 _MAX_PARTS = 100  # of a list that is no list of steps
 
 
@@ -32,10 +30,8 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     arrays, found = _arrays(path), {}
     for name in names:
         key, index = element_of(name)
-        values = _named(key, arrays)
-        if values is None and index is None and (element := _ELEMENT.fullmatch(name)):
-            key, index = element[1], int(element[2])
-            values = _named(key, arrays)
+        ends = [known for known in arrays if known.endswith(f".{key}")]
+        values = arrays.get(key, arrays[ends[0]] if len(ends) == 1 else None)
         if values is None:
             raise missing_column("array", key, arrays, path)
         table = values[:, None] if values.ndim == 1 else values
@@ -45,12 +41,6 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     if len(lengths := {name: len(column) for name, column in found.items()}) and len(set(lengths.values())) > 1:
         raise LogError(f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT)
     return found
-
-
-def _named(name: str, arrays: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """The array of this name, or the only one whose last part it is."""
-    ends = [known for known in arrays if known.endswith(f".{name}")]
-    return arrays.get(name, arrays[ends[0]] if len(ends) == 1 else None)
 
 
 def _unmapped(path: Path) -> str:
@@ -79,7 +69,7 @@ def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
     if isinstance(value, Mapping):
         for key, each in value.items():
             _collect(f"{name}.{key}".removeprefix("."), each, found)
-    elif _is_steps(value):
+    elif isinstance(value, list | tuple) and len(value) > 1 and _same_keys(value):
         for key in value[0]:
             _collect(f"{name}.{key}".removeprefix("."), [step[key] for step in value], found)
     elif isinstance(value, list | tuple | np.ndarray):
@@ -94,11 +84,8 @@ def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
                 _collect(f"{name}.{index}".removeprefix("."), each, found)
 
 
-def _is_steps(value: Any) -> bool:
-    """Whether this is a list of two or more tables with the same keys."""
-    if not isinstance(value, list | tuple) or len(value) < 2 or not isinstance(value[0], Mapping) or not value[0]:
-        return False
-    return all(isinstance(step, Mapping) and step.keys() == value[0].keys() for step in value)
+def _same_keys(tables: Sequence[Any]) -> bool:
+    return all(isinstance(each, Mapping) and each and each.keys() == tables[0].keys() for each in tables)
 
 
 def _numpy(path: Path) -> Any:
@@ -120,11 +107,8 @@ def _matlab(path: Path) -> Any:
     return {key: value for key, value in content.items() if not key.startswith("__")}
 
 
-def _pickle(path: Path) -> Any:
-    return load_pickle(read_bytes(path, LogError), where=path)
-
-
 _CONTENT = {
-    ".pt": torch_content, ".npz": _numpy, ".npy": _numpy, ".mat": _matlab, ".pkl": _pickle, ".pickle": _pickle,
+    ".pt": torch_content, ".npz": _numpy, ".npy": _numpy, ".mat": _matlab,
+    **dict.fromkeys((".pkl", ".pickle"), lambda path: load_pickle(read_bytes(path, LogError), where=path)),
 }  # fmt: skip
 READER = LogReader("arrays", tuple(_CONTENT), columns=array_columns, unmapped=_unmapped)

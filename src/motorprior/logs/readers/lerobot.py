@@ -21,7 +21,7 @@ from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import SCALES, ColumnMap, Conversion, MappedJoint
 from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.tables import table_columns
+from motorprior.logs.readers.table import table_columns
 from motorprior.robots.robot import Robot
 
 INFO = Path("meta") / "info.json"

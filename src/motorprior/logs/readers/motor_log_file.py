@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import atomic_path, parse_json
-from motorprior.bounds import TABLE, TEXT, Field, exactly, many
+from motorprior.bounds import TABLE, TEXT, Field, exactly, many, one_of
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
-from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog
-from motorprior.logs.tables import parquet_table
-from motorprior.logs.validity import checked, missing_column
+from motorprior.logs.motor_log import BASE_AXES, CODES, JOINT_SERIES, SIGN_CONVENTION, MotorLog, checked, missing_column
+from motorprior.logs.readers.table import parquet_table
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
@@ -35,14 +34,10 @@ _HEADER = Schema(
         "sign_convention": exactly(SIGN_CONVENTION),
         # a log of an older version lacks the units of newer channels
         "units": Field("units of this version", lambda units: TABLE.accepts(units) and units.items() <= _UNITS.items()),
-        "channels": Field(
-            "a list of known channels with position_target and joint_pos",
-            lambda names: many(TEXT).accepts(names) and {"position_target", "joint_pos"} <= {*names} <= {*_CHANNELS},
-        ),
-        "joint_names": many(TEXT, 1),
+        "channels": many(one_of(*_CHANNELS), 2),
+        **dict.fromkeys(("joint_names", "joint_classes"), many(TEXT)),
         **dict.fromkeys(_TEXTS, TEXT),
         "firmware": TABLE,
-        "joint_classes": many(TEXT),
     },
     REWRITE,
     optional=frozenset({"firmware", "joint_classes"}),
@@ -75,7 +70,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
     columns: dict[str, np.ndarray] = {}
     for channel, names in _column_names(header["channels"], log.joint_names).items():
         values = np.reshape(getattr(log, channel), (log.num_rows, len(names)))
-        columns |= {name: np.ascontiguousarray(values[:, index]) for index, name in enumerate(names)}
+        columns |= dict(zip(names, np.ascontiguousarray(values.T), strict=True))
     table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(header, sort_keys=True).encode()})
     with atomic_path(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", row_group_size=2**20)
@@ -90,7 +85,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     if path.suffix != ".parquet":
         remedy = "convert a recording with `motorprior logs import`, or use mp.load_log in Python"
         raise LogError(f"a file {path.suffix}, not a motor log (.parquet)", where=path, remedy=remedy)
-    table = parquet_table(path, lambda names: names)
+    table = parquet_table(path)
     header = _read_header(table.schema.metadata, path)
     values: dict[str, Any] = {}
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():

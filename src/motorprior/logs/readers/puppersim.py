@@ -15,10 +15,9 @@ from motorprior.artifacts import read_bytes
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.log_reader import LogReader, read_mapped_log, require_robot
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, missing_column
 from motorprior.logs.pickles import load_pickle
-from motorprior.logs.tables import csv_names, table_columns
-from motorprior.logs.validity import missing_column
+from motorprior.logs.readers.table import csv_names, table_columns
 from motorprior.robots.robot import Robot
 
 GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"

@@ -27,8 +27,7 @@ import numpy as np
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.validity import CORRECT, missing_column
+from motorprior.logs.motor_log import CORRECT, MotorLog, missing_column
 from motorprior.robots.robot import Robot
 
 CLOCK = "log_time"

@@ -18,9 +18,8 @@ from motorprior.artifacts import read_text
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, MappedJoint, load_column_map
 from motorprior.logs.log_reader import FOLDER, LogReader, read_mapped_log, robot_of_joints
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.tables import COPY_AGAIN, csv_table
-from motorprior.logs.validity import bad_value, require_increasing
+from motorprior.logs.motor_log import COPY_AGAIN, MotorLog, bad_value, require_increasing
+from motorprior.logs.readers.table import csv_table
 from motorprior.robots.robot import Robot
 
 CONTROL, STATE = "control.csv", "state_motor.csv"
@@ -35,16 +34,32 @@ def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
         columns = replace(columns, robot="", motor="", firmware={}, joints=joints)
 
     def merged(path: Path, wanted: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-        since, (targets,) = _table(path / CONTROL, ["positions"], len(names))
-        time, (angles, speeds) = _table(path / STATE, ["positions", "velocities"], len(names))
-        require_increasing(MICROSECOND * since, path / CONTROL)
+        since, targets = _table(path / CONTROL, ["positions"], len(names))
+        time, *measured = _table(path / STATE, ["positions", "velocities"], len(names))
+        require_increasing(since, path / CONTROL)
         begun = time >= since[0]
-        in_force = np.searchsorted(since, time[begun], side="right") - 1
-        series = {"q_des": targets[in_force], "q": angles[begun], "dq": speeds[begun]}
-        found = {f"{kind}_{joint}": values[:, k] for kind, values in series.items() for k, joint in enumerate(names)}
-        return {name: MICROSECOND * time[begun] if name == "t_s" else found[name] for name in wanted}
+        targets = targets[np.searchsorted(since, time[begun], side="right") - 1]  # in force
+        found = {"t_s": time[begun]}
+        for kind, values in zip(("q_des", "q", "dq"), (targets, *(each[begun] for each in measured)), strict=True):
+            found |= {f"{kind}_{joint}": column for joint, column in zip(names, values.T, strict=True)}
+        return {name: found[name] for name in wanted}
 
     return read_mapped_log(path, columns, merged, robot_of_joints(robot, tuple(each.name for each in columns.joints)))
+
+
+def _table(path: Path, lists: list[str], width: int) -> list[np.ndarray]:
+    """Times (T,) [s] of one file, and each of its columns of texts ``[0.1, 0.2]`` as (T, width)."""
+    table = csv_table(path, ["timestamp", *lists], inferred=lists)
+    found = [MICROSECOND * table.column("timestamp").to_numpy()]
+    for name in lists:
+        rows = np.empty((table.num_rows, width))
+        for row, text in enumerate(table.column(name).to_pylist()):
+            try:
+                rows[row] = np.reshape(json.loads(text), width)
+            except (TypeError, ValueError) as error:
+                raise bad_value(row, name, text, f"a list of {width} numbers", path, COPY_AGAIN) from error
+        found.append(rows)
+    return found
 
 
 READER = LogReader(
@@ -53,24 +68,3 @@ READER = LogReader(
     lambda path: (path / CONTROL).is_file() and (path / STATE).is_file(),
     read_sage,
 )
-
-
-def _table(path: Path, lists: list[str], width: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Times (T,) [µs] and each column of lists (T, width) of one file."""
-    table = csv_table(path, ["timestamp", *lists], inferred=lists)
-    return np.asarray(table.column("timestamp").to_numpy()), [
-        np.array([_numbers(text, row, name, width, path) for row, text in enumerate(table.column(name).to_pylist())])
-        for name in lists
-    ]
-
-
-def _numbers(text: str, row: int, name: str, width: int, path: Path) -> list[float]:
-    """The numbers of a text ``[0.1, 0.2]``."""
-    try:
-        found = [float(value) for value in json.loads(text)]
-    except (TypeError, ValueError) as error:
-        raise bad_value(row, name, text, "a list of numbers", path, COPY_AGAIN) from error
-    if len(found) != width:
-        problem = f"row {row}, {name} has {len(found)} values for {width} joints"
-        raise LogError(problem, where=path, remedy=COPY_AGAIN)
-    return found
