@@ -29,8 +29,7 @@ telemetries = st.builds(
     ts=st.integers(0, 2**32 - 1).map(float),
     **dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), number),
     **dict.fromkeys(("pos", "vel"), array),
-    **dict.fromkeys(("cur", "temp"), st.none() | array),
-    bat=st.none() | number,
+    cur=st.none() | array,
 )
 
 
