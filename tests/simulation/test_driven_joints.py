@@ -22,7 +22,6 @@ HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody
   <geom type="capsule" fromto="0 0 0 -.02 0 -.05" size=".006" mass=".02" contype="0"/></body>
 <body pos="0 0 -.2"><joint name="slide" type="slide"/><geom size=".01" mass=".1" contype="0"/></body>
 </body></worldbody>
-<tendon><fixed name="pull"><joint joint="finger_r" coef="1"/></fixed></tendon>
 <equality><joint joint1="finger_r" joint2="finger_l"/></equality></mujoco>"""
 
 
@@ -82,12 +81,10 @@ def test_the_damping_is_the_implicit_one(motors):
     [
         (["wrist"], ("</mujoco>", '<actuator><position name="servo" joint="wrist"/></actuator></mujoco>'), "'servo'"),
         (["wrist"], ("</mujoco>", '<actuator><motor name="m" jointinparent="wrist"/></actuator></mujoco>'), "'m'"),
-        (["finger_r"], ("</mujoco>", '<actuator><motor name="t" tendon="pull"/></actuator></mujoco>'), "'t'"),
         (["elbow"], ("", ""), "no joint 'elbow'"),
         (["slide"], ("", ""), "'slide' is no hinge"),
         (["wrist"], ("implicitfast", "RK4"), "RK4"),
         (["wrist", "wrist"], ("", ""), "2 joints for 1 motors"),
-        (["finger_l", "finger_r"], ("", ""), "'finger_r' to 'finger_l': one motor drives both"),
     ],
 )
 def test_every_guard_fires(motors, joints: list[str], change: tuple[str, str], problem: str):

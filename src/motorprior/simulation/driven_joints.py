@@ -15,9 +15,7 @@ from motorprior.exceptions import ConfigError, SimulationFault
 
 # as integers: an enumeration of MuJoCo 4 does not equal a numpy integer
 _OF_JOINTS = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
-_OF_TENDONS, _WRAPS_JOINT = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtWrap.mjWRAP_JOINT)
-_HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+_HINGE, _RK4 = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
 
 
@@ -32,9 +30,8 @@ class DrivenJoints:
     rest at ``data.qpos``, also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled
     model is changed in place; ``joints`` names hinges, one per motor.
 
-    ConfigError for an unknown joint, one that is not a hinge or that an actuator of the model drives, two joints that
-    the model couples, another number of joints than motors, the integrator RK4, or a timestep that the motors do not
-    support.
+    ConfigError for an unknown joint, one that is not a hinge or that an actuator of the model drives, another number of
+    joints than motors, the integrator RK4, or a timestep that the motors do not support.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
@@ -45,7 +42,6 @@ class DrivenJoints:
             problem = f"{len(joints)} joints for {actuator.num_motors} motors"
             raise ConfigError(problem, remedy="sample one motor per joint")
         found = [_hinge(model, name) for name in joints]
-        _require_uncoupled(model, found)
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
@@ -90,25 +86,7 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
     if model.jnt_type[joint] != _HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
-        if joint in _joints_of(model, actuator):
+        if int(model.actuator_trntype[actuator]) in _OF_JOINTS and model.actuator_trnid[actuator, 0] == joint:
             problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}"
             raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint
-
-
-def _joints_of(model: mujoco.MjModel, actuator: int) -> list[int]:
-    """Joints that an actuator drives, directly or by a fixed tendon."""
-    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
-    if kind == _OF_TENDONS:
-        parts = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
-        return model.wrap_objid[parts][model.wrap_type[parts] == _WRAPS_JOINT].tolist()
-    return [target] if kind in _OF_JOINTS else []
-
-
-def _require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
-    """Raise ConfigError if an equality constraint couples two of the joints: one motor drives both."""
-    for first, second, kind in zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, strict=True):
-        if kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
-            names = model.joint(first).name, model.joint(second).name
-            problem = f"an equality constraint couples joint {names[0]!r} to {names[1]!r}: one motor drives both"
-            raise ConfigError(problem, remedy=f"drive {names[1]!r} alone")
