@@ -17,13 +17,13 @@ from motorprior.locomotion.control_step import (
     RAMP,
     TaskWeights,
     command_step,
+    evaluate_step,
     fallen,
     follow_command,
     heading_rate,
     levelling,
     new_gait,
     observe,
-    reward,
     sliding,
 )
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -207,10 +207,16 @@ def test_reward_by_hand():
     weights = TaskWeights(
         alive=0.5, speed=1.0, lateral=0.8, heading=0.6, yaw_rate=0.1, tilt=0.2, torque=0.003, slip=0.4
     )
-    wrong = -0.2, 0.1, -0.05, 0.3, 0.07, 5.0, 0.1
-    # 0.5 - 0.2 - 0.08 - 0.03 - 0.03 - 0.014 - 0.015 - 0.04 = 0.091
-    assert reward(*wrong, True, 0.01, weights.array()) == pytest.approx(0.01 * 0.091)
-    assert reward(*wrong, False, 0.01, weights.array()) == pytest.approx(0.01 * -0.409)
+    gait, feet, rolled = new_gait(BODY), feet_at(0.0), np.array([math.cos(0.035), math.sin(0.035), 0.0, 0.0])
+    gait.twist[:], gait.scalars[3:6] = (0.3, 0.1), (0.05, 0.1, 0.1)  # heading and filtered speeds, which stay
+    gait.feet[:, :3], gait.feet[:, 3] = feet, NOMINAL_POSE[1] + NOMINAL_POSE[2]
+    feet[0, 0] = 0.1 * DT  # one foot slides by 0.1 m/s
+    # 0.5 - 0.2 - 0.8·0.1 - 0.6·0.05 - 0.1·0.3 - 0.2·0.07 - 0.003·5 - 0.4·0.1 = 0.091
+    state = BackendState(
+        np.array([0.0, 0.0, 0.17]), rolled, np.array([0.1, 0.1, 0.0]), np.array([0.0, 0.0, 0.4]), NOMINAL_POSE, feet,
+        5.0 * BODY.reference_torque**2,
+    )  # fmt: skip
+    assert evaluate_step(BODY, gait, state, weights.array()) == (pytest.approx(DT * 0.091), False)
 
 
 def test_a_robot_has_fallen_beyond_its_limits_and_when_its_state_is_unknown():

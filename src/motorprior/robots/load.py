@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
-from motorprior.robots.user_model import UserModel
 from motorprior.schema import Schema
+
+if TYPE_CHECKING:
+    from motorprior.robots.user_model import UserModel
 
 _SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
@@ -98,6 +100,8 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
+    from motorprior.robots.user_model import UserModel  # a robot's own computer has no MuJoCo
+
     _ROBOT.check(table, path)
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]

@@ -1,4 +1,4 @@
-"""Properties of a user's MJCF or URDF: joints, limits, legs, mass, loads."""
+"""A user's MJCF or URDF: as MuJoCo's editable description, and its joints, limits, legs, mass and loads."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -6,12 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_source import is_urdf
+from motorprior.robots.model_source import is_urdf, mesh_file
 from motorprior.robots.robot import Leg
+
+_MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 
 # radius of gyration of a link that is an error in any model: in sizes of the model, and at least [m]
 MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
@@ -23,6 +27,45 @@ def cannot_read(path: Path | None, reason: str) -> ArtifactError:
     return ArtifactError(f"MuJoCo cannot read it ({reason})", where=path, remedy="correct the model")
 
 
+def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
+    """The ``MjSpec`` of a model, with what a URDF cannot state.
+
+    A URDF gets a free joint at its root link where the robot's base is free, and its meshes at their files; a mesh that
+    is not found, or has a format that MuJoCo does not read, is left out where the link states its inertia. A foot that
+    is the name of a link or body is its only sphere. Raises ArtifactError for a missing mesh that gives a link its
+    inertia.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    if is_urdf(path):
+        # a link keeps its name, the base its body, and shapes that touch nothing stay for films
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False
+        _place_meshes(spec, path)
+        base = spec.worldbody.first_body()
+        if is_free and base is not None and base.first_joint() is None:
+            base.add_freejoint()
+    for foot in feet:
+        body, known = spec.body(foot), {geom.name for geom in spec.geoms}
+        spheres = [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE] if body else []
+        if foot not in known and len(spheres) == 1:
+            spheres[0].name = foot
+    return spec
+
+
+def _place_meshes(spec: Any, path: Path) -> None:
+    for mesh in spec.meshes:
+        file = mesh_file(path, mesh.file, spec.meshdir)
+        if file is not None and file.suffix.lower() in _MESHES:
+            mesh.file = str(file)
+            continue
+        for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
+            if not geom.parent.explicitinertial:
+                problem = f"link {geom.parent.name!r} has no <inertial>, and its mesh {mesh.file!r} cannot be read"
+                remedy = f"give the link an <inertial>, or put an .stl or .obj at this path below {path.parent}"
+                raise ArtifactError(problem, where=path, remedy=f"{remedy} or a folder above it")
+            spec.delete(geom)
+        spec.delete(mesh)
+
+
 class UserModel:
     """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
@@ -31,11 +74,7 @@ class UserModel:
     """
 
     def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
-        import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
-
-        from motorprior.robots.user_model_spec import read_spec
-
-        self._mujoco, self._path = mujoco, path
+        self._path = path
         try:
             self._model = read_spec(path, is_free, feet).compile()
             self._is_urdf = is_urdf(path)
@@ -50,7 +89,7 @@ class UserModel:
             raise self._error(f"{problem}: a joint would be driven twice", remedy)
         self.num_links = self._model.nbody - 1  # moving bodies
         self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
-        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
+        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
         if free != ([0] if is_free else []):
             problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
             remedy = "change base in the robot's file, or " + (
@@ -68,7 +107,7 @@ class UserModel:
         model = self._model
         if model.neq:
             first, second = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
-            if model.eq_type[0] == self._mujoco.mjtEq.mjEQ_JOINT:
+            if model.eq_type[0] == mujoco.mjtEq.mjEQ_JOINT:
                 joint = model.joint(first).name
                 problem = (
                     f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
@@ -100,9 +139,9 @@ class UserModel:
         names = []
         for index in range(self._model.njnt):
             kind, name = self._model.jnt_type[index], self._model.joint(index).name
-            if kind == self._mujoco.mjtJoint.mjJNT_FREE:
+            if kind == mujoco.mjtJoint.mjJNT_FREE:
                 continue
-            if kind != self._mujoco.mjtJoint.mjJNT_HINGE or not name:
+            if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
                 weld = 'by type="fixed"' if self._is_urdf else "by deleting the joint"
                 raise self._error(problem, f"name it, or weld it {weld}")
@@ -136,7 +175,7 @@ class UserModel:
             )
             raise self._error(f"no foot {foot!r}", f"give a {kind}; geoms with names: {found}")
         geom = self._model.geom(foot).id
-        if self._model.geom_type[geom] != self._mujoco.mjtGeom.mjGEOM_SPHERE:
+        if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
         data = self._at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
@@ -181,16 +220,16 @@ class UserModel:
         share of the mass per leg at the height of the base; the factors are a margin.
         """
         data, own, column = self._at(pose), [], np.zeros(self._model.nv)
-        self._mujoco.mj_forward(self._model, data)
+        mujoco.mj_forward(self._model, data)
         for joint in range(self._model.nv - len(pose), self._model.nv):
-            self._mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
+            mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
             own.append(float(column[joint] - self._model.dof_armature[joint]))
         share = self.mass / legs * height**2 if legs else 0.0
         return 0.3 * min(own), 1.5 * max(*own, share)
 
     def _at(self, pose: dict[str, float]):
-        data = self._mujoco.MjData(self._model)
+        data = mujoco.MjData(self._model)
         for name, angle in pose.items():
             data.joint(name).qpos[0] = angle
-        self._mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_kinematics(self._model, data)
         return data
