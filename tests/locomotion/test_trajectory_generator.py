@@ -190,13 +190,3 @@ def test_inverse_of_forward_kinematics_for_both_sides_of_the_knee(thigh, ratio, 
     found = leg_angles(thigh, shank, *foot(thigh, shank, hip, side * knee), side)
     assert found[1] == pytest.approx(side * knee, abs=1e-9)
     assert math.remainder(found[0] - hip, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize(("forward", "below"), [(0.0, 1.0), (0.3, 0.4), (-2.0, 0.1)])
-def test_a_place_too_far_away_is_reached_for_with_a_nearly_straight_leg(forward, below, side):
-    hip, knee = leg_angles(0.1, 0.12, forward, below, side)
-    assert knee == pytest.approx(side * math.acos(0.999))
-    there, distance = foot(0.1, 0.12, hip, knee), math.hypot(forward, below)
-    assert math.hypot(*there) == pytest.approx(0.22, rel=1e-3)
-    assert there[0] * forward + there[1] * below == pytest.approx(math.hypot(*there) * distance), "in its direction"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_json
 from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
@@ -33,6 +34,12 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     for one, other in zip(found.arrays, walked.arrays, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found.provenance["own_return"] == walked.provenance["own_return"]
+
+
+def test_a_training_whose_episodes_diverge_keeps_no_policy():
+    broken = IdealPd.uniform(12, kp=1e300, kd=1.0, torque_limit=1e308)
+    with pytest.raises(mp.SimulationFault, match=r"32 of 32 episodes.*no policy is kept"):
+        mp.train_policy(PUPPER_V2, broken, iterations=1, episode_steps=10, workers=1)
 
 
 class Stops:

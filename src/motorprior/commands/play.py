@@ -19,7 +19,6 @@ from motorprior.robots.robot import Gait
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
-from motorprior.simulation.training import other_weight
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -75,8 +74,6 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     with locked(config.out):
         with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
             for name, trained in policies.items():
-                if line := other_weight(trained.policy, robot):
-                    progress.note(line)
                 episodes[name] = _walk(config, trained, WalkConfig(steps, commands=Commands.steady(*command)))
                 require_walks([episodes[name]], name)
                 task.advance()

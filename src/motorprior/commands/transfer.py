@@ -19,7 +19,6 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
-from motorprior.simulation.training import other_weight
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
@@ -61,8 +60,6 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     commands = compare.straight_ahead(compare.with_shared_speeds(robot, (each.policy for each in policies)))
     works, seeds = [], Counter[str]()
     for each in policies:
-        if line := other_weight(each.policy, robot):
-            progress.note(line)
         walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
         twin = compare.motors_scene(robot, each.policy, fleet, commands)
         scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition

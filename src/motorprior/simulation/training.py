@@ -25,9 +25,9 @@ from motorprior.locomotion.executor import Kind, make_executor
 from motorprior.locomotion.policy import WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
+from motorprior.progress import SHOWN, Progress, usable_threads
 from motorprior.robots.load import as_robot
-from motorprior.robots.robot import GRAVITY, Robot
+from motorprior.robots.robot import Robot
 from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
@@ -111,17 +111,6 @@ def train_policy(
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
-
-
-def other_weight(policy: Policy, robot: Robot) -> str:
-    """A warning if a policy was trained on a robot of another weight, otherwise empty."""
-    trained = policy.provenance.get(WEIGHT, robot.weight)
-    if abs(trained - robot.weight) <= 0.02 * robot.weight:
-        return ""
-    masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
-    return (
-        f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
-    )
 
 
 class TrainingFiles:
