@@ -77,7 +77,6 @@ class UserModel:
         self._path = path
         try:
             self._model = read_spec(path, is_free, feet).compile()
-            self._is_urdf = is_urdf(path)
         except ArtifactError:
             raise
         except Exception as error:  # ValueError, FatalError or MemoryError
@@ -87,10 +86,7 @@ class UserModel:
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
         if free != ([0] if is_free else []):
             problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
-            remedy = "change base in the robot's file, or " + (
-                'the type of the root\'s joint: "floating" or "fixed"' if self._is_urdf
-                else "add or delete a <freejoint/> of the base"
-            )  # fmt: skip
+            remedy = 'change base in its file, or add or delete the free joint (<freejoint/>; URDF: type="floating")'
             raise self._error(problem, remedy)
         self._require_plausible()
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
@@ -101,19 +97,12 @@ class UserModel:
         """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
         model = self._model
         if model.neq:
-            first, second = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
-            if model.eq_type[0] == mujoco.mjtEq.mjEQ_JOINT:
-                joint = model.joint(first).name
-                problem = (
-                    f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
-                )
-                problem += " (mimic)" if self._is_urdf else " by an equality constraint"
-                remedy = f"it has no motor of its own: make {joint!r} fixed" + (
-                    ' by type="fixed", without <mimic>' if self._is_urdf else ", by deleting joint and constraint"
-                )
-            else:
-                problem = f"an equality constraint closes a loop (number 0 of {model.neq})"
+            if model.eq_type[0] != mujoco.mjtEq.mjEQ_JOINT:
                 remedy = "delete it: loops are not supported; give each leg as an open chain"
+                raise self._error("an equality constraint closes a loop", remedy)
+            joints = [model.joint(int(each[0])).name for each in (model.eq_obj1id, model.eq_obj2id) if each[0] >= 0]
+            problem = f"a <mimic> or equality constraint couples joint {' to '.join(map(repr, joints))}"
+            remedy = f"it has no motor of its own: make {joints[0]!r} fixed, without <mimic> or constraint"
             raise self._error(problem, remedy)
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
@@ -138,8 +127,7 @@ class UserModel:
                 continue
             if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
-                weld = 'by type="fixed"' if self._is_urdf else "by deleting the joint"
-                raise self._error(problem, f"name it, or weld it {weld}")
+                raise self._error(problem, 'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)')
             names.append(name)
         if not names:
             raise self._error("the model has no hinges", "give a model with joints")
@@ -149,9 +137,7 @@ class UserModel:
         """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
-            remedy = 'give it range="LOWER UPPER" (and autolimits or limited)'
-            if self._is_urdf:
-                remedy = 'give it type="revolute" and <limit lower="…" upper="…"/>; "continuous" has no limits'
+            remedy = 'give it range="LOWER UPPER", in a URDF type="revolute" and <limit lower="…" upper="…"/>'
             raise self._error(f"joint {name!r} has no limits", remedy)
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)
@@ -163,12 +149,8 @@ class UserModel:
         known = [self._model.geom(index).name for index in range(self._model.ngeom)]
         if foot not in known:
             found = ", ".join(name for name in known if name) or "none has a name"
-            kind = (
-                "named <collision> of a URDF, or a link with one sphere"
-                if self._is_urdf
-                else "geom, or a body with one sphere"
-            )
-            raise self._error(f"no foot {foot!r}", f"give a {kind}; geoms with names: {found}")
+            remedy = f"give a geom or named <collision>, or a link or body with one sphere; geoms with names: {found}"
+            raise self._error(f"no foot {foot!r}", remedy)
         geom = self._model.geom(foot).id
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
