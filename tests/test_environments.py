@@ -1,4 +1,4 @@
-"""Gymnasium makes the walking task by name, alone or many at once, on either engine and on any motors."""
+"""Gymnasium makes the walking task by name, on either engine and on any motors."""
 
 import re
 import subprocess
@@ -10,7 +10,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import SyncVectorEnv
 from policies import ACTIONS
 
 from motorprior.actuator.motor_prior import MotorPrior
@@ -20,10 +19,6 @@ from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.randomization import Randomization
 
 ID = "motorprior/Walk-v0"
-ERRING = Randomization(
-    gyro_bias=0.05, rate_noise=0.02, sensor_delay=(0.0, 0.03), command_delay=(0.0, 0.02), gravity_tilt=0.05
-)
-FALLING = np.repeat(np.sign(np.random.default_rng(2).standard_normal((8, 5, ACTIONS))), 20, axis=0)
 
 
 @pytest.fixture(scope="module")
@@ -57,28 +52,6 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     env.close()
     np.testing.assert_array_equal(measured[0], measured[1])
     assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
-
-
-@pytest.mark.parametrize(("threads", "motors"), [(1, "pd"), (2, "prior:"), (7, "fleet")])
-def test_many_are_gymnasiums_own_many_on_any_number_of_threads(threads: int, motors: str, prior: Path):
-    settings: dict[str, Any] = {"motors": motors.replace(":", f":{prior}"), "episode_steps": 40, "gait": "bound"}
-    settings |= {"commands": Commands(hold=0.1), "randomization": ERRING}
-    ours = gymnasium.make_vec(ID, num_envs=5, threads=threads, **settings)
-    theirs = SyncVectorEnv([lambda: make_env(**settings)] * 5)
-    pairs = [(ours.reset(seed=3)[0], theirs.reset(seed=3)[0])]
-    assert ours.observation_space == theirs.observation_space and ours.action_space == theirs.action_space
-    ends = np.zeros(2, int)
-    for actions in FALLING:
-        one, other = ours.step(actions), theirs.step(actions)
-        pairs += zip(one[:4], other[:4], strict=True)
-        ends += one[2].sum(), one[3].sum()
-        for name in ("fault", "phase", "base_pos"):
-            np.testing.assert_array_equal(one[4][name], other[4][name])
-    for one, other in pairs:
-        np.testing.assert_array_equal(one, other)
-    assert ends.min() > 0  # both falls and time limits were met
-    ours.close()
-    theirs.close()
 
 
 def test_commands_beyond_the_robots_usual_range_are_followed():

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from motorprior.bench.fleet import load_fleet as load_fleet
     from motorprior.bench.recording import record_bench as record_bench
     from motorprior.environments import make_env as make_env
-    from motorprior.environments import make_vector_env as make_vector_env
     from motorprior.exceptions import ArtifactError as ArtifactError
     from motorprior.exceptions import ConfigError as ConfigError
     from motorprior.exceptions import LogError as LogError

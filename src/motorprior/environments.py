@@ -18,18 +18,11 @@ import gymnasium
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.env import WalkEnv, WalkVectorEnv
+from motorprior.simulation.env import WalkEnv
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 
 ENV_ID = "motorprior/Walk-v0"
-
-
-def _scene(robot: str | Path | Robot, motors: MotorSource, options: dict[str, Any]) -> Scene:
-    walk = WalkConfig(**options)
-    robot = walk.commands.extend_range(as_robot(robot))
-    found = simulated_motors(motors, robot)
-    return Scene(robot, found.draw, walk, found.physics_dt)
 
 
 def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
@@ -46,27 +39,10 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "f
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
         TypeError: an unknown option.
     """
-    scene = _scene(robot, motors, options)
-    return WalkEnv(scene.robot, SimulatedBackend(scene), scene.walk)
+    walk = WalkConfig(**options)
+    robot = walk.commands.extend_range(as_robot(robot))
+    found = simulated_motors(motors, robot)
+    return WalkEnv(robot, SimulatedBackend(Scene(robot, found.draw, walk, found.physics_dt)), walk)
 
 
-def make_vector_env(
-    robot: str | Path | Robot = DEFAULT_ROBOT,
-    motors: MotorSource = "fleet",
-    *,
-    num_envs: int = 1,
-    threads: int = 1,
-    **options: Any,
-) -> WalkVectorEnv:
-    """Make ``num_envs`` environments in one, stepped by compiled code on ``threads`` threads; MuJoCo only.
-
-    Other arguments and errors as `make_env`.
-    """
-    return WalkVectorEnv(_scene(robot, motors, options), num_envs, threads)
-
-
-gymnasium.register(
-    ENV_ID,
-    entry_point="motorprior.environments:make_env",
-    vector_entry_point="motorprior.environments:make_vector_env",
-)
+gymnasium.register(ENV_ID, entry_point="motorprior.environments:make_env")

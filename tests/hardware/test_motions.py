@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from drawn_motors import draw_pd
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import as_file_content, random_policy
@@ -14,7 +15,7 @@ from motorprior.hardware.commands import run_record
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.health import Measurement
 from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, excitation_targets, joints_of
-from motorprior.hardware.protocol import FrameReader, Telemetry, framed
+from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
@@ -45,6 +46,19 @@ class CopiedBody:
         attitude = np.array(roll_pitch_yaw(self.state.base_quat))
         pos = spec.JOINT_SIGNS * self.state.measured_joint_pos
         return SensorReadings(pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy())
+
+
+def test_motors_have_the_gains_that_were_sent_until_idle():
+    body = CopiedBody(SimulatedBackend(Scene(PUPPER_V2, draw_pd)).reset(0))
+    firmware = Firmware(PUPPER_V2, body, FirmwareConfig())
+    for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=spec.NOMINAL_POSE)):
+        firmware.receive(framed(command, 12))
+    firmware.advance(10)
+    assert body.drive is not None and body.drive.max_current == 2.0
+    assert np.all(body.drive.kp == 30.0) and np.all(body.drive.kd == 0.5)
+    firmware.receive(framed(Command(idle=True), 12))
+    firmware.advance(10)
+    assert not body.drive.kp.any() and not body.drive.kd.any()
 
 
 class Spy(SimulatedBackend):

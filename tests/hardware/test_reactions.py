@@ -104,8 +104,6 @@ FAULTS = {
     "telemetry stops": (inject("mute"), {"stale telemetry"}, "idle"),
     "telemetry grows late": (inject("lagging"), {"stale telemetry"}, "idle"),
     "robot restarts": (inject("restart"), {"implausible telemetry"}, "idle"),
-    "hot motor": (inject("hot_motor", "FL_knee"), {"temperature"}, "crouch"),
-    "flat battery": (inject("flat"), {"battery"}, "crouch"),
     "IMU repeats its values": (inject("numb"), {"frozen IMU"}, "crouch"),
     "IMU sends zeros": (inject("blind"), {"frozen IMU"}, "crouch"),
     "slow host": (lambda port: port.pause_host(LIMITS.tick_delay + 0.01), {"slow host"}, "crouch"),
@@ -165,10 +163,10 @@ def test_a_second_signal_drops_the_robot_and_more_change_nothing(walk_into: Call
 def test_a_fault_during_the_crouch_does_not_start_the_walk_again(walk_into: Callable[..., Incident], tmp_path: Path):
     def stop_and_break(port: FaultyPort) -> None:
         signal.raise_signal(signal.SIGINT)
-        port.inject("flat")
+        port.inject("numb")
 
     incident = walk_into(stop_and_break)
-    assert isinstance(incident.error, RobotFault) and incident.error.kind == "battery" and incident.crouched
+    assert isinstance(incident.error, RobotFault) and incident.error.kind == "frozen IMU" and incident.crouched
     modes = [int(row.split(",")[1]) for row in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]]
     assert modes == sorted(modes) and modes[-1] == Mode.CROUCH
 
@@ -216,7 +214,6 @@ REFUSED = {
     "IMU": lambda port: port.inject("blind"),
     "fall": lambda port: port.inject("tilted"),
     "stale telemetry": lambda port: port.inject("mute"),
-    "battery": lambda port: port.inject("flat"),
     "moving": get_up,
 }
 
@@ -249,13 +246,13 @@ def diagnosed(port: FaultyPort) -> dict[str, Check]:
 
 def test_the_doctor_finds_faults():
     healthy = diagnosed(FaultyPort(PUPPER_V2, currents=True))
-    assert all(check.ok for check in healthy.values()) and len(healthy) == 21
-    port = FaultyPort(PUPPER_V2, corrupt=0.2)
-    for fault in ("blind", "flat", "hot_motor"):
+    assert all(check.ok for check in healthy.values()) and len(healthy) == 19
+    port = FaultyPort(PUPPER_V2, currents=True, corrupt=0.2)
+    for fault in ("blind", "hot_current"):
         port.inject(fault, 4)
     faulty = diagnosed(port)
     bad = {name for name, check in faulty.items() if not check.ok}
-    assert bad == {"IMU", "damaged frames", "temperature", "battery"}
+    assert bad == {"IMU", "damaged frames", "current"}
     assert all(check.remedy for check in faulty.values() if not check.ok)
 
 

@@ -118,16 +118,6 @@ def test_a_mirror_image_of_a_mirror_image_is_the_original(gait: GaitName):
         np.testing.assert_array_equal(swap, swap.T)
 
 
-def test_the_joints_of_a_mirrored_robot_are_its_partners_with_abduction_turned(rng):
-    joints = rng.standard_normal(12)
-    inputs, actions = mirror_of(PUPPER_V2)
-    seen = np.concatenate([np.zeros(5), joints, np.zeros(6), [1.0]])
-    np.testing.assert_array_equal((inputs @ seen)[5:17], ABDUCTIONS * joints[RIGHT_TO_LEFT])
-    action = np.concatenate([joints, [0.1, 0.2, 0.3, 0.4, 0.5]])
-    expected = [*(ABDUCTIONS * joints[RIGHT_TO_LEFT]), 0.1, 0.2, 0.3, 0.4, -0.5]
-    np.testing.assert_array_equal(actions @ action, expected)
-
-
 @pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
 @pytest.mark.parametrize("gait", GAITS)
 def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):

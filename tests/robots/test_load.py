@@ -129,14 +129,10 @@ def test_a_description_that_does_not_fit_is_refused_with_key_and_remedy(tmp_path
     assert refused.value.remedy and str(tmp_path) in str(refused.value)
 
 
-ACTUATOR = '<actuator><motor name="pull" joint="elbow"/></actuator></mujoco>'
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ((' range="-120 120"', ""), "joint 'elbow' has no limits.*give it range"),
-        (("</mujoco>", ACTUATOR), "1 actuators of its own, the first is 'pull'.*delete the <actuator> section"),
         (('name="elbow"', 'type="slide" name="elbow"'), r"joint number 1 \('elbow'\) is not a hinge"),
         (("</worldbody>", '<body><geom size="0.1"/></body></worldbody>'), "the world holds 2 bodies"),
     ],
@@ -148,10 +144,12 @@ def test_a_model_that_does_not_fit_is_refused_with_joint_file_and_remedy(tmp_pat
     assert refused.value.remedy
 
 
-def test_the_models_own_actuators_are_removed_where_the_user_says_so(tmp_path: Path):
-    toml = ARM_TOML.replace('base = "fixed"', 'base = "fixed"\nactuators = "remove"')
-    arm = load_robot(written(tmp_path, toml, "arm", ARM.replace("</mujoco>", ACTUATOR)))
-    assert World(arm).model.nu == 0
+def test_actuators_floor_and_lights_of_a_model_are_removed(tmp_path: Path):
+    extra = '<worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>'
+    xml = quadruped().replace("<worldbody>", extra)
+    xml = xml.replace("</mujoco>", '<actuator><motor name="pull" joint="FR_k"/></actuator></mujoco>')
+    model = build_model(load_robot(written(tmp_path, LEGS_TOML, "dog", xml)))
+    assert model.nu == model.nlight == 0 and list(model.geom_type).count(0) == 1, "the floor of the simulation"
 
 
 def test_what_a_model_includes_is_part_of_it(tmp_path: Path):

@@ -70,8 +70,8 @@ class FaultyPort(SimulatedPort):
 class FaultyBody:
     """A body whose motors (dead, stalled) and sensors break.
 
-    Sensors: frozen or jumping encoder, hot_current 9.5 A, surge 12 A, hot_motor 95 °C, flat battery 17 V, an IMU that
-    is tilted (1 rad), numb (constant) or blind (zeros).
+    Sensors: frozen or jumping encoder, hot_current 9.5 A, surge 12 A, an IMU that is
+    tilted (1 rad), numb (constant) or blind (zeros).
     """
 
     def __init__(self, body: SimulatedRobot, port: FaultyPort):
@@ -91,7 +91,7 @@ class FaultyBody:
     def sense(self) -> SensorReadings:
         sensors = self._body.sense()
         pos, vel, current, attitude = (sensors.pos, sensors.vel, sensors.current, sensors.attitude)
-        changes: dict[str, object] = {}
+        changes: dict[str, np.ndarray] = {}
         for kind, (_, joint) in self._port.faults.items():
             if kind == "frozen":
                 pos[joint], vel[joint] = self._frozen.setdefault(kind, float(pos[joint])), 0.0
@@ -101,12 +101,8 @@ class FaultyBody:
                 current[joint] = 9.5
             elif kind == "surge":
                 current[joint] = 1.2 * MAX_CURRENT
-            elif kind == "hot_motor":
-                changes["temperature"] = np.where(np.arange(len(pos)) == joint, 95.0, 40.0)
-            elif kind == "flat":
-                changes["battery"] = 17.0
             elif kind == "tilted":
                 attitude[0] = 1.0
             elif kind in ("numb", "blind"):
-                changes |= {"attitude": np.full(3, 0.01 if kind == "numb" else 0.0), "rates": np.zeros(3)}
-        return replace(sensors, **changes)  # pyright: ignore[reportArgumentType]
+                changes = {"attitude": np.full(3, 0.01 if kind == "numb" else 0.0), "rates": np.zeros(3)}
+        return replace(sensors, **changes)

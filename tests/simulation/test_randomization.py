@@ -43,12 +43,6 @@ def episode(randomization):
     return WalkSimulator(scene).run(POLICY, 3, trace=True)
 
 
-def test_off_by_default():
-    conditions, sensors = nominal_conditions(PUPPER_V2), Randomization().sensors(PUPPER_V2, 5, 100)
-    assert conditions.friction == 1.0 and np.all(conditions.mass == 1.0) and conditions.push.shape == (0, 2)
-    assert (len(sensors.noise), len(sensors.ages), len(sensors.past)) == (0, 0, 0)
-
-
 @pytest.mark.parametrize("name", [field.name for field in fields(Randomization) if field.name != "push_interval"])
 def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.2)

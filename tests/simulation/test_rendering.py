@@ -22,34 +22,22 @@ def test_a_robot_of_collision_shapes_alone_is_visible():
 RADIUS = PUPPER_V2.legs[0].foot_radius
 
 
-def standing(frames: int = 1, lifted: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Qpos and qvel of a robot at rest in the nominal pose, so much above the floor [m]."""
+def standing(frames: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Qpos and qvel of a robot at rest in the nominal pose."""
     qpos, qvel = np.zeros((frames, 7 + PUPPER_V2.num_joints)), np.zeros((frames, 6 + PUPPER_V2.num_joints))
-    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = PUPPER_V2.standing_height + lifted, 1.0, PUPPER_V2.nominal_pose
+    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = PUPPER_V2.standing_height, 1.0, PUPPER_V2.nominal_pose
     return qpos, qvel
 
 
-def test_a_standing_robot_touches_the_floor_with_four_feet_that_do_not_slide():
-    found = foot_motion(PUPPER_V2, *standing(2))
-    assert found.clearance.shape == found.sliding.shape == (2, 4)
-    np.testing.assert_allclose(found.clearance, 0.0, atol=1e-9)
-    np.testing.assert_array_equal(found.sliding, 0.0)
-    np.testing.assert_allclose(foot_motion(PUPPER_V2, *standing(lifted=0.05)).clearance, 0.05, atol=1e-9)
-
-
-def test_a_foot_is_so_far_ahead_of_the_base_as_it_rests_wherever_the_robot_looks():
-    qpos, qvel = standing()
-    qpos[0, :2], qpos[0, 3:7] = (3.0, -1.0), (np.cos(1.25), 0.0, 0.0, np.sin(1.25))
-    found = foot_motion(PUPPER_V2, qpos, qvel).ahead[0]
-    np.testing.assert_allclose(found, [leg.rest[0] for leg in PUPPER_V2.legs], atol=1e-9)
-
-
-def test_a_sliding_robot_slides_as_fast_as_it_goes_in_any_direction_and_not_by_falling():
-    qpos, qvel = standing(3)
-    qvel[0, :2], qvel[1, :2], qvel[2, 2] = (0.3, -0.4), (-0.2, 0.0), -1.0
-    np.testing.assert_allclose(
-        foot_motion(PUPPER_V2, qpos, qvel).sliding, [[0.5] * 4, [0.2] * 4, [0.0] * 4], atol=1e-12
-    )
+def test_feet_of_a_robot_at_rest_lifted_turned_and_sliding():
+    qpos, qvel = standing(4)
+    qpos[1, 2] += 0.05
+    qpos[2, :2], qpos[2, 3:7] = (3.0, -1.0), (np.cos(1.25), 0.0, 0.0, np.sin(1.25))
+    qvel[2, :2], qvel[3, 2] = (0.3, -0.4), -1.0
+    found = foot_motion(PUPPER_V2, qpos, qvel)
+    np.testing.assert_allclose(found.clearance, np.tile([[0.0], [0.05], [0.0], [0.0]], 4), atol=1e-9)
+    np.testing.assert_allclose(found.sliding, np.tile([[0.0], [0.0], [0.5], [0.0]], 4), atol=1e-12)
+    np.testing.assert_allclose(found.ahead, np.tile([leg.rest[0] for leg in PUPPER_V2.legs], (4, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize("yaw", [0.0, -2.0])

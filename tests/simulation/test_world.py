@@ -4,7 +4,6 @@
 # MuJoCo ships no type stubs.
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from policies import random_policy
@@ -18,8 +17,8 @@ from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
-from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.world import FAULTS, World, find_fault, physics_step
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator, require_walks
+from motorprior.simulation.world import FAULTS, World, physics_step
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 
@@ -88,12 +87,8 @@ def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_pa
     assert episode.steps < 60 and np.isfinite(episode.total)
 
 
-def test_every_warning_of_mujoco_that_this_robot_can_get_is_a_fault():
-    kinds = mujoco.mjtWarning
-    of_no_concern = {int(kinds.mjNWARNING), int(kinds.mjWARN_BADCTRL)}  # a robot without controls
-    for kind in set(map(int, kinds.__members__.values())) - of_no_concern:
-        world = World(PUPPER_V2)
-        world.reset(PD)
-        assert find_fault(world.arrays) == 0
-        world.data.warning.number[kind] = 1
-        assert find_fault(world.arrays) in FAULTS
+def test_diverged_walks_are_named_and_counted():
+    ended = WalkSimulator(Scene(PUPPER_V2, lambda rng: BROKEN)).run(random_policy(1.0, seed=0), seed=0)
+    with pytest.raises(SimulationFault, match=r"2 of 3 walks of paper had a simulation fault .*smaller gains"):
+        require_walks([ended, replace(ended, fault=0), ended], "paper")
+    require_walks([replace(ended, fault=0)], "paper")

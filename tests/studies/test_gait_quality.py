@@ -80,11 +80,6 @@ def commanded_heading(rate: float) -> np.ndarray:
     return np.array(headings)
 
 
-def test_dragged_feet_slip_the_whole_distance_and_lifted_feet_do_not():
-    assert measured(gliding())["slip"] == pytest.approx(1.0, rel=0.01)
-    assert measured(gliding(height=0.02))["slip"] == 0.0
-
-
 def trotting(lifts: np.ndarray, way: float) -> FootMotion:
     """Feet that go back and forth, a step in 35 frames, each lifted by (feet, steps) of these heights [m] in its swing.
 

@@ -54,7 +54,7 @@ class Record(RecordSettings, RobotChoice):
 
 @dataclass(frozen=True)
 class Doctor(RobotChoice):
-    """Check a robot's telemetry: frames, age, IMU, joints, currents, battery. Sends nothing, unless --idle."""
+    """Check a robot's telemetry: frames, age, IMU, joints, currents. Sends nothing, unless --idle."""
 
     seconds: float = 3.0
     """Duration of the check [s]."""

@@ -31,7 +31,7 @@ class _Debounce:
 
 
 class Sensors:
-    """Detects a fall, a frozen IMU, overcurrent, overheating and an empty battery.
+    """Detects a fall, a frozen IMU and overcurrent.
 
     An IMU is frozen if it worked and now repeats its values or sends zeros, so that a fall would not be detected. It
     has worked once its values were not 0 for ``imu_time``: one damaged frame of a firmware without IMU does not count.
@@ -39,22 +39,17 @@ class Sensors:
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names, self._limits = robot.joint_names, limits
-        times = limits.tilt_time, limits.imu_time, limits.current_time, limits.warning_time, limits.warning_time
-        self._tilted, self._imu_works, self._overcurrent, self._hot, self._empty = map(_Debounce, times)
+        times = limits.tilt_time, limits.imu_time, limits.current_time
+        self._tilted, self._imu_works, self._overcurrent = map(_Debounce, times)
         self._imu_has_worked, self._last, self._since = False, tuple[float, ...](), 0.0
 
     def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
         """The faults in a measurement at ``now`` [s] on the robot's clock."""
         limits = self._limits
-        name, current = self._largest(None if telemetry.cur is None else np.abs(telemetry.cur))
-        if self._overcurrent(current > limits.measured_current, now):
-            yield RobotFault("current", f"{name} draws {current:.1f} A")
-        name, temperature = self._largest(telemetry.temp)
-        if self._hot(temperature > limits.temperature, now):
-            problem, remedy = f"{name} is at {temperature:.0f} °C", "let the motors cool down"
-            yield RobotFault("temperature", problem, safe_state="crouch", remedy=remedy)
-        if self._empty(telemetry.bat is not None and telemetry.bat < limits.battery, now):
-            yield RobotFault("battery", f"{telemetry.bat:.1f} V", safe_state="crouch", remedy="charge the battery")
+        currents = np.zeros(len(self._names)) if telemetry.cur is None else np.abs(telemetry.cur)
+        joint = int(np.argmax(currents))
+        if self._overcurrent(bool(currents[joint] > limits.measured_current), now):
+            yield RobotFault("current", f"{self._names[joint]} draws {currents[joint]:.1f} A")
         values = (*telemetry.attitude, *telemetry.rates)
         self._imu_has_worked = self._imu_works(telemetry.has_imu, now) or self._imu_has_worked
         if values != self._last or not self._imu_has_worked:
@@ -66,11 +61,6 @@ class Sensors:
         if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > limits.max_tilt, now):
             yield RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
-    def _largest(self, values: np.ndarray | None) -> tuple[str, float]:
-        """Joint and value of the largest of (joints,) values."""
-        joint = 0 if values is None else int(np.argmax(values))
-        return self._names[joint], -math.inf if values is None else float(values[joint])
-
 
 class Tracking:
     """Detects a joint that does not follow its target.
@@ -81,7 +71,7 @@ class Tracking:
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names, self._limits = robot.joint_names, limits
-        self.begin(robot.require_wire().tracking_lag)
+        self.begin(robot.require_wire().kd / robot.require_wire().kp)
 
     def begin(self, lag: float) -> None:
         """Restart at the next measurement, with ``lag`` [s]: the motors had no current before."""

@@ -152,11 +152,10 @@ def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callab
             return
         telemetry = measurement.telemetry
         age = 1e3 * (time.monotonic() - measurement.sampled)
-        battery = f", {telemetry.bat:.1f} V" if telemetry.bat is not None else ""
         status(
             f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
             f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.port.reader.rejected + link.stream.impossible}{battery}"
+            f"{link.port.reader.rejected + link.stream.impossible}"
         )
 
     return show

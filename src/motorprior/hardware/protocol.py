@@ -3,8 +3,8 @@
     host to robot   0x00, one length byte, payload
     robot to host   0x45 0x45, length as 16 bit big-endian, payload, CR LF; lines of plain text between frames
 
-The payload is msgpack with numbers as float32. Keys and units are those of the firmware Nate711/DJIPupperTests (MIT),
-except ``temp`` and ``bat``, which a robot that measures them may send. Angles have the robot's own signs.
+The payload is msgpack with numbers as float32. Keys and units are those of the firmware Nate711/DJIPupperTests (MIT).
+Angles have the robot's own signs.
 
 There is no checksum. A frame is accepted if its length is possible, its end marker is in place and its payload decodes;
 otherwise the reader skips one byte and searches on. The result does not depend on how the stream was cut into reads.
@@ -37,7 +37,7 @@ class Command:
 
 @dataclass(frozen=True, kw_only=True)
 class Telemetry:
-    """A message from the robot; optional keys are None if the firmware does not send them."""
+    """A message from the robot; ``cur`` is None if the firmware does not send it."""
 
     ts: float  # time since the robot started [ms]
     yaw: float  # angles [rad] and rates about the body's axes [rad/s]; all 0 if the firmware does not read the IMU
@@ -49,8 +49,6 @@ class Telemetry:
     pos: np.ndarray  # (joints,) [rad]
     vel: np.ndarray  # (joints,) [rad/s]
     cur: np.ndarray | None = None  # (joints,) measured currents [A]
-    temp: np.ndarray | None = None  # (joints,) motor temperatures [°C]
-    bat: float | None = None  # battery voltage [V]
 
     def with_signs(self, signs: np.ndarray) -> Telemetry:
         """The same with (joints,) ``signs`` on positions, velocities and currents, to the library's signs or back."""
@@ -92,7 +90,7 @@ _FORMATS: dict[type, _Format] = {
     Command: _Format(_COMMAND_KEYS, (), 255, b"\x00", 1, b""),
     Telemetry: _Format(_TELEMETRY_KEYS, _TELEMETRY_KEYS[:9], 1023, b"\x45\x45", 2, b"\r\n"),
 }
-_ARRAYS = ("pos", "vel", "cur", "temp")
+_ARRAYS = ("pos", "vel", "cur")
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 _MAX_LINE = 256  # [bytes]; of a longer line of text only the end is kept
 # Only the printable end of a line: what precedes it may be the rest of a damaged frame.

@@ -248,15 +248,10 @@ def _sensors(link: RobotLink, telemetry: Sequence[Telemetry]) -> list[Check]:
     """The faults that would end a motion, and the last readings."""
     sensors, last = Sensors(link.robot, link.limits), telemetry[-1]
     faults = {fault.kind: fault for one in telemetry for fault in sensors.faults(one, 1e-3 * one.ts)}
-    readings = {
-        "current": None if last.cur is None else f"up to {np.abs(last.cur).max():.2f} A",
-        "temperature": None if last.temp is None else f"up to {last.temp.max():.0f} °C",
-        "battery": None if last.bat is None else f"{last.bat:.1f} V",
-        "frozen IMU": "no",
-    }
+    current = "not sent" if last.cur is None else f"up to {np.abs(last.cur).max():.2f} A"
     return [
         Check(kind, faults[kind].problem, False, faults[kind].remedy or "look for a blocked joint")
         if kind in faults
-        else Check(kind, reading or "not sent", True)
-        for kind, reading in readings.items()
+        else Check(kind, reading, True)
+        for kind, reading in (("current", current), ("frozen IMU", "no"))
     ]

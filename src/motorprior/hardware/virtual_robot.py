@@ -117,10 +117,7 @@ class Firmware:
         measured = np.concatenate([sensors.attitude, sensors.rates]) if config.with_imu else np.zeros(6)
         body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
         current = sensors.current if config.with_currents else None
-        return Telemetry(
-            ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, temp=sensors.temperature, bat=sensors.battery,
-            **body,
-        )  # fmt: skip
+        return Telemetry(ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, **body)
 
 
 class VirtualRobot:

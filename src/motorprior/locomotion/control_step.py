@@ -212,13 +212,14 @@ def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.
     scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
     speed_error = scalars[_FORWARD] - gait.twist[0]
     scalars[_SPEED_ERRORS] += abs(speed_error)
-    slip = sliding(body, gait.feet, state, pitch, yaw)
+    earned = weights[0] if not down else 0.0
+    earned -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
+    heading_error, yaw_rate_error = wrapped(yaw - scalars[_COMMANDED_HEADING]), state.base_ang_vel[2] - gait.twist[1]
+    earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
     effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
-    earned = reward(
-        speed_error, scalars[_LEFT], wrapped(yaw - scalars[_COMMANDED_HEADING]),
-        state.base_ang_vel[2] - gait.twist[1], abs(roll) + abs(pitch), effort, slip, not down, body.control_dt, weights,
-    )  # fmt: skip
-    return earned, down
+    slip = sliding(body, gait.feet, state, pitch, yaw)
+    earned = earned - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
+    return body.control_dt * earned, down
 
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
@@ -228,7 +229,10 @@ CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the groun
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Coefficients of the reward, which is in metres walked; ConfigError for one that is not a number of at least 0."""
+    """Weights of the reward of a control step, control_dt (alive - Σ weight · |error|) [m].
+
+    ConfigError for a weight that is not a number of at least 0.
+    """
 
     alive: float = 1.0  # per second upright [m/s]
     speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]
@@ -244,7 +248,7 @@ class TaskWeights:
             require_number(f"task.{name}", value)
 
     def array(self) -> np.ndarray:
-        """Shape (8,), in the order of the attributes, for `reward`."""
+        """Shape (8,), in the order of the attributes."""
         return np.array(astuple(self), dtype=np.float64)
 
 
@@ -302,39 +306,6 @@ def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw
         before[:3] = foot
         before[3] = angle
     return total
-
-
-@njit(cache=True)
-def reward(
-    speed_error: float,
-    lateral_speed: float,
-    heading_error: float,
-    yaw_rate_error: float,
-    tilt: float,
-    sum_torque_squared: float,
-    slip: float,
-    alive: bool,
-    control_dt: float,
-    weights: np.ndarray,
-) -> float:
-    """Reward of one control step [m]: dt (alive - Σ weight · |error|).
-
-    Args:
-        speed_error: filtered forward speed less the commanded one [m/s].
-        lateral_speed: filtered speed to the left [m/s].
-        heading_error: heading less the integral of the commanded yaw rate [rad].
-        yaw_rate_error: yaw rate less the commanded one [rad/s].
-        tilt: |roll| + |pitch| [rad].
-        sum_torque_squared: Στ², torques over the reference torque, mean over the physics steps of this control step.
-        slip: sum of the sliding speeds of the feet on the ground [m/s], see `sliding`.
-        alive: false in the step in which the robot falls.
-        control_dt: dt, control period [s].
-        weights: shape (8,), `TaskWeights.array()`.
-    """
-    earned = weights[0] if alive else 0.0
-    earned -= weights[1] * abs(speed_error) + weights[2] * abs(lateral_speed)
-    earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
-    return control_dt * (earned - weights[5] * tilt - weights[6] * sum_torque_squared - weights[7] * slip)
 
 
 @njit(cache=True)

@@ -16,8 +16,7 @@ import mujoco
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import GeneratedModel, files_digest
 from motorprior.robots.robot import GRAVITY, Robot
-from motorprior.robots.user_model import cannot_read
-from motorprior.robots.user_model_spec import read_spec
+from motorprior.robots.user_model import cannot_read, read_spec
 
 CONTACT_TIME = 0.02  # [s] time constant of a foot's contact, MuJoCo's default
 CONTACT_DT = 0.001  # [s] longest physics step at which a foot's contact is critically damped

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import ModelFile, files_digest, model_files
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
-from motorprior.robots.user_model import UserModel
 from motorprior.schema import Schema
+
+if TYPE_CHECKING:
+    from motorprior.robots.user_model import UserModel
 
 _SEE = "see docs/your-robot.md"
 _CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
@@ -50,7 +52,6 @@ _PER_JOINT = {
 }
 _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
-    "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
     "joint_classes": _per_joint(_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
@@ -98,12 +99,14 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
+    from motorprior.robots.user_model import UserModel  # a robot's own computer has no MuJoCo
+
     _ROBOT.check(table, path)
     where, legs = str(path), table.get("legs", {})
     file = path.parent / table["model"]
     for name, leg in legs.items():
         _LEG.check(leg, f"{where}[legs.{name}]")
-    model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
+    model = UserModel(file, table["base"] == "free", [leg["foot"] for leg in legs.values()])
     names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _spread(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -46,7 +47,7 @@ def model_files(path: Path) -> tuple[Path, ...]:
         if file in found:
             continue
         found[file] = None
-        for element, named in _named_files(file, path.resolve().parent):
+        for element, named in _named_files(file, path):
             if element in ("include", "model"):
                 waiting.append(named)
             else:
@@ -54,8 +55,8 @@ def model_files(path: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def _named_files(file: Path, model_folder: Path) -> Iterator[tuple[str, Path]]:
-    """Elements of an XML file and the existing files that they name."""
+def _named_files(file: Path, model: Path) -> Iterator[tuple[str, Path]]:
+    """Elements of an XML file of a model and the existing files that they name."""
     try:
         root = ElementTree.parse(file).getroot()
     except (ElementTree.ParseError, OSError):  # MuJoCo's error is clearer
@@ -63,17 +64,9 @@ def _named_files(file: Path, model_folder: Path) -> Iterator[tuple[str, Path]]:
     folders = {""} | {each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")}
     for element in root.iter():
         text = element.get("file") or element.get("filename") or ""
-        if "://" in text:
-            if (found := mesh_file(file, text)) is not None:
-                yield element.tag, found
-            continue
-        name = Path(text)
-        if not name.name:
-            continue
-        for folder in (start / inner for start in (file.parent, model_folder) for inner in sorted(folders)):
-            for candidate in (folder / name, folder / name.name):  # MuJoCo may strip paths
-                if candidate.is_file():
-                    yield element.tag, candidate.resolve()
+        for start, folder in product((file, model), sorted(folders)):
+            if (named := mesh_file(start, text, folder)) is not None:
+                yield element.tag, named.resolve()
 
 
 def is_urdf(path: Path) -> bool:
@@ -82,9 +75,9 @@ def is_urdf(path: Path) -> bool:
 
 
 def mesh_file(model: Path, text: str, folder: str = "") -> Path | None:
-    """The file that a URDF names: relative to the model, or ``package://PACKAGE/PATH`` below a folder above it.
+    """The file that a model names: relative to the model, or ``package://PACKAGE/PATH`` below a folder above it.
 
-    ``folder`` is the meshdir of MuJoCo's extension of URDF. None if there is none.
+    ``folder`` is the model's meshdir. None if there is no such file.
     """
     start, (scheme, _, rest) = model.resolve().parent, text.rpartition("://")
     if scheme:

@@ -1,4 +1,4 @@
-"""Properties of a user's MJCF or URDF: joints, limits, legs, mass, loads."""
+"""A user's MJCF or URDF: as MuJoCo's editable description, and its joints, limits, legs, mass and loads."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -6,12 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import mujoco
 import numpy as np
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_source import is_urdf
+from motorprior.robots.model_source import is_urdf, mesh_file
 from motorprior.robots.robot import Leg
+
+_MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 
 # radius of gyration of a link that is an error in any model: in sizes of the model, and at least [m]
 MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
@@ -23,40 +27,66 @@ def cannot_read(path: Path | None, reason: str) -> ArtifactError:
     return ArtifactError(f"MuJoCo cannot read it ({reason})", where=path, remedy="correct the model")
 
 
+def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
+    """The ``MjSpec`` of a model, with what a URDF cannot state.
+
+    A URDF gets a free joint at its root link where the robot's base is free, and its meshes at their files; a mesh that
+    is not found, or has a format that MuJoCo does not read, is left out where the link states its inertia. A foot that
+    is the name of a link or body is its only sphere. Raises ArtifactError for a missing mesh that gives a link its
+    inertia.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    if is_urdf(path):
+        # a link keeps its name, the base its body, and shapes that touch nothing stay for films
+        spec.compiler.fusestatic = spec.compiler.discardvisual = False
+        _place_meshes(spec, path)
+        base = spec.worldbody.first_body()
+        if is_free and base is not None and base.first_joint() is None:
+            base.add_freejoint()
+    for foot in feet:
+        body, known = spec.body(foot), {geom.name for geom in spec.geoms}
+        spheres = [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE] if body else []
+        if foot not in known and len(spheres) == 1:
+            spheres[0].name = foot
+    return spec
+
+
+def _place_meshes(spec: Any, path: Path) -> None:
+    for mesh in spec.meshes:
+        file = mesh_file(path, mesh.file, spec.meshdir)
+        if file is not None and file.suffix.lower() in _MESHES:
+            mesh.file = str(file)
+            continue
+        for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
+            if not geom.parent.explicitinertial:
+                problem = f"link {geom.parent.name!r} has no <inertial>, and its mesh {mesh.file!r} cannot be read"
+                remedy = f"give the link an <inertial>, or put an .stl or .obj at this path below {path.parent}"
+                raise ArtifactError(problem, where=path, remedy=f"{remedy} or a folder above it")
+            spec.delete(geom)
+        spec.delete(mesh)
+
+
 class UserModel:
     """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
-    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or a link whose mass
-    is spread wider than the robot, or does not fit ``is_free``.
+    ArtifactError if it cannot be compiled, has coupled joints or a link whose mass is spread wider than the robot, or
+    does not fit ``is_free``.
     """
 
-    def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
-        import mujoco  # here: a robot's own computer has none, and a shipped robot needs none
-
-        from motorprior.robots.user_model_spec import read_spec
-
-        self._mujoco, self._path = mujoco, path
+    def __init__(self, path: Path, is_free: bool, feet: Sequence[str] = ()):
+        self._path = path
         try:
             self._model = read_spec(path, is_free, feet).compile()
-            self._is_urdf = is_urdf(path)
         except ArtifactError:
             raise
         except Exception as error:  # ValueError, FatalError or MemoryError
             raise cannot_read(path, str(error)) from error
-        if self._model.nu and not removes_actuators:
-            first = self._model.actuator(0).name
-            problem = f"it has {self._model.nu} actuators of its own, the first is {first!r}"
-            remedy = 'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
-            raise self._error(f"{problem}: a joint would be driven twice", remedy)
         self.num_links = self._model.nbody - 1  # moving bodies
         self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
-        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == self._mujoco.mjtJoint.mjJNT_FREE]
+        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
         if free != ([0] if is_free else []):
             problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
-            remedy = "change base in the robot's file, or " + (
-                'the type of the root\'s joint: "floating" or "fixed"' if self._is_urdf
-                else "add or delete a <freejoint/> of the base"
-            )  # fmt: skip
+            remedy = 'change base in its file, or add or delete the free joint (<freejoint/>; URDF: type="floating")'
             raise self._error(problem, remedy)
         self._require_plausible()
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
@@ -67,19 +97,12 @@ class UserModel:
         """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
         model = self._model
         if model.neq:
-            first, second = int(model.eq_obj1id[0]), int(model.eq_obj2id[0])
-            if model.eq_type[0] == self._mujoco.mjtEq.mjEQ_JOINT:
-                joint = model.joint(first).name
-                problem = (
-                    f"joint {joint!r} follows {model.joint(second).name!r}" if second >= 0 else f"it fixes {joint!r}"
-                )
-                problem += " (mimic)" if self._is_urdf else " by an equality constraint"
-                remedy = f"it has no motor of its own: make {joint!r} fixed" + (
-                    ' by type="fixed", without <mimic>' if self._is_urdf else ", by deleting joint and constraint"
-                )
-            else:
-                problem = f"an equality constraint closes a loop (number 0 of {model.neq})"
+            if model.eq_type[0] != mujoco.mjtEq.mjEQ_JOINT:
                 remedy = "delete it: loops are not supported; give each leg as an open chain"
+                raise self._error("an equality constraint closes a loop", remedy)
+            joints = [model.joint(int(each[0])).name for each in (model.eq_obj1id, model.eq_obj2id) if each[0] >= 0]
+            problem = f"a <mimic> or equality constraint couples joint {' to '.join(map(repr, joints))}"
+            remedy = f"it has no motor of its own: make {joints[0]!r} fixed, without <mimic> or constraint"
             raise self._error(problem, remedy)
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
@@ -100,12 +123,11 @@ class UserModel:
         names = []
         for index in range(self._model.njnt):
             kind, name = self._model.jnt_type[index], self._model.joint(index).name
-            if kind == self._mujoco.mjtJoint.mjJNT_FREE:
+            if kind == mujoco.mjtJoint.mjJNT_FREE:
                 continue
-            if kind != self._mujoco.mjtJoint.mjJNT_HINGE or not name:
+            if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
-                weld = 'by type="fixed"' if self._is_urdf else "by deleting the joint"
-                raise self._error(problem, f"name it, or weld it {weld}")
+                raise self._error(problem, 'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)')
             names.append(name)
         if not names:
             raise self._error("the model has no hinges", "give a model with joints")
@@ -115,9 +137,7 @@ class UserModel:
         """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
-            remedy = 'give it range="LOWER UPPER" (and autolimits or limited)'
-            if self._is_urdf:
-                remedy = 'give it type="revolute" and <limit lower="…" upper="…"/>; "continuous" has no limits'
+            remedy = 'give it range="LOWER UPPER", in a URDF type="revolute" and <limit lower="…" upper="…"/>'
             raise self._error(f"joint {name!r} has no limits", remedy)
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)
@@ -129,14 +149,10 @@ class UserModel:
         known = [self._model.geom(index).name for index in range(self._model.ngeom)]
         if foot not in known:
             found = ", ".join(name for name in known if name) or "none has a name"
-            kind = (
-                "named <collision> of a URDF, or a link with one sphere"
-                if self._is_urdf
-                else "geom, or a body with one sphere"
-            )
-            raise self._error(f"no foot {foot!r}", f"give a {kind}; geoms with names: {found}")
+            remedy = f"give a geom or named <collision>, or a link or body with one sphere; geoms with names: {found}"
+            raise self._error(f"no foot {foot!r}", remedy)
         geom = self._model.geom(foot).id
-        if self._model.geom_type[geom] != self._mujoco.mjtGeom.mjGEOM_SPHERE:
+        if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
         data = self._at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
@@ -181,16 +197,16 @@ class UserModel:
         share of the mass per leg at the height of the base; the factors are a margin.
         """
         data, own, column = self._at(pose), [], np.zeros(self._model.nv)
-        self._mujoco.mj_forward(self._model, data)
+        mujoco.mj_forward(self._model, data)
         for joint in range(self._model.nv - len(pose), self._model.nv):
-            self._mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
+            mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
             own.append(float(column[joint] - self._model.dof_armature[joint]))
         share = self.mass / legs * height**2 if legs else 0.0
         return 0.3 * min(own), 1.5 * max(*own, share)
 
     def _at(self, pose: dict[str, float]):
-        data = self._mujoco.MjData(self._model)
+        data = mujoco.MjData(self._model)
         for name, angle in pose.items():
             data.joint(name).qpos[0] = angle
-        self._mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_kinematics(self._model, data)
         return data

@@ -33,12 +33,8 @@ class SafetyLimits:
     implausible_frames: int = 3  # so many in a row are a fault
     joint_speed: float = 20.0  # maximum plausible [rad/s]; walking stays below 13
     body_rate: float = 35.0  # maximum plausible [rad/s]; range of the gyroscope, 2000 °/s
-    # Currents, temperatures and the battery, if reported
-    measured_current: float = 9.0  # [A] of any motor for current_time [s]; the firmware stops at 10
+    measured_current: float = 9.0  # [A], if reported, of any motor for current_time [s]; the firmware stops at 10
     current_time: float = 0.02  # one damaged frame is not an overcurrent
-    temperature: float = 80.0  # [°C] of any motor; assumption: the windings withstand about 100
-    battery: float = 19.8  # minimum [V]; assumption: 3.3 V for each of six cells
-    warning_time: float = 0.3  # of temperature or battery beyond their limits [s]
     # Late control steps; the motors hold the last target meanwhile
     tick_delay: float = 0.1  # of one step [s]; walks of a policy of 150 iterations stayed upright with twice this pause
     late_ticks: int = 10  # steps of the last hundred that are late by more than half a period
@@ -46,7 +42,7 @@ class SafetyLimits:
     watchdog: float = 0.13  # the host is silent [s]: idle; a control period, tick_delay, and 20 ms for the host to send
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wire:
     """Constants of a servo bus: current = clip(kp·(target - angle) - kd·velocity, ±max_current) on the robot."""
 
@@ -54,31 +50,11 @@ class Wire:
     kd: float  # default gain [A·s/rad]; it acts on the velocity, so a joint follows its target with a lag of kd/kp
     max_current: float  # [A] per motor
     torque_constant: float  # [N·m/A] at the joint
-    signs: tuple[float, ...]  # robot's own angle = sign × angle of the model, per joint
+    joint_signs: np.ndarray  # (joints,) robot's own angle = sign × angle of the model
     encoder_counts: int  # per turn of the joint
-    crouch: tuple[float, ...]  # joint angles in which the current can be switched off softly [rad]
-    folded: tuple[float, ...]  # joint angles on its belly, switched off [rad]
+    crouch_pose: np.ndarray  # (joints,) angles in which the current can be switched off softly [rad]
+    folded_pose: np.ndarray  # (joints,) angles on its belly, switched off [rad]
     safety: SafetyLimits
-
-    @property
-    def tracking_lag(self) -> float:
-        """Time constant with which a joint follows its target [s]."""
-        return self.kd / self.kp
-
-    @property
-    def joint_signs(self) -> np.ndarray:
-        """(joints,) signs."""
-        return np.array(self.signs)
-
-    @property
-    def crouch_pose(self) -> np.ndarray:
-        """(joints,) angles [rad]."""
-        return np.array(self.crouch)
-
-    @property
-    def folded_pose(self) -> np.ndarray:
-        """(joints,) angles [rad]."""
-        return np.array(self.folded)
 
 
 @dataclass(frozen=True)
@@ -105,5 +81,3 @@ class SensorReadings:
     current: np.ndarray  # (joints,) [A]
     attitude: np.ndarray  # roll, pitch, yaw [rad]
     rates: np.ndarray  # about the body's axes [rad/s]
-    temperature: np.ndarray | None = None  # (joints,) of the motors [°C], if measured
-    battery: float | None = None  # [V], if measured

@@ -20,7 +20,7 @@ from motorprior.bounds import require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
-from motorprior.locomotion.body import Body, GaitName, body_of
+from motorprior.locomotion.body import GaitName, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     GaitState,
@@ -37,7 +37,7 @@ from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.world import FAULTS, TOO_STIFF, World, WorldArrays, hold_target, read_state
+from motorprior.simulation.world import FAULTS, TOO_STIFF, World, hold_target, read_state
 
 Engine = Literal["mujoco", "pybullet"]
 ENGINES: tuple[Engine, ...] = get_args(Engine)
@@ -156,58 +156,31 @@ class Walker(NamedTuple):
     feet: np.ndarray  # (legs, 3) scratch: centres of the feet [m]
 
 
-def drawn_walker(scene: Scene, body: Body, world: World, seed: int) -> Walker:
-    """The robot of the episode of this seed; resets the world."""
-    motors, gait = scene.begin(world, seed), new_gait(body)
-    measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
-    return Walker(motors, *scene.walk.inputs(scene.robot, seed), gait, np.zeros_like(gait.command), measured, feet)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def complete(body: Body, world: WorldArrays, walker: Walker, step: int) -> None:
-    """Complete the observation of control step ``step`` after its true readings."""
-    complete_observation(body, walker.gait, walker.sensors, walker.schedule, step, world.qpos[3:7])
-
-
-@njit(cache=True, nogil=True, inline="always")
-def begin_walk(body: Body, world: WorldArrays, walker: Walker) -> None:
-    """First observation of an episode, after the world's reset."""
-    begin_gait(body, walker.gait)
-    observe(body, read_state(world, walker.motors, 0.0, walker.measured, walker.feet), walker.gait.observation)
-    complete(body, world, walker, 0)
-
-
-@njit(cache=True, nogil=True, inline="always")
-def walk_step(body: Body, world: WorldArrays, walker: Walker, weights: np.ndarray) -> tuple[float, bool, int]:
-    """One control step of ``walker.action``, up to the true readings; returns reward [m], end of episode, fault."""
-    command_step(body, walker.gait, walker.action)
-    squared = hold_target(world, walker.motors, walker.gait.target)
-    state = read_state(world, walker.motors, squared, walker.measured, walker.feet)
-    reward, ended = evaluate_step(body, walker.gait, state, weights)
-    return reward, ended, state.fault
-
-
 @njit(cache=True, nogil=True)
 def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
     """Return total reward, steps and fault."""
     body, world, walker = without_refcounts(body), without_refcounts(world), without_refcounts(walker)
     policy, weights = without_refcounts(policy), without_refcounts(weights)
     mean, m2 = without_refcounts(mean), without_refcounts(m2)
+    motors, sensors, schedule, gait, action, measured, feet = walker
     total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
-    begin_walk(body, world, walker)
+    begin_gait(body, gait)
+    observe(body, read_state(world, motors, 0.0, measured, feet), gait.observation)
     for step in range(max_steps):
+        complete_observation(body, gait, sensors, schedule, step, world.qpos[3:7])
         if trace.shape[0] > 0:
             trace[step, :nq] = world.qpos
             trace[step, nq : nq + nv] = world.qvel
             trace[step, nq + nv :] = world.torque
-        update_stats(walker.gait.observation, step, mean, m2)
-        act(policy, walker.gait.observation, walker.action)
-        reward, ended, fault = walk_step(body, world, walker, weights)
-        total += reward
-        steps = step + 1
+        update_stats(gait.observation, step, mean, m2)
+        act(policy, gait.observation, action)
+        command_step(body, gait, action)
+        squared = hold_target(world, motors, gait.target)
+        state = read_state(world, motors, squared, measured, feet)
+        reward, ended = evaluate_step(body, gait, state, weights)
+        total, steps, fault = total + reward, step + 1, state.fault
         if ended:
             break
-        complete(body, world, walker, steps)
     return total, steps, fault
 
 
@@ -221,13 +194,16 @@ class WalkSimulator:
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """One episode of a policy of the robot; ``seed`` draws motors, conditions and commands."""
         world, steps = self.world, self._scene.walk.episode_steps
-        walker = drawn_walker(self._scene, self._body, world, seed)
+        motors, gait = self._scene.begin(world, seed), new_gait(self._body)
+        inputs = self._scene.walk.inputs(self._scene.robot, seed)
+        measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
+        walker = Walker(motors, *inputs, gait, np.zeros_like(gait.command), measured, feet)
         mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
         qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
         rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
         arguments = world.arrays, walker, policy, self._weights, steps, mean, m2, rows
         total, done, fault = _episode(self._body, *arguments)
-        where, speed_error = np.zeros(2) if fault else qpos[:2].copy(), walker.gait.speed_errors / done
+        where, speed_error = np.zeros(2) if fault else qpos[:2].copy(), gait.speed_errors / done
         poses, motion = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
         return Episode(total, done, speed_error, where, fault, mean, m2, poses, motion)
 

@@ -72,10 +72,10 @@ PUPPER_V2 = Robot(
         kd=spec.WIRE_KD,
         max_current=spec.MAX_CURRENT,
         torque_constant=spec.TORQUE_CONSTANT,
-        signs=tuple(spec.JOINT_SIGNS.tolist()),
+        joint_signs=spec.JOINT_SIGNS,
         encoder_counts=spec.ENCODER_COUNTS,
-        crouch=tuple(spec.CROUCH_POSE.tolist()),
-        folded=tuple(spec.FOLDED_POSE.tolist()),
+        crouch_pose=spec.CROUCH_POSE,
+        folded_pose=spec.FOLDED_POSE,
         safety=SafetyLimits(),
     ),
 )
