@@ -3,7 +3,7 @@
     python benchmarks/exports.py --out runs/exports
 
 figures.json: FORMAT/leg, FORMAT/shank and FORMAT/leg_steps, the RMSE of exported against our own joint angles over
-MOTORS motors [rad] (`exports.replay`), for bam, mjcf, mjcf_detailed and table; mjlab/parity and newton/parity, the
+MOTORS motors [rad] (`exports.registry`), for bam, mjcf, mjcf_detailed and table; mjlab/parity and newton/parity, the
 largest difference of joint angles [rad] between the Warp kernel in float32 and the compiled motors, each in its own
 closed loop, over 64 motors and 2000 steps of 2 ms. kernel/warp_us and kernel/numba_us are times per step of these 64
 motors on this CPU [µs]. Without the extras mjlab and newton the last are left out. The motors have the true constants
@@ -32,8 +32,7 @@ from motorprior.actuator.motors import Motors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exports.exporter import sampled
-from motorprior.exports.registry import MAX_STEP, find_exporters, is_supported
-from motorprior.exports.replay import losses
+from motorprior.exports.registry import EXPORTERS, MAX_STEP, is_supported, losses
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
 SPREAD = 0.15  # of the logarithms of the constants [-]
@@ -200,7 +199,7 @@ def main() -> None:
     rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
     few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
     figures: dict[str, float] = {}
-    for name, exporter in find_exporters().items():
+    for name, exporter in EXPORTERS.items():
         if not is_supported(exporter):
             print(f"{name} left out: it needs MuJoCo {exporter.mujoco}")
             continue

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from motorprior.exceptions import LogError as LogError
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
-    from motorprior.exports.bam_law import read_motor as read_motor
+    from motorprior.exports.bam import read_motor as read_motor
     from motorprior.exports.cards import from_pretrained as from_pretrained
     from motorprior.exports.registry import export as export
     from motorprior.identification.adapt import adapt as adapt

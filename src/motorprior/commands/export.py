@@ -7,8 +7,8 @@ from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exports.exporter import described_loss
 from motorprior.exports.registry import Exported, export
-from motorprior.exports.replay import as_mrad
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
 
@@ -47,9 +47,6 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
         joints=config.joints, log=None if config.log is None else read_parquet(config.log),
     )  # fmt: skip
     progress.note(f"{len(found.files)} files in {config.out}")
-    if found.losses:
-        progress.note(f"RMSE against the learned motors: {as_mrad(found.losses)}")
-    if found.not_expressed:
-        lost = ", ".join(f"{name} (median {value:.3g})" for name, value in found.not_expressed.items())
-        progress.note(f"not expressed by the format: {lost}")
+    if found.losses:  # a card loses nothing
+        progress.note(described_loss(found.losses, found.not_expressed))
     return found

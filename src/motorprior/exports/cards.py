@@ -9,6 +9,7 @@ from motorprior.actuator.constants import COLUMNS
 from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
 from motorprior.exceptions import ArtifactError
+from motorprior.exports.exporter import Exporter
 
 PAGE = "README.md"
 
@@ -58,3 +59,6 @@ def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str
 
 def _yaml(value: str | float) -> str:
     return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)
+
+
+CARD = Exporter("card", (), lambda request: write_card(request.sample.prior, request.out))

@@ -60,7 +60,7 @@ class Request:
     constants: Constants  # (K, J) of the sample, and `carried`
     out: Path
     model: Path | None  # the user's MJCF
-    losses: Mapping[str, float]  # `replay.losses` by load [rad]
+    losses: Mapping[str, float]  # `registry.losses` by load [rad]
     not_expressed: Mapping[str, float]  # median value by constant
 
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
@@ -82,7 +82,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Exporter:
-    """A format; the EXPORTER of a module in `exports.formats`."""
+    """A format."""
 
     name: str  # of the option --format
     drops: tuple[str, ...]  # constants that the format cannot express
@@ -140,3 +140,10 @@ def motors_of(values: Constants, terms: tuple[str, ...] = (), period: float = 0.
     center = raw.mean(axis=0)
     model = GreyBox(GearedMotor(center, np.eye(len(columns)), terms), period)
     return GreyBoxActuator(model, raw - center, COLD)
+
+
+def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:
+    """For example "RMSE against the learned motors: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
+    errors = ", ".join(f"{name} {1e3 * value:.1f} mrad" for name, value in losses.items())
+    lost = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
+    return f"RMSE against the learned motors: {errors}; not expressed: {lost or 'nothing'}"

@@ -1,33 +1,35 @@
 """A motor as what every engine has: armature, damping, dry friction and a position servo with delay and force limit."""
 
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
 from __future__ import annotations
 
 import math
 import re
 import shutil
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ArtifactError
-from motorprior.exports.exporter import Constants, Request, one_motor
-from motorprior.exports.mjcf_text import MjcfText, attribute_text
-from motorprior.exports.replay import RIG, as_mrad, replay_mjcf
+from motorprior.exports.exporter import Constants, Exporter, Request, described_loss, one_motor
+from motorprior.exports.mjcf_document import Mjcf
 from motorprior.robots.model_source import model_files
 
-DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
+_DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
 UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
-# Writes one motor, of its constants by name, at a joint of a text
-WriteMotor = Callable[[MjcfText, str, Mapping[str, float]], None]
+# writes one motor, of its constants by name, at a joint
+WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -50,55 +52,73 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
     A ``position`` actuator is the same without the encoder zero.
     """
     kp, limit = values["kp"], values["torque_limit"]
-    bias = " ".join(map(number, (-kp * values["encoder_zero"], -kp, -kv)))
-    law = {"gaintype": "fixed", "gainprm": number(kp), "biastype": "affine", "biasprm": bias}
-    bounded = {"forcelimited": "true", "forcerange": f"{number(-limit)} {number(limit)}"}
+    law = {"gaintype": "fixed", "gainprm": number(kp), "biastype": "affine"}
+    law |= {"biasprm": number(-kp * values["encoder_zero"], -kp, -kv), "ctrllimited": "false", "gear": "1"}
+    bounded = {"forcelimited": "true", "forcerange": number(-limit, limit)} if math.isfinite(limit) else {}
     # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay is one step
     delay = max(values["delay"] + 0.5 * timestep, timestep)
     samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
-    delayed = {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
-    return law | (bounded if math.isfinite(limit) else {}) | delayed
+    return law | bounded | {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
 
 
-def number(value: float) -> str:
-    """Six significant digits."""
-    return f"{value:.6g}"
+def number(*values: float) -> str:
+    """Numbers of an attribute."""
+    return " ".join(f"{value:.6g}" for value in values)
 
 
-def write_plain(text: MjcfText, joint: str, values: Mapping[str, float]) -> None:
+def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
-    found = plain(values)
-    text.set(text.joint(joint), {name: number(found[name]) for name in ("armature", "damping", "frictionloss")})
-    drive(text, joint, joint, servo(values, values["kd"], text.compiled.opt.timestep))
+    found, tag = plain(values), mjcf.joint(joint)
+    for name in ("armature", "damping", "frictionloss"):
+        tag.setAttribute(name, number(found[name]))
+    drive(mjcf, joint, joint, servo(values, values["kd"], mjcf.compiled.opt.timestep))
 
 
-def drive(text: MjcfText, joint: str, driven: str, attributes: Mapping[str, str]) -> None:
-    """Make the actuator of a joint this servo of the joint ``driven``, under its name; add one if there is none."""
-    tag, attributes = text.actuator_of(joint), {"joint": driven, **attributes}
-    if tag is None:
-        text.insert_in("actuator", f"<general {attribute_text({'name': joint, **attributes})}/>")
+def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> None:
+    """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one."""
+    if (old := mjcf.actuator_of(joint)) is None:
+        mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
     else:
-        text.set(tag, attributes, "general", _OTHERS)
+        named = {"name": old.getAttribute("name") or joint, "joint": driven}
+        old.parentNode.replaceChild(mjcf.element("general", named | attributes), old)
 
 
-# attributes of actuators that a servo lacks, or that mean something else there
-_OTHERS = (
-    "kp", "kv", "dampratio", "timeconst", "inheritrange", "ctrlrange", "ctrllimited", "dyntype", "dynprm", "gaintype",
-    "gainprm", "biastype", "biasprm", "forcelimited", "forcerange", "jointinparent",
-)  # fmt: skip
+RIG = """<mujoco>
+  <option timestep="{dt!r}" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody>
+    <body name="link"><inertial pos="0 0 0" mass="1" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>
+      <joint name="joint" axis="0 1 0"/></body>
+  </worldbody>
+</mujoco>
+"""
 
 
 def replayed(values: Constants, given: Trial, write: WriteMotor) -> np.ndarray:
-    """(steps, n) joint angles [rad] of motors that ``write`` has written into the test model."""
+    """(steps, n) joint angles [rad] of motors that ``write`` has written into RIG."""
     columns = []
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "rig.xml"
-        for motor, inertia in enumerate(given.load_inertia.tolist()):
-            path.write_text(RIG.format(dt=given.dt, inertia=inertia), "utf-8")
-            text = MjcfText(path)
-            write(text, "joint", one_motor(values, motor))
-            columns.append(replay_mjcf(text.text(), given, motor))
+    for motor, inertia in enumerate(given.load_inertia.tolist()):
+        mjcf = Mjcf.parsed(RIG.format(dt=given.dt, inertia=inertia))
+        write(mjcf, "joint", one_motor(values, motor))
+        columns.append(_replayed(mujoco.MjModel.from_xml_string(mjcf.text()), given, motor))
     return np.stack(columns, axis=1)
+
+
+def _replayed(model: mujoco.MjModel, given: Trial, motor: int) -> np.ndarray:
+    """(steps,) angles [rad] of the joint under the commands and loads of one motor."""
+    assert given.load_stiffness is not None
+    data, targets, out = mujoco.MjData(model), given.position_target[:, motor], np.zeros(len(given.position_target))
+    data.qpos[:] = targets[0]
+    for actuator, samples in enumerate(model.actuator_history[:, 0].tolist()):
+        if samples:  # fill the delay line with a control that has never changed
+            times = model.opt.timestep * np.arange(-samples, 0.0)
+            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, targets[0]))
+    joint = data.joint("joint")
+    for step in range(len(out)):
+        out[step] = joint.qpos[0]
+        data.ctrl[0] = targets[step]
+        joint.qfrc_applied[0] = given.external_torque[step, motor] + given.load_stiffness[step, motor] * out[step]
+        mujoco.mj_step(model, data)
+    return out
 
 
 def write_variants(request: Request, write: WriteMotor) -> list[Path]:
@@ -113,43 +133,30 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.resolve() != file:
             shutil.copyfile(file, target)
-    texts = [MjcfText(model) for _ in request.sample.robots]
+    original = Mjcf.load(model)
+    variants = [original.copy() for _ in request.sample.robots]
     for index, joint, values in request.motors():
-        write(texts[index], joint, values)
-    files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(texts))]
-    for path, text in zip(files, texts, strict=True):
-        write_text(path, f"{text.text().rstrip()}\n<!-- {_about(request)} -->\n")
+        write(variants[index], joint, values)
+    about = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}; "
+    about += described_loss(request.losses, request.not_expressed)
+    about = re.sub("-{2,}", "-", about)  # XML allows no double hyphen in a comment
+    files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
+    for path, variant in zip(files, variants, strict=True):
+        write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
     return [*files, *write_table(request)]
 
 
-def _about(request: Request) -> str:
-    """Origin and loss of the export, for a comment, in which XML allows no double hyphen."""
-    lost = ", ".join(f"{name} (median {value:.3g})" for name, value in request.not_expressed.items())
-    origin = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}"
-    found = f"RMSE against the learned motors: {as_mrad(request.losses)}; not expressed: {lost or 'nothing'}"
-    return re.sub("-{2,}", "-", f"{origin}; {found}")
-
-
 def write_table(request: Request) -> list[Path]:
-    """Parameters of every sample and joint, their 5, 50 and 95 % quantiles, and correlations of their logarithms.
-
-    Correlations are those between units: of the deviations from the mean of each joint.
-    """
+    """Parameters (K, J) of every sample and joint, and their 5, 50 and 95 % quantiles (J, 3)."""
     found = plain(request.constants)
-    positive = [name for name in found if name != "offset"]
-    logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
-    columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
-    spread = columns.std(axis=1, keepdims=True)
-    scaled = columns / np.where(spread > 0.0, spread, 1.0)
-    matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
-    content = {
-        **request.provenance(), "units": UNITS,
-        "samples": {name: value.tolist() for name, value in found.items()},  # (K, J)
-        "quantiles_5_50_95": {  # (J, 3)
-            name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()
-        },
-        "correlation_of_logarithms": {"order": positive, "matrix": matrix},
-    }  # fmt: skip
-    path = request.out / "motors.json"
-    write_json(path, content)
-    return [path]
+    quantiles = {name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()}
+    samples = {name: value.tolist() for name, value in found.items()}
+    content = {**request.provenance(), "units": UNITS, "samples": samples, "quantiles_5_50_95": quantiles}
+    write_json(request.out / "motors.json", content)
+    return [request.out / "motors.json"]
+
+
+TABLE = Exporter("table", _DROPS, write_table, partial(replayed, write=write_plain))
+PLAIN = Exporter(
+    "mjcf", _DROPS, partial(write_variants, write=write_plain), partial(replayed, write=write_plain), needs_model=True
+)

@@ -1,32 +1,44 @@
-"""Write motors of a prior or posterior in any format. A new format is a file in `exports.formats` with its EXPORTER."""
+"""Write motors of a prior or posterior in any format, and replay the exported motors next to our own.
+
+The replay is one hinge on a leg and on a shank, in closed loop. Loads scale with the motors, whose median armature is
+a: the shank has the inertia 0.1·a, the leg 1.25·a, both with the gravity of a pendulum of 0.1 m, linear about 45°. For
+the motors of the shipped robot (a = 0.0032 kg·m²) these are its bare shank and its leg.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 import mujoco
 import numpy as np
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import constants_of
+from motorprior.bench.dynamometer import Trial, run, trial_of
+from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import ConfigError
-from motorprior.exports import formats
-from motorprior.exports.exporter import Exporter, Request, motors_of, sampled
-from motorprior.exports.replay import carried, log_trial, losses
+from motorprior.exceptions import ConfigError, LogError
+from motorprior.exports.bam import BAM
+from motorprior.exports.cards import CARD
+from motorprior.exports.exporter import Exporter, Replay, Request, motors_of, sampled, with_kd
+from motorprior.exports.mjcf_detailed import DETAILED
+from motorprior.exports.plain_joint import PLAIN, TABLE
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import resample
+from motorprior.signals import rmse
 
+EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
 MAX_STEP = 0.002  # of the replay [s]
-
-
-def find_exporters() -> dict[str, Exporter]:
-    """The EXPORTER of every module in `exports.formats` by name."""
-    found = (import_module(f"{formats.__name__}.{module.name}").EXPORTER for module in iter_modules(formats.__path__))
-    return {exporter.name: exporter for exporter in found}
+SMOOTH, STEPS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
+# trial -> load inertia over the median armature [-], and signals; steps reach the torque limit
+TRIALS = {"leg": (1.25, SMOOTH), "shank": (0.1, SMOOTH), "leg_steps": (1.25, STEPS)}
+GRAVITY = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
+SECONDS, HOLD = 3.0, 0.01  # of a trial, and of every target, like those of a 100 Hz policy [s]
+_SEED = 54
 
 
 def is_supported(exporter: Exporter) -> bool:
@@ -69,17 +81,16 @@ def export(
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Returns:
-        Files, and RMSE of the exported motors against ours, in closed loop on a leg and a shank (`exports.replay`).
+        Files, and RMSE of the exported motors against ours, in closed loop on a leg and a shank.
 
     Raises:
         ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
         LogError: a log without loads.
     """
-    exporters = find_exporters()
-    if format not in exporters:
-        raise ConfigError(f"no format {format!r}", remedy=f"use one of {', '.join(exporters)}", argument="format")
-    exporter = exporters[format]
+    if format not in EXPORTERS:
+        raise ConfigError(f"no format {format!r}", remedy=f"use one of {', '.join(EXPORTERS)}", argument="format")
+    exporter = EXPORTERS[format]
     require_count("motors", motors)
     require_seed(seed)
     if exporter.needs_model and model is None:
@@ -100,3 +111,48 @@ def export(
     values["carried"] = carried(flat, step).reshape(motors, -1)
     request = Request(sample, values, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)
+
+
+def trial(name: str, armature: np.ndarray, dt: float) -> Trial:
+    """One of TRIALS for motors with these armatures (n,) [kg·m²], at steps of ``dt`` [s]."""
+    load, signals = TRIALS[name]
+    rng, steps, n = np.random.default_rng(_SEED), round(SECONDS / dt), len(armature)
+    chosen = [EXCITATIONS[signals[motor % len(signals)]].target for motor in range(n)]
+    targets = np.stack([zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1)
+    inertia = np.full(n, load * float(np.median(armature)))
+    weight = np.tile(-GRAVITY * inertia, (steps, 1))
+    return Trial(targets, weight, inertia, dt, load_stiffness=weight)
+
+
+def log_trial(log: MotorLog, joints: Sequence[str], robots: int, dt: float) -> Trial:
+    """Commands and loads of a log's longest segment for these joints, robot after robot, at rest at the first target.
+
+    Raises:
+        ConfigError: joints that are not in the log.
+        LogError: a log without loads.
+    """
+    if log.load_inertia is None or log.external_torque is None:
+        raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
+    if missing := [name for name in joints if name not in log.joint_names]:
+        problem = f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}"
+        raise ConfigError(problem, remedy="name joints of the log", argument="joints")
+    segment = trial_of(resample(max(log.segments(), key=lambda each: each.num_rows), dt))
+    columns = [log.joint_names.index(name) for name in joints] * robots
+    external, stiffness = segment.external_torque[:, columns], segment.load_stiffness
+    return Trial(
+        segment.position_target[:, columns], external, segment.load_inertia[columns], dt,
+        load_stiffness=np.zeros_like(external) if stiffness is None else stiffness[:, columns],
+    )  # fmt: skip
+
+
+def carried(motors: GreyBoxActuator, dt: float) -> np.ndarray:
+    """(n,) mean absolute torque in the gears on the leg [N·m]."""
+    given = trial("leg", motors.constants()["armature"], dt)
+    return np.abs(run(motors, given).joint_torque).mean(axis=0)
+
+
+def losses(replay: Replay, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
+    """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
+    values = with_kd(motors.constants()) | {"carried": carried(motors, dt)}
+    trials = {name: trial(name, values["armature"], dt) for name in TRIALS} | ({} if log is None else {"log": log})
+    return {name: float(rmse(replay(values, given), run(motors, given).joint_pos)) for name, given in trials.items()}

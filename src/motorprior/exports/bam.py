@@ -1,6 +1,7 @@
-"""Servos of better-actuator-models (BAM): law, friction m1, m2 and m5, and integration of its simulator.
+"""JSON of better-actuator-models (BAM): read as motors, written as one file per sample and joint.
 
-After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E that of the load on it [N·m]:
+Law, friction m1, m2 and m5, and integration of its simulator, after BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the
+torque of the motor and E that of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
@@ -11,25 +12,31 @@ After BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the torque of the motor and E t
 
 A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction, which BAM takes
 from E and M, acts on the torque in the gear, and the Stribeck velocity is our own.
+
+A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
+rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
+load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
+BAM's models: set them where the file is used.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.artifacts import read_json
+from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError, ConfigError, quoted
-from motorprior.exports.exporter import motors_of
+from motorprior.exports.exporter import Constants, Exporter, Request, motors_of, one_motor
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
 VOLTAGE = {
@@ -39,6 +46,8 @@ VOLTAGE = {
 TORQUE = "unitree_go1"
 _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
+# exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
+STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
 RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
@@ -87,11 +96,8 @@ class BamMotor:
         slow_own = abs(load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"])
         return v["friction_base"] + slow * v["friction_stribeck"] + own + slow * slow_own
 
-    def simulate(self, given: Trial, motor: int, load: Callable[[float], float] | None = None) -> np.ndarray:
-        """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial.
-
-        ``load`` (angle [rad]) replaces the external torque of the trial [N·m].
-        """
+    def simulate(self, given: Trial, motor: int) -> np.ndarray:
+        """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial."""
         assert given.load_stiffness is not None
         v, limit, h = self.values, self.max_torque, given.dt
         inertia, viscous = given.load_inertia[motor] + v["armature"], v["friction_viscous"]
@@ -106,7 +112,6 @@ class BamMotor:
             push = self.kp * (targets[step] - q + offset) - inside
             torque = min(limit, max(-limit, push)) - outside
             weight = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
-            weight = weight if load is None else load(q)
             net = torque + weight
             stop = inertia / h * dq + net
             net -= math.copysign(min(abs(stop), self.friction(torque, weight, dq) + viscous * abs(dq)), stop)
@@ -161,3 +166,33 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
     if terms:  # the voltage limits, and the back-EMF brakes beyond it
         values |= {"stall_torque": limit, "no_load_speed": limit / servo.kd}
     return motors_of({name: np.full(count, value) for name, value in values.items()}, terms)
+
+
+def parameters(v: Mapping[str, float]) -> dict[str, float | str]:
+    """BAM's parameters of one motor, of its constants by name."""
+    return {
+        "model": "m5", "actuator": "unitree_go1", "ratio": 1.0, "max_torque": v["torque_limit"],
+        "armature": v["armature"], "q_offset": -v["encoder_zero"], "friction_base": v["coulomb"],
+        "friction_stribeck": v["stribeck_torque"], "friction_viscous": v["viscous_damping"],
+        "load_friction_motor": 0.5 * v["load_friction"], "load_friction_external": 0.5 * v["load_friction"],
+        "load_friction_motor_stribeck": 0.0, "load_friction_external_stribeck": 0.0, **STRIBECK_SHAPE,
+        "kp": v["kp"], "damping": v["kd"], "command_delay": v["delay"],
+    }  # fmt: skip
+
+
+def _write(request: Request) -> list[Path]:
+    """One JSON per sample and joint; the key motorprior, which BAM ignores, has origin and loss."""
+    files, about = [], request.provenance()
+    for index, joint, values in request.motors():
+        files.append(request.out / f"{joint}_{index:03d}.json")
+        write_json(files[-1], parameters(values) | {"motorprior": about})
+    return files
+
+
+def _replay(values: Constants, given: Trial) -> np.ndarray:
+    """(steps, n) joint angles [rad] of BAM's law and its own integration."""
+    servos = [BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))]
+    return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)
+
+
+BAM = Exporter("bam", ("velocity_filter", "gear_stiffness", "backlash", "gear_damping"), _write, _replay)

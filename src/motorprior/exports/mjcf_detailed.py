@@ -1,0 +1,83 @@
+"""The user's MJCF with rotor and play as joints of their own, for any simulator that reads MJCF version 4.
+
+Per joint, next to the body that it moves:
+
+    NAME_rotor   hinge with the armature, viscous damping and dry friction of the motor; its angle θ is the encoder's
+    NAME_gear    tendon θ - joint with stiffness, damping, and the backlash as a dead band about the encoder zero
+
+The actuator is a servo kp·(u - θ) with delay. A second one, a `dcmotor` without input, has the resistance 1/kd, the
+torque constant 1 and the electric time constant of the velocity filter: its shorted winding brakes the rotor by
+kd·filtered velocity. MuJoCo limits the sum of both to the torque limit (``actuatorfrcrange``), as our law does. A
+damper outside of the actuators, such as a Maxwell element, would not be limited. An integrator that does not damp
+tendons implicitly is changed to implicitfast. A motor whose gear is too stiff for the timestep becomes a plain joint,
+as of the format mjcf.
+"""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+
+import mujoco
+
+from motorprior.exports.exporter import Exporter
+from motorprior.exports.mjcf_document import Mjcf
+from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_plain, write_variants
+
+# integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
+IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+# of gear_stiffness·h²/armature: MuJoCo's explicit spring of a stiffer gear would be unstable on a light link
+MAX_STIFFNESS = 0.25
+
+
+def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
+    """One motor at a joint."""
+    option = mjcf.compiled.opt
+    if values["gear_stiffness"] * option.timestep**2 > MAX_STIFFNESS * values["armature"]:
+        write_plain(mjcf, joint, values)
+        return
+    tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
+    for name in ("armature", "damping", "frictionloss"):
+        tag.setAttribute(name, "0")
+    _add_rotor(mjcf, joint, rotor, values)
+    ends = (values["encoder_zero"] + side * 0.5 * values["backlash"] for side in (-1.0, 1.0))
+    gear = mjcf.add(
+        mjcf.section("tendon"), "fixed", name=f"{joint}_gear", stiffness=number(values["gear_stiffness"]),
+        damping=number(values["gear_damping"]), springlength=number(*ends),
+    )  # fmt: skip
+    mjcf.add(gear, "joint", joint=rotor, coef="1")
+    mjcf.add(gear, "joint", joint=joint, coef="-1")
+    at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}  # the sum is limited, not the servo
+    drive(mjcf, joint, rotor, servo(at_rotor, 0.0, option.timestep))
+    last = mjcf.add(mjcf.document.documentElement, "actuator")  # the indices of others stay
+    mjcf.add(
+        last, "dcmotor", name=f"{joint}_brake", joint=rotor, input="none", motorconst="1",
+        resistance=number(1.0 / values["kd"]), inductance=number(0.0, values["velocity_filter"]),
+    )  # fmt: skip
+    if option.integrator not in IMPLICIT:
+        mjcf.section("option").setAttribute("integrator", "implicitfast")
+
+
+def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
+    """Add a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
+    found, moved = mjcf.compiled.joint(joint), mjcf.joint(joint).parentNode
+    while moved.nodeName != "body":  # a joint may stand in a <frame>
+        moved = moved.parentNode
+    frame = mjcf.compiled.body(int(found.bodyid[0]))
+    body = mjcf.add(moved.parentNode, "body", moved, name=rotor, pos=number(*frame.pos), quat=number(*frame.quat))
+    mjcf.add(body, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-10 1e-10 1e-10")
+    mjcf.add(
+        body, "joint", name=rotor, type="hinge", pos=number(*found.pos), axis=number(*found.axis),
+        armature=number(values["armature"]), damping=number(values["viscous_damping"]),
+        frictionloss=number(dry_friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
+        actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
+    )  # fmt: skip
+
+
+DETAILED = Exporter(
+    "mjcf-detailed", ("stribeck_torque", "load_friction"), partial(write_variants, write=write_detailed),
+    partial(replayed, write=write_detailed), needs_model=True, mujoco=4,
+)  # fmt: skip
