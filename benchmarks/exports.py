@@ -163,7 +163,7 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
 def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
     """Largest difference between mjlab's worlds and the same motors here [rad]."""
     found, chosen, _ = mjlab_run(prior, count, steps)
-    bank = sampled(prior, count, 0, ("joint",), None).bank()
+    bank = sampled(prior, count, 0, ("joint",), None).motors
     return largest(found, free_run(compiled(replace(bank, z=bank.z[chosen])), count, steps))
 
 

@@ -21,8 +21,7 @@ import motorprior as mp
 from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.exports.bam import rigid_gear
-from motorprior.exports.exporter import motors_of
+from motorprior.exports.bam import motors_of, rigid_gear
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import whole_runs

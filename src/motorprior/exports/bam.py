@@ -30,13 +30,15 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
-from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import SIGNED, STRIBECK_VELOCITY, parameters_of
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.optional_terms import COLD
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import is_number
 from motorprior.exceptions import ArtifactError, ConfigError, quoted
-from motorprior.exports.exporter import Constants, Exporter, Request, motors_of, one_motor
+from motorprior.exports.exporter import Constants, Exporter, Request, one_motor
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
 VOLTAGE = {
@@ -48,6 +50,7 @@ _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
+MIN_CONSTANT = 1e-9  # in place of 0: decoders have the logarithm
 RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
@@ -119,6 +122,22 @@ class BamMotor:
             dq += h * acceleration
             q += h * dq + 0.5 * acceleration * h * h
         return out
+
+
+def motors_of(values: Constants, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
+    """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms.
+
+    A constant that is 0 becomes MIN_CONSTANT.
+    """
+    values = {**values, "kd_over_kp": values["kd"] / values["kp"]}
+    columns = [
+        np.asarray(values[name]) / SIGNED[name] if name in SIGNED else np.log(np.maximum(values[name], MIN_CONSTANT))
+        for name in parameters_of(terms)
+    ]
+    raw = np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
+    center = raw.mean(axis=0)
+    model = GreyBox(GearedMotor(center, np.eye(len(columns)), terms), 0.002)
+    return GreyBoxActuator(model, raw - center, COLD)
 
 
 def rigid_gear(armature: float) -> dict[str, float]:

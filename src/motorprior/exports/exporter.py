@@ -11,19 +11,15 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior import __version__
-from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import SIGNED, parameters_of
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.optional_terms import COLD
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ConfigError
 
 Constants: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
 Replay: TypeAlias = Callable[[Constants, Trial], np.ndarray]
-MIN_CONSTANT = 1e-9  # of a constant that is 0: decoders have its logarithm
 
 
 @dataclass(frozen=True)
@@ -31,7 +27,7 @@ class MotorSample:
     """K robots of J sampled motors."""
 
     source: MotorPrior | MotorPosterior
-    robots: tuple[GreyBoxActuator, ...]  # K
+    motors: GreyBoxActuator  # K·J, robot after robot
     joint_names: tuple[str, ...]  # J
     seed: int
 
@@ -42,14 +38,8 @@ class MotorSample:
 
     def constants(self) -> dict[str, np.ndarray]:
         """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp."""
-        each = [with_kd(robot.constants()) for robot in self.robots]
-        return {name: np.stack([values[name] for values in each]) for name in each[0]}
-
-    def bank(self) -> GreyBoxActuator:
-        """K·J motors, the K samples of a joint one after the other."""
-        first, gains = self.robots[0], [robot.gains for robot in self.robots if robot.gains is not None]
-        z = np.stack([robot.z for robot in self.robots], axis=1).reshape(-1, first.z.shape[1])
-        return replace(first, z=z, gains=np.stack(gains, axis=2).reshape(2, -1) if gains else None)
+        values = with_kd(self.motors.constants())
+        return {name: value.reshape(-1, len(self.joint_names)) for name, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -65,9 +55,10 @@ class Request:
 
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
         """Sample, joint and constants of every motor."""
-        for index in range(len(self.sample.robots)):
-            for column, joint in enumerate(self.sample.joint_names):
-                yield index, joint, one_motor(self.constants, (index, column))
+        joints = self.sample.joint_names
+        for index in range(self.sample.motors.num_motors):
+            robot, joint = divmod(index, len(joints))
+            yield robot, joints[joint], one_motor(self.constants, (robot, joint))
 
     def provenance(self) -> dict[str, object]:
         """Origin and loss of the motors, for the files of every format."""
@@ -107,12 +98,13 @@ def sampled(
         if set(joint_names) <= set(source.joint_names):
             source = source.take([source.joint_names.index(name) for name in joint_names])
         draw = partial(source.sample, len(joint_names))
-    robots = tuple(draw(rng, gains) for _ in range(motors))
-    boxes = tuple(robot for robot in robots if isinstance(robot, GreyBoxActuator))
-    if len(boxes) < len(robots):
+    robots = [draw(rng, gains) for _ in range(motors)]
+    if not isinstance(first := robots[0], GreyBoxActuator):
         remedy = "identify with preset rollout"
         raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
-    return MotorSample(source, boxes, joint_names, seed)
+    every = None if first.gains is None else np.tile(first.gains, motors)  # the same for all robots
+    together = replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
+    return MotorSample(source, together, joint_names, seed)
 
 
 def with_kd(values: Constants) -> dict[str, np.ndarray]:
@@ -124,22 +116,6 @@ def with_kd(values: Constants) -> dict[str, np.ndarray]:
 def one_motor(values: Constants, index: int | tuple[int, int]) -> dict[str, float]:
     """The constants of one motor of (n,) or (K, J)."""
     return {name: float(value[index]) for name, value in values.items()}
-
-
-def motors_of(values: Constants, terms: tuple[str, ...] = (), period: float = 0.002) -> GreyBoxActuator:
-    """Motors with the constants (n,) by name, kd instead of kd_over_kp; largest physics step ``period`` [s].
-
-    A constant that is 0 becomes MIN_CONSTANT.
-    """
-    values = {**values, "kd_over_kp": values["kd"] / values["kp"]}
-    columns = [
-        np.asarray(values[name]) / SIGNED[name] if name in SIGNED else np.log(np.maximum(values[name], MIN_CONSTANT))
-        for name in parameters_of(terms)
-    ]
-    raw = np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
-    center = raw.mean(axis=0)
-    model = GreyBox(GearedMotor(center, np.eye(len(columns)), terms), period)
-    return GreyBoxActuator(model, raw - center, COLD)
 
 
 def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:

@@ -63,19 +63,19 @@ class MotorPriorActuator(Actuator):
             self._mjs_actuators.append(create_motor_actuator(spec, name, effort_limit=1e6, **passive))
 
     def initialize(self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str) -> None:
-        """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
+        """Sample the motors; ConfigError if the model's physics step is longer than theirs."""
         super().initialize(mj_model, model, data, device)
         cfg, names = self.cfg, tuple(self.target_names)
         gains = None if cfg.gains is None else np.array(cfg.gains)
-        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains).bank()
+        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains).motors
         self._model, self._worlds, self._device = model, data.nworld, device
         shape = self._worlds, len(names)
         self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)
         self._dofs = self.entity.indexing.joint_v_adr[self.target_ids].long()
         self._torque = wp.to_torch(self._motors.torque).view(shape)
         self._damping = wp.to_torch(self._motors.damping).view(shape)
-        self._first = cfg.samples * torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
-        self._chosen = self._first.clone()
+        self._joints = torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
+        self._chosen = self._joints.clone()
         self._waiting = torch.ones(shape, dtype=torch.bool, device=device)
         self.reset()
 
@@ -83,7 +83,7 @@ class MotorPriorActuator(Actuator):
         """Choose other motors for some worlds, which start at their next step."""
         super().reset(env_ids)
         rows = slice(None) if env_ids is None else env_ids
-        drawn = torch.randint_like(self._first, self.cfg.samples) + self._first
+        drawn = torch.randint_like(self._joints, self.cfg.samples) * self._joints.shape[1] + self._joints
         self._chosen[rows] = drawn[rows]
         self._waiting[rows] = True
 

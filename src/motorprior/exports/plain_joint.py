@@ -134,7 +134,7 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
         if target.resolve() != file:
             shutil.copyfile(file, target)
     original = Mjcf.load(model)
-    variants = [original.copy() for _ in request.sample.robots]
+    variants = [original.copy() for _ in request.constants["kp"]]
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
     about = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}; "

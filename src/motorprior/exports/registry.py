@@ -24,7 +24,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
-from motorprior.exports.exporter import Exporter, Replay, Request, motors_of, sampled, with_kd
+from motorprior.exports.exporter import Exporter, Replay, Request, sampled, with_kd
 from motorprior.exports.mjcf_detailed import DETAILED
 from motorprior.exports.plain_joint import PLAIN, TABLE
 from motorprior.logs.motor_log import MotorLog
@@ -99,16 +99,15 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    values, period, terms = sample.constants(), sample.prior.model.period, sample.robots[0].model.motor.terms
-    step = min(MAX_STEP, period)
-    flat = motors_of({name: value.ravel() for name, value in values.items()}, terms, period)
+    decoder, values = sample.motors.model, sample.constants()
+    step, optional = min(MAX_STEP, decoder.period), constants_of(decoder.motor.terms)
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     found: dict[str, float] = {}
     if exporter.replay is not None:
-        lost |= {name: float(np.median(value)) for name, value in values.items() if name in constants_of(terms)}
+        lost |= {name: float(np.median(values[name])) for name in optional}
         recorded = None if log is None else log_trial(log, sample.joint_names, motors, step)
-        found = losses(exporter.replay, flat, step, recorded)
-    values["carried"] = carried(flat, step).reshape(motors, -1)
+        found = losses(exporter.replay, sample.motors, step, recorded)
+    values["carried"] = carried(sample.motors, step).reshape(motors, -1)
     request = Request(sample, values, Path(out), None if model is None else Path(model), found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)
 
