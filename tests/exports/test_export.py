@@ -118,6 +118,19 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(prior:
     assert texts[0] == texts[1] != texts[2]
 
 
+def test_correlations_of_a_table_are_those_between_units_of_a_joint(tmp_path: Path):
+    go2 = mp.from_pretrained("go2")
+
+    def correlation(*joints: str) -> float:
+        mp.export(go2, "table", tmp_path, motors=40, joints=joints)
+        table = json.loads((tmp_path / "motors.json").read_text())["correlation_of_logarithms"]
+        return table["matrix"][table["order"].index("armature")][table["order"].index("frictionloss")]
+
+    both = correlation("FL_hip_joint", "FL_calf_joint")
+    alone = [correlation(joint) for joint in ("FL_hip_joint", "FL_calf_joint")]
+    assert abs(both - np.mean(alone)) < 0.2
+
+
 def test_a_table_has_samples_quantiles_and_its_loss(prior: MotorPrior, tmp_path: Path):
     mp.export(prior, "table", tmp_path, motors=40, joints=("a", "b"))
     table = json.loads((tmp_path / "motors.json").read_text())

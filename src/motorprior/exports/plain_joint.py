@@ -147,11 +147,21 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
 
 
 def write_table(request: Request) -> list[Path]:
-    """Parameters (K, J) of every sample and joint, and their 5, 50 and 95 % quantiles (J, 3)."""
+    """Parameters of every sample and joint, their 5, 50 and 95 % quantiles, and correlations of their logarithms.
+
+    Correlations are those between units: of the deviations from the mean of each joint.
+    """
     found = plain(request.constants)
+    positive = [name for name in found if name != "offset"]
+    logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
+    columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
+    spread = columns.std(axis=1, keepdims=True)
+    scaled = columns / np.where(spread > 0.0, spread, 1.0)
+    matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
     quantiles = {name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()}
-    samples = {name: value.tolist() for name, value in found.items()}
+    samples = {name: value.tolist() for name, value in found.items()}  # (K, J)
     content = {**request.provenance(), "units": UNITS, "samples": samples, "quantiles_5_50_95": quantiles}
+    content["correlation_of_logarithms"] = {"order": positive, "matrix": matrix}
     write_json(request.out / "motors.json", content)
     return [request.out / "motors.json"]
 
