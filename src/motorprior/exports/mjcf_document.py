@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
@@ -15,12 +16,14 @@ import mujoco
 from motorprior.artifacts import read_text
 from motorprior.exceptions import ArtifactError, ConfigError
 
+Element: TypeAlias = Any  # of minidom, whose types let every parent be None
+
 
 @dataclass
 class Mjcf:
     """A document, and the model that it was before any change."""
 
-    document: minidom.Document
+    document: Any  # of minidom
     compiled: mujoco.MjModel
     path: Path | None = None
 
@@ -43,7 +46,7 @@ class Mjcf:
         """A copy to change."""
         return Mjcf(self.document.cloneNode(True), self.compiled, self.path)
 
-    def joint(self, name: str) -> minidom.Element:
+    def joint(self, name: str) -> Element:
         """The joint of this name in the bodies; raises ConfigError if this file has none."""
         joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
         if name not in joints:
@@ -51,30 +54,28 @@ class Mjcf:
             raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
         return joints[name]
 
-    def actuator_of(self, joint: str) -> minidom.Element | None:
+    def actuator_of(self, joint: str) -> Element | None:
         """The first actuator that names the joint."""
         every = self._inside("actuator", "*")
         return next((each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))), None)
 
-    def _inside(self, section: str, element: str) -> list[minidom.Element]:
+    def _inside(self, section: str, element: str) -> list[Element]:
         sections = self.document.getElementsByTagName(section)
         return [found for each in sections for found in each.getElementsByTagName(element)]
 
-    def section(self, name: str) -> minidom.Element:
+    def section(self, name: str) -> Element:
         """The first section of this name, which is added if there is none."""
         root = self.document.documentElement
         return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
 
-    def element(self, name: str, attributes: Mapping[str, str]) -> minidom.Element:
+    def element(self, name: str, attributes: Mapping[str, str]) -> Element:
         """A new element, not yet in the document."""
         made = self.document.createElement(name)
         for key, value in attributes.items():
             made.setAttribute(key, value)
         return made
 
-    def add(
-        self, parent: minidom.Element, tag: str, before: minidom.Element | None = None, /, **attributes: str
-    ) -> minidom.Element:
+    def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
         """Add an element to another, before one of its children or at its end."""
         made = parent.insertBefore(self.element(tag, attributes), before)
         parent.insertBefore(self.document.createTextNode("\n"), before)
