@@ -47,7 +47,6 @@ def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Pat
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
         mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])
         assert figures[f"calibrate_rmse/{model}"] == pytest.approx(mean)
-    assert {name.split("/")[1] for name in figures if name.startswith("calibrate_motor/")} == {"FR_hip", "FR_knee"}
     fleet = load_fleet(out / "fleet.toml")
     assert fleet.robot == ROBOT.name and fleet.parameters["kp"].center == pytest.approx(
         figures["calibrate_center/kp"], rel=1e-3

@@ -10,9 +10,7 @@ from typing import Any
 import pytest
 
 import motorprior as mp
-from motorprior.cli.console import command_line
-from motorprior.cli.main import COMMANDS, COMMON, HELP_ALL, LOGS, parse
-from motorprior.commands.demo import Demo
+from motorprior.cli.main import COMMANDS, COMMON, HELP_ALL, LOGS
 
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
@@ -61,11 +59,3 @@ def test_the_start_does_not_wait_for_heavy_libraries():
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
     heavy = {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize", "serial", "msgpack"}
     assert set(loaded) & heavy == set()
-
-
-def test_the_page_names_the_command_with_every_option_that_is_not_the_default():
-    words = "motorprior demo --fleet mixed --logs somewhere --columns any --suspended --motors 24"
-    config = parse([*words.split()[1:], "--workers", "1"])
-    assert isinstance(config, Demo)
-    assert command_line("demo", config, ("out", "workers")) == words
-    assert command_line("demo", Demo()) == "motorprior demo"

@@ -7,9 +7,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
 from threading import Lock
-from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
@@ -72,14 +70,12 @@ class Bars:
 TERMINAL = Bars() if CONSOLE.is_terminal else Lines()
 
 
-def command_line(name: str, config: Any, left_out: Sequence[str] = ()) -> str:
-    """The command line of a dataclass of settings: every option that differs from its default."""
-    words = ["motorprior", *name.split()]
-    for field in fields(config):
-        value = getattr(config, field.name)
-        if field.name not in left_out and value != field.default:
-            values = [] if value is True else map(str, value if isinstance(value, tuple) else [value])
-            words += [f"--{field.name.replace('_', '-')}", *values]
+def command_line() -> str:
+    """The command line of this process, without options on which no result depends."""
+    words = ["motorprior", *sys.argv[1:]]
+    for option in ("--out", "--workers"):
+        if option in words:
+            del words[(at := words.index(option)) : at + 2]
     return shlex.join(words)
 
 

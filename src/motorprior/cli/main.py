@@ -29,7 +29,6 @@ from motorprior.commands.identify import Identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
-from motorprior.commands.show_file import Show  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.commands.validate import Validate  # noqa: E402
 from motorprior.commands.validate_log import ValidateLog  # noqa: E402
@@ -53,7 +52,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (_positional(Identify, bench=PATHS), show.identify),
-    "show": (_positional(Show, file=Path), show.show),
+    "show": (_positional(show.Show, file=Path), show.show),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -10,6 +9,10 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.geared_motor_step import PER_LOGGED
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior, card_file
+from motorprior.artifacts import read_tensors
+from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
@@ -17,7 +20,6 @@ from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
-from motorprior.commands.show_file import Show, described
 from motorprior.commands.study import run_study
 from motorprior.commands.study_settings import Study
 from motorprior.commands.transfer import Transfer, run_transfer
@@ -25,7 +27,7 @@ from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification.adapt import OutlierTest
 from motorprior.identification.evaluation.errors import (
     FREE_RUN_RMSE,
@@ -43,7 +45,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
 from motorprior.studies.compare import DRAWS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
@@ -86,10 +88,22 @@ def logs_check(config: LogsCheck) -> None:
         raise LogError(f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable))
 
 
+@dataclass(frozen=True)
+class Show:
+    """Print what a file holds: constants of a prior, posterior or fleet with units and ranges, a log, or a policy."""
+
+    file: Path
+    """A .safetensors of identify, adapt or walk, a log in any format, a fleet's .toml file, or a shipped fleet or motor
+    card by name."""
+    prior: Path | None = None
+    """The prior of a posterior, for its constants."""
+    columns: str | None = None
+    """Column map of a table: a shipped one by name, or your .toml file."""
+
+
 def demo(config: Demo) -> None:
     """See `run_demo`."""
-    # the result does not depend on out and workers
-    results = run_demo(config, TERMINAL, command_line("demo", config, ("out", "workers")))
+    results = run_demo(config, TERMINAL, command_line())
     if config.logs is not None:
         spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
@@ -104,8 +118,28 @@ def identify(config: Identify) -> None:
 
 
 def show(config: Show) -> None:
-    """See `described`."""
-    print(described(config))
+    """Print what the file holds."""
+    print(_described(config))
+
+
+def _described(config: Show) -> str:
+    """What the file holds."""
+    path = config.file
+    if path.suffix == ".toml" or str(path) in {name for robot in SHIPPED for name, _ in robot.fleets}:
+        return str(load_fleet(path))
+    if card_file(str(path)):
+        return str(MotorPrior.load(path))
+    if path.suffix != ".safetensors":
+        return str(read_log(path, None, config.columns))
+    kind = str(read_tensors(path)[1].get("kind"))
+    if kind == "motor prior":
+        return str(MotorPrior.load(path))
+    if kind != "motor posterior":
+        return str(Policy.load(path))
+    if config.prior is None:
+        remedy = f"give it: motorprior show {path} --prior prior.safetensors"
+        raise ArtifactError("a posterior needs its prior", where=path, remedy=remedy, argument="prior")
+    return str(MotorPosterior.load(path, MotorPrior.load(config.prior)))
 
 
 def adapt(config: Adapt) -> None:
@@ -222,7 +256,7 @@ def transfer(config: TransferCommand) -> None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
         from motorprior.report.study import difference_table, headline_table, own_table  # here: it imports matplotlib
 
-        found = run_study(Study(**study), TERMINAL, command_line("transfer --study", Study(**study)))
+        found = run_study(Study(**study), TERMINAL, command_line())
         for each in (own_table(found), headline_table(found), difference_table(found)):
             table(each.caption, each.columns, each.rows)
         print(config.out / PAGE)
@@ -250,5 +284,4 @@ def report(config: Report) -> None:
     """Write the page and print its path."""
     from motorprior.report.chapters import write_training_page  # here: it imports matplotlib
 
-    command = shlex.join(["motorprior", "report", str(config.run), "--robot", config.robot])
-    print(write_training_page(config.run, config.robot, command))
+    print(write_training_page(config.run, config.robot, command_line()))

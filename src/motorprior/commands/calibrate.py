@@ -68,7 +68,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
         write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
         covered = _covered(config, problem, found, fitted, progress)
-        rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted), *_motors(problem, found)]
+        rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted)]
         write_results(config.out, Results.of(rows))
     return read_results(config.out)
 
@@ -140,15 +140,4 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
         rows += [
             Result(f"calibrate_{key}", unit, float(value), part=unknown.name) for key, (unit, value) in values.items()
         ]
-    return rows
-
-
-def _motors(problem: FleetProblem, found: Calibration) -> list[Result]:
-    """Constants that differ between motors, per joint that moved; `model` is the constant."""
-    rows, each_motor = [], found.offsets.reshape(len(problem.joints), len(problem.differing))
-    for joint, offsets in zip(problem.joints, each_motor, strict=True):
-        for place, offset in zip(problem.differing, offsets, strict=True):
-            unknown, part = problem.unknowns[place], problem.robot.joint_names[joint]
-            value = unknown.value(found.center[place] + offset)
-            rows.append(Result("calibrate_motor", unknown.unit, value, unknown.name, part=part))
     return rows

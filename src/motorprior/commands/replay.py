@@ -14,7 +14,6 @@ from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.identification.prior_file import gains_for, load_prior
-from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
@@ -49,7 +48,7 @@ class Replay:
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Check and replay, or read the results of the finished stage; errors for an input that cannot be used."""
+    """Replay, or read the results of the finished stage; errors for an input that cannot be used."""
     require_count("draws", config.draws)
     require_seed(config.seed)
     robot = load_robot(config.robot)
@@ -61,10 +60,6 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
         return read_results(config.out)
     with working(config.out, wanted):
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
-        for name, log in folder.logs.items():
-            for finding in check_log(log, robot).findings:
-                if finding.severity != "info":
-                    progress.note(f"log {name}: {finding.severity}: {finding.message}")
         rows, count = list[Result](), len(replayers)
         with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.draws)) as task:
             for name, replayer in replayers.items():

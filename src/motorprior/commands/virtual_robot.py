@@ -9,11 +9,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_seed
-from motorprior.exceptions import ConfigError, MotorPriorError, RobotFault
+from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.settings import require_robot_extra
 from motorprior.robots.load import load_robot
 
@@ -35,8 +35,8 @@ class VirtualRobotSettings:
     """Number of the robot; every number has other motors."""
     suspended: bool = False
     """Suspended in the air instead of on the ground."""
-    rate: int = 100
-    """Telemetry frames per second, 100 or 200."""
+    rate: Literal[100, 200] = 100
+    """Telemetry frames per second."""
     currents: bool = False
     """The firmware sends motor currents."""
     imu: bool = True
@@ -44,15 +44,12 @@ class VirtualRobotSettings:
 
 
 def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
-    """A virtual robot and its body, not yet running; errors for settings out of range, or an unknown fleet."""
+    """A virtual robot and its body, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
     from motorprior.hardware.virtual_robot import FirmwareConfig, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
-    if settings.rate not in (100, 200):
-        problem = f"robot.rate {settings.rate} is not a rate of the firmware"
-        raise ConfigError(problem, remedy="give 100 or 200", argument="robot.rate")
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
     config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu)
