@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.actuator.ideal_pd import FULL_FRICTION_SPEED, IdealPd
 from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
 
@@ -39,6 +40,20 @@ def test_a_delayed_target_is_the_target_of_so_long_ago(lag):
     # before the start the first target has held for ever, which is what np.interp extrapolates
     expected = np.stack([np.interp(steps - lag, steps, column) for column in target.T], axis=1)
     np.testing.assert_allclose(torques(actuator, target, nothing, nothing), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("coulomb", [0.0, 0.1])
+def test_scaled_motors_are_those_with_scaled_constants(coulomb: float):
+    values = Factors(kp=9.0, kd=0.8, torque_limit=1.3, coulomb=coulomb)  # pyright: ignore[reportArgumentType]
+    scales = Factors(*np.random.default_rng(0).uniform(0.5, 1.5, (4, 3)))
+    scales = scales if coulomb else scales._replace(coulomb=np.ones(3))
+    one, other = (
+        IdealPd(kp, kd, limit, np.full(3, 0.003), np.full(3, 0.01), dry)
+        for kp, kd, limit, dry in (np.outer(values, np.ones(3)), np.array(scales) * np.array(values)[:, None])
+    )
+    found, wanted = with_factors(one, scales).arrays(DT), other.arrays(DT)
+    np.testing.assert_allclose(found.parameters, wanted.parameters, rtol=1e-12)
+    np.testing.assert_allclose(found.damping, wanted.damping, rtol=1e-12)
 
 
 COULOMB = 0.26

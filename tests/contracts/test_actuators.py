@@ -4,13 +4,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from networks import network
 
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.actuator.latent import LatentNetwork, NetworkActuator
+from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import MotorParameters, PhysicalActuator
 from motorprior.bench.families import require_geared
@@ -48,26 +49,8 @@ def foreign(n):
 
 
 def latent(n):
-    rng = np.random.default_rng(3)
-    network = LatentNetwork(
-        w1=rng.standard_normal((6, 8)),
-        v1=rng.standard_normal((3, 8)),
-        b1=rng.standard_normal(8),
-        w2=rng.standard_normal((8, 8)),
-        b2=rng.standard_normal(8),
-        w3=rng.standard_normal(8),
-        b3=np.array(0.2),
-        log_armature=np.array(-6.0),
-        armature_slope=rng.standard_normal(3),
-        taps=(0, 1, 4),
-        period=0.002,
-        error_scale=0.1,
-        velocity_scale=2.0,
-        torque_scale=0.6,
-        torque_limit=LIMIT,
-        has_armature=True,
-    )
-    return NetworkActuator(network, rng.standard_normal((n, 3)))
+    model = network(taps=(0, 1, 4), error_scale=0.1, torque_scale=0.6, torque_limit=LIMIT)
+    return NetworkActuator(model, np.random.default_rng(3).standard_normal((n, 3)))
 
 
 def grey_box(n):
