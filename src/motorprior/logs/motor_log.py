@@ -240,7 +240,7 @@ def gain_texts(log: MotorLog) -> list[str]:
     texts = []
     for name, unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
         if (gains := getattr(log, f"stated_{name}")) is not None:
-            values = listed([f"{value:.4g}" for value in np.unique(gains).tolist()], 3)
+            values = " to ".join(dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max())))
             texts.append(f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
     return texts
 
