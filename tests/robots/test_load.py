@@ -148,7 +148,10 @@ def test_actuators_floor_and_lights_of_a_model_are_removed(tmp_path: Path):
     extra = '<worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>'
     xml = quadruped().replace("<worldbody>", extra)
     xml = xml.replace("</mujoco>", '<actuator><motor name="pull" joint="FR_k"/></actuator></mujoco>')
-    model = build_model(load_robot(written(tmp_path, LEGS_TOML, "dog", xml)))
+    with pytest.raises(ArtifactError, match=r"1 actuators of its own, the first is 'pull'.*delete the <actuator>"):
+        load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
+    toml = LEGS_TOML.replace("base =", 'actuators = "remove"\nbase =')
+    model = build_model(load_robot(written(tmp_path, toml, "dog", xml)))
     assert model.nu == model.nlight == 0 and list(model.geom_type).count(0) == 1, "the floor of the simulation"
 
 

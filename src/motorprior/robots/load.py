@@ -52,6 +52,7 @@ _PER_JOINT = {
 }
 _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
+    "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
     "joint_classes": _per_joint(_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
@@ -106,7 +107,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     file = path.parent / table["model"]
     for name, leg in legs.items():
         _LEG.check(leg, f"{where}[legs.{name}]")
-    model = UserModel(file, table["base"] == "free", [leg["foot"] for leg in legs.values()])
+    model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
     names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _spread(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}

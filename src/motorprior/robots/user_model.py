@@ -69,11 +69,11 @@ def _place_meshes(spec: Any, path: Path) -> None:
 class UserModel:
     """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
-    ArtifactError if it cannot be compiled, has coupled joints or a link whose mass is spread wider than the robot, or
-    does not fit ``is_free``.
+    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or a link whose mass
+    is spread wider than the robot, or does not fit ``is_free``.
     """
 
-    def __init__(self, path: Path, is_free: bool, feet: Sequence[str] = ()):
+    def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
         self._path = path
         try:
             self._model = read_spec(path, is_free, feet).compile()
@@ -81,6 +81,10 @@ class UserModel:
             raise
         except Exception as error:  # ValueError, FatalError or MemoryError
             raise cannot_read(path, str(error)) from error
+        if self._model.nu and not removes_actuators:
+            problem = f"it has {self._model.nu} actuators of its own, the first is {self._model.actuator(0).name!r}"
+            remedy = 'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
+            raise self._error(f"{problem}: a joint would be driven twice", remedy)
         self.num_links = self._model.nbody - 1  # moving bodies
         self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
         free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
