@@ -1,21 +1,20 @@
 """Differences between MuJoCo and PyBullet for the same trot on the same motors, as figures and as a picture.
 
-    python benchmarks/engines.py --prior FILE [--json FILE] [--figure FILE]
+    python benchmarks/engines.py --prior FILE [--figure FILE]
 
 Physical motors, motors of a prior, a PD with armature and delay and an ideal PD, at 1 kHz in both engines, suspended
 and on the ground, 12 random trots of 2 s.
 """
 
-import argparse
-import time
 from pathlib import Path
 
 import numpy as np
+import tyro
 
+from figures import report
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -59,44 +58,31 @@ def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Moti
     return np.array(joints), np.array(base)
 
 
-def main() -> None:
-    """Measure, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--prior", type=Path, required=True)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--figure")
-    options = parser.parse_args()
-    prior = MotorPrior.load(options.prior)
-    figures: dict[str, float] = {}
+def measure(prior: Path, figure: Path | None = None) -> None:
+    """Print medians over the trots, and draw the first."""
+    learned, figures = MotorPrior.load(prior), dict[str, float]()
     motions: dict[str, tuple[Motion, Motion]] = {}
-    print("motors, environment: joint RMSE [mrad], base distance after 2 s [m], seconds MuJoCo / PyBullet")
     for kind in KINDS:
-        for suspended in (True, False):
+        for place in ("suspended", "ground"):
+            suspended = place == "suspended"
             mujoco, bullet = World(PUPPER_V2, 0.001, suspended), BulletWorld(PUPPER_V2, suspended)
-            rows, seconds = [], np.zeros(2)
+            rows = []
             for trot in range(TROTS):
                 rng = np.random.default_rng([trot, 77])
-                motors, targets = motors_of(kind, prior, rng), trot_targets(PUPPER_V2, rng, STEPS)
-                marks = [time.perf_counter()]
-                one = in_mujoco(mujoco, motors, targets)
-                marks.append(time.perf_counter())
-                other = in_bullet(bullet, motors, targets)
-                seconds += np.diff([*marks, time.perf_counter()])
+                motors, targets = motors_of(kind, learned, rng), trot_targets(PUPPER_V2, rng, STEPS)
+                one, other = in_mujoco(mujoco, motors, targets), in_bullet(bullet, motors, targets)
                 apart = 0.0 if suspended else float(np.hypot(*(one[1][-1] - other[1][-1])[:2]))
                 rows.append((1e3 * float(rmse(one[0], other[0])), apart))
-                motions.setdefault(f"{kind} {'suspended' if suspended else 'ground'}", (one, other))
+                motions.setdefault(f"{kind} {place}", (one, other))
             bullet.close()
-            place = "suspended" if suspended else "ground"
-            medians = np.median(rows, axis=0)
-            figures |= {f"joint_rmse_mrad/{kind}/{place}": medians[0], f"base_apart_m/{kind}/{place}": medians[1]}
-            print(f"{kind}, {place}: {medians[0]:.2g}, {medians[1]:.3f}, {seconds[0]:.2f} / {seconds[1]:.2f}")
-    if options.json:
-        write_json(options.json, figures)
-    if options.figure:
-        draw_figure(options.figure, motions)
+            joints, base = np.median(rows, axis=0).tolist()
+            figures |= {f"joint_rmse_mrad/{kind}/{place}": joints, f"base_apart_m/{kind}/{place}": base}
+    report(figures, None)
+    if figure is not None:
+        draw_figure(figure, motions)
 
 
-def draw_figure(path: str, motions: dict[str, tuple[Motion, Motion]]) -> None:
+def draw_figure(path: Path, motions: dict[str, tuple[Motion, Motion]]) -> None:
     """Knee of the first leg and path of the base, in both engines."""
     import matplotlib.pyplot as plt
 
@@ -115,4 +101,4 @@ def draw_figure(path: str, motions: dict[str, tuple[Motion, Motion]]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(measure, description=__doc__)

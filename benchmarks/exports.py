@@ -13,7 +13,6 @@ of the fleet pupper_v2.
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,20 +21,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 
 from figures import report
-from floors import true_grey_box
 from motorprior.actuator import kernels
-from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.geared_motor import GearedMotor
+from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
+from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.motors import Motors
+from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, MAX_STEP, is_supported, losses
+from motorprior.robots.pupper_v2 import spec
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
 SPREAD = 0.15  # of the logarithms of the constants [-]
+MIN_CONSTANT = 1e-6
+
+
+def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
+    """Grey boxes with these constants, one latent per constant."""
+    values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
+    values["kd_over_kp"] = motors.kd / motors.kp
+    raw = np.stack([np.log(np.maximum(values[name], MIN_CONSTANT)) for name in PARAMETERS], axis=1)
+    raw[:, -1] = motors.encoder_zero / ZERO_SCALE
+    box = GreyBox(GearedMotor(raw.mean(axis=0), np.eye(len(PARAMETERS))), spec.PHYSICS_DT)
+    return GreyBoxActuator(box, raw - raw.mean(axis=0))
 
 
 def targets(step: int, count: int) -> np.ndarray:
@@ -191,11 +205,8 @@ def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
     return MotorPrior(model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {})
 
 
-def main() -> None:
+def measure(out: Path = Path("runs/exports")) -> None:
     """Measure, print and write; see the module docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("runs/exports"))
-    arguments = parser.parse_args()
     rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
     few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
     figures: dict[str, float] = {}
@@ -219,8 +230,8 @@ def main() -> None:
     for extra in ("newton", "mjlab"):
         if f"{extra}/parity" not in figures:
             print(f"{extra}/parity left out: install the extra {extra}")
-    report(figures, arguments.out / "figures.json")
+    report(figures, out / "figures.json")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(measure, description=__doc__)

@@ -15,7 +15,6 @@ frames:
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 from collections import Counter
@@ -27,20 +26,21 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from figures import report
-from hardware import SPEED, trot_policy
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
 from motorprior.hardware.motions import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Session
 from motorprior.hardware.teleop import Teleop
-from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort, on_its_clock
 
+SPEED = 0.3  # commanded [m/s]
 SHARES = (0.01, 0.03, 0.1)
 LONG, SHORT = 600.0, 2.0
 ROBOTS = 8
@@ -54,6 +54,15 @@ class NoisyWalk:
     path: float  # length [m]
     fault: str | None  # kind
     other_gains: bool  # the robot did not get the gains that were sent
+
+
+def trot_policy(folder: Path) -> Path:
+    """File of a policy of zero weights, the robot's own trot."""
+    robot, path = load_robot(DEFAULT_ROBOT), folder / "trot.safetensors"
+    wire, ones = robot.require_wire(), np.ones(robot.num_joints)
+    kp, kd = wire.kp * wire.torque_constant * ones, wire.kd * wire.torque_constant * ones
+    Policy.of(robot, zero_policy(robot.num_joints), kp, kd).save(path)
+    return path
 
 
 def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> NoisyWalk:
@@ -89,26 +98,19 @@ def figures(long: list[NoisyWalk], short: list[NoisyWalk]) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Measure all noise levels."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--hours", type=float, default=2.0, help="walking time per noise level [h]")
-    parser.add_argument("--armings", type=int, default=300, help="short walks per noise level")
-    parser.add_argument("--json", type=Path, required=True, help="file for the figures")
-    parser.add_argument("--policy", type=Path, help="policy to walk with; a trot of zero weights if not given")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
-    arguments = parser.parse_args()
+def measure(json: Path, hours: float = 2.0, armings: int = 300) -> None:
+    """Measure ``hours`` of walking and ``armings`` short walks per noise level."""
     found: dict[str, float] = {}
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
-        policy = arguments.policy or trot_policy(load_robot(DEFAULT_ROBOT), Path(folder))
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+        policy = trot_policy(Path(folder))
         for share in SHARES:
-            count = max(1, round(3600.0 * arguments.hours / LONG))
-            seconds, seeds = 3600.0 * arguments.hours / count, range(count, count + arguments.armings)
+            count = max(1, round(3600.0 * hours / LONG))
+            seconds, seeds = 3600.0 * hours / count, range(count, count + armings)
             long = list(pool.map(partial(noisy_walk, policy, share, seconds), range(count)))
             short = list(pool.map(partial(noisy_walk, policy, share, SHORT), seeds))
             found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}
-    report(found, arguments.json)
+    report(found, json)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(measure, description=__doc__)

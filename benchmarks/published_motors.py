@@ -10,11 +10,11 @@ angles in the 90 % bands of the adapted prior. published.png: the errors, a dot 
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
+import tyro
 from matplotlib.figure import Figure
 
 import motorprior as mp
@@ -82,16 +82,12 @@ def draw(errors: dict[str, list[float]], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def main() -> None:
+def measure(data: Path, out: Path = Path("runs/published")) -> None:
     """Measure, print and write; see the module docstring."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--out", type=Path, default=Path("runs/published"))
-    arguments = parser.parse_args()
-    settings, prior = Settings(arguments.data, arguments.out), mp.from_pretrained("so101")
+    settings, prior = Settings(data, out), mp.from_pretrained("so101")
     paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
     logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
-    models, errors, shares = candidates(logs[0].num_joints, arguments.out), {}, []
+    models, errors, shares = candidates(logs[0].num_joints, out), {}, []
     for log in logs:
         runs = whole_runs(log, recipe_of(prior))
         flat = {f"{name}/{index}": one for name, several in models.items() for index, one in enumerate(several)}
@@ -106,11 +102,11 @@ def main() -> None:
     for name, values in errors.items():
         model = name.split("/")[0]
         best[model] = min(values, best.get(model, values), key=np.mean)
-    draw(best, arguments.out / "published.png")
+    draw(best, out / "published.png")
     figures = {f"published/{model}": float(np.mean(values)) for model, values in best.items()}
     figures["published/coverage90"] = float(np.mean(shares))
-    report(figures, arguments.out / "figures.json")
+    report(figures, out / "figures.json")
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(measure, description=__doc__)

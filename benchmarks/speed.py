@@ -6,12 +6,12 @@ Zero-policy trots of the prior's robot. Every path runs in turn in one process; 
 per core. Only ratios within a run are comparable between machines.
 """
 
-import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from figures import report
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
@@ -93,16 +93,13 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
     return paths | {"mj_step": (steps, engine_alone)}
 
 
-def main() -> None:
+def measure(prior: Path) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--prior", type=Path, required=True)
-    options = parser.parse_args()
     robot = load_robot(DEFAULT_ROBOT)
-    fleet, prior = load_robot_fleet(robot), load_prior(options.prior, robot)
+    fleet, learned = load_robot_fleet(robot), load_prior(prior, robot)
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),
-        "rollout": prior.sample(robot.num_joints, np.random.default_rng(0)),
+        "rollout": learned.sample(robot.num_joints, np.random.default_rng(0)),
         "physical": fleet.center(robot.num_joints).actuator(),
     }
     seconds: dict[str, list[float]] = {}
@@ -119,4 +116,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(measure, description=__doc__)

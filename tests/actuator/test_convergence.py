@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from floors import true_grey_box
+from exports import true_grey_box
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run

@@ -5,10 +5,12 @@ The operating system's part, the port and the watchdog, is in test_watchdog.py.
 
 import os
 import pty
+import resource
 import select
 import signal
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
@@ -17,7 +19,6 @@ import numpy as np
 import pytest
 from robot_faults import FaultyPort
 
-from full_disk import file_sizes_restored, limit_file_sizes
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
 from motorprior.hardware.commands import run_deploy, run_doctor, run_record
@@ -55,6 +56,22 @@ class Incident:
         return bool(np.abs(self.port.pose_at_idle - spec.CROUCH_POSE).max() < 0.35)
 
 
+def fill_disk(port: FaultyPort) -> None:
+    """Limit all files of this process to 0 bytes."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+
+@contextmanager
+def full_disk_ends() -> Iterator[None]:
+    """Within the context writes to a full disk fail instead of killing the process; on exit there is room again."""
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
 @pytest.fixture
 def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
     """Deploy, and let something happen half a second into the walk."""
@@ -68,7 +85,7 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
                 incident.began = port.now
                 happens(port)
 
-        with on_its_clock(port), file_sizes_restored():
+        with on_its_clock(port), full_disk_ends():
             try:
                 settings = DeploySettings(out=tmp_path / "run", seconds=seconds, forward=0.3, yes=True)
                 run_deploy(PUPPER_V2, trot, "a port", settings, show)
@@ -109,7 +126,7 @@ FAULTS = {
     "slow host": (lambda port: port.pause_host(LIMITS.tick_delay + 0.01), {"slow host"}, "crouch"),
     "targets are not finite": (break_policy, {"impossible command"}, "crouch"),
     "exception": (raise_an_error, {"program error"}, "crouch"),
-    "disk full": (lambda _: limit_file_sizes(0), {"recording"}, "crouch"),
+    "disk full": (fill_disk, {"recording"}, "crouch"),
     **{
         number.name: (lambda _, number=number: signal.raise_signal(number), {number.name}, "crouch")
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)

@@ -74,8 +74,7 @@ def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1])
     floor.contype = floor.conaffinity = 0
-    # With a longer step contacts bounce more. With this damping ratio the trots of the same motors agree at 1 and 2 ms
-    # (benchmarks/floors.py).
+    # With a longer step contacts bounce more. With this damping ratio the trots of the same motors agree at 1 and 2 ms.
     damping = max(1.0, physics_dt / CONTACT_DT)
     friction = [robot.foot_friction, robot.foot_friction, 0.005, 0.0001, 0.0001]
     for leg in robot.legs:
