@@ -2,28 +2,26 @@
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop_wear \
-        --robots 2 --wear none weak worn damaged --max-speed 0.75 --current --iterations 150 --further 50 --walks 2
+        --robots 2 --wear none weak worn damaged --max-speed 0.75 --iterations 150 --further 50 --walks 2
 
 Virtual Puppers in simulated time (`simulated_port.py`), with the host code and commands of docs/hardware.md. For each
 robot: 60 s of recording in the air, `logs import --suspended`, `adapt`. For each seed of the training, policies:
     before    trained on samples of the prior (`walk`), the same for all robots
     longer    the control: `before`, trained further on the prior (`walk --start`) for as long as `adapted`
     adapted   `before`, trained further on the posterior of this robot's motors
-    current   the same with torque limits that follow the gains (the option limit_follows_gain), with --current
-    advised   current if `adapt` reports weak motors, otherwise adapted, with --current
-Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise. Printed and written to
-figures_SPEED_WEAR.json: for each pair of robot and seed the median path length [m] (in straight segments of a second),
-the median displacement from the start [m], and the fraction of walks that end with a fault; medians over the pairs
-(means of the fraction), median, quartiles and sign of the gain over the control; and the number of robots with an
-outlier. With several kinds of wear also the figures of each, as WEAR/…. Finished trainings are reused: for other
-`--iterations` or `--further`, give another `--out`. The factors of WEAR are assumptions.
+    current   the same with torque limits that follow the gains (the option limit_follows_gain)
+    advised   current if `adapt` reports weak motors, otherwise adapted
+Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise. figures.json: for each pair
+of robot and seed the median path length [m] (in straight segments of a second), the median displacement from the start
+[m], and the fraction of walks that end with a fault; medians over the pairs (means of the fraction), median, quartiles
+and sign of the gain over the control. Finished trainings are reused. The factors of WEAR are assumptions.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -35,11 +33,10 @@ from figures import report
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.physical import MotorParameters
 from motorprior.actuator.registry import motor_text
-from motorprior.artifacts import write_json
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.exceptions import LogError, RobotFault
+from motorprior.exceptions import RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.identification.adapt import advice_on_weak_motors
@@ -49,10 +46,11 @@ from motorprior.locomotion.command import Commands
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import FIGURES
 from simulated_port import SimulatedPort, on_its_clock
 
 ROBOT = load_robot(DEFAULT_ROBOT)
-SECONDS = 10.0
+SECONDS, RECORDED = 10.0, 60.0  # of a walk, and of the recording [s]
 EPISODE_STEPS, HOLD = 500, 1.25  # of training: control steps per episode, duration of a command [s]
 CONTROL = "longer"
 PROGRESS = Lines(sys.stderr)
@@ -67,12 +65,10 @@ class Settings:
     out: Path  # folder for everything
     robots: int = 8  # virtual Puppers per kind of wear
     seeds: int = 3  # seeds of the training
-    recorded: float = 60.0  # length of the recording [s]
     walks: int = 5  # walks of each policy on each robot
     iterations: int = 200  # iterations of the first training
     further: int = 100  # additional iterations
     max_speed: float = 0.5  # maximum commanded speed [m/s]
-    current: bool = False  # also train with torque limits that follow the gains
     wear: tuple[Literal["none", "weak", "worn", "damaged"], ...] = ("none",)  # wear of the motors
 
 
@@ -120,16 +116,15 @@ class RobotCase:
     wear: str  # a name in `WEAR`
     folder: Path  # of its recordings and policies
     posterior: Path  # of its motors
-    is_outlier: bool  # whether `adapt` reports an outlying motor
 
 
-def record(folder: Path, number: int, wear: str, seconds: float) -> Path:
+def record(folder: Path, number: int, wear: str) -> Path:
     """Recording of the suspended robot, as a motor log."""
-    log = folder / f"log_{seconds:g}" / "run.parquet"
+    log = folder / "log" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=WEAR[wear])
         with on_its_clock(port):
-            settings = RecordSettings(folder / f"recorded_{seconds:g}", seconds=seconds, yes=True)
+            settings = RecordSettings(folder / "recorded", seconds=RECORDED, yes=True)
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
         import_logs(LogsImport((recorded,), log.parent, suspended=True))
     return log
@@ -158,7 +153,7 @@ def train(
     current: bool = False,
 ) -> Path:
     """File of a policy in ``folder``, trained on the prior or a posterior, from scratch or from ``start``."""
-    out = folder / f"{kind}_{settings.max_speed:g}_{seed}"
+    out = folder / f"{kind}_{seed}"
     motors = motor_text("prior", file=settings.prior)
     if posterior is not None:
         motors = motor_text("posterior", file=posterior, prior=settings.prior, limit_follows_gain=current)
@@ -175,15 +170,8 @@ def train(
 def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
     """Record a robot, and adapt the prior to its motors."""
     folder = settings.out / f"robot_{number}_{wear}"
-    log, adapted = record(folder, number, wear, settings.recorded), folder / f"posterior_{settings.recorded:g}"
-    is_outlier = False
-    try:
-        run_adapt(Adapt(settings.prior, log, adapted), PROGRESS)
-    except LogError as error:
-        PROGRESS.note(f"{folder.name}: {error}")
-        run_adapt(Adapt(settings.prior, log, adapted, anyway=True), PROGRESS)
-        is_outlier = True
-    return RobotCase(number, wear, folder, adapted / POSTERIOR, is_outlier)
+    run_adapt(Adapt(settings.prior, record(folder, number, wear), folder / "posterior", anyway=True), PROGRESS)
+    return RobotCase(number, wear, folder, folder / "posterior" / POSTERIOR)
 
 
 def has_weak_motors(prior: Path, posterior: Path) -> bool:
@@ -202,12 +190,11 @@ def summary(walks: list[Outcome]) -> dict[str, float]:
     }
 
 
-def compared(pairs: Sequence[tuple[RobotCase, Mapping[str, list[Outcome]]]]) -> dict[str, float]:
+def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
     """Figures of every policy over pairs of robot and seed, and its gain over the control on the same pair."""
-    outliers = {robot for robot, _ in pairs if robot.is_outlier}
-    figures = {"pairs": float(len(pairs)), "robots_unlike_the_prior": float(len(outliers))}
-    for name in pairs[0][1]:
-        of_name, of_control = ([summary(walks[which]) for _, walks in pairs] for which in (name, CONTROL))
+    figures = {"pairs": float(len(pairs))}
+    for name in pairs[0]:
+        of_name, of_control = ([summary(walks[which]) for walks in pairs] for which in (name, CONTROL))
         figures[f"{name}/fault_share"] = float(np.mean([one["fault_share"] for one in of_name]))
         for key in ("path_m", "displacement_m"):
             figures[f"{name}/{key}"] = float(np.median([one[key] for one in of_name]))
@@ -223,31 +210,24 @@ def main() -> None:
     """Run all robots and seeds."""
     given = tyro.cli(Settings, description=__doc__)
     robots = [adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)]
-    pairs, rows = [], []
+    pairs = []
     for seed in range(given.seeds):
         before = train(given, seed, given.out, "before")
         longer = train(given, seed, given.out, CONTROL, before)
         for robot in robots:
-            policies = {"before": before, CONTROL: longer}
-            policies["adapted"] = train(given, seed, robot.folder, "adapted", before, robot.posterior)
-            if given.current:
-                policies["current"] = train(given, seed, robot.folder, "current", before, robot.posterior, current=True)
+            policies = {
+                "before": before,
+                CONTROL: longer,
+                "adapted": train(given, seed, robot.folder, "adapted", before, robot.posterior),
+                "current": train(given, seed, robot.folder, "current", before, robot.posterior, current=True),
+            }
             found = {
                 name: [deploy(robot, policy, noise_seed, given.max_speed) for noise_seed in range(given.walks)]
                 for name, policy in policies.items()
             }
-            if given.current:
-                found["advised"] = found["current" if has_weak_motors(given.prior, robot.posterior) else "adapted"]
-            pairs.append((robot, found))
-            pair = {"robot": robot.number, "wear": robot.wear, "unlike": robot.is_outlier, "seed": seed}
-            rows += [pair | {"policy": name, "walks": list(map(asdict, walks))} for name, walks in found.items()]
-    figures = compared(pairs)
-    for wear in given.wear if len(given.wear) > 1 else ():
-        own = compared([(robot, walks) for robot, walks in pairs if robot.wear == wear])
-        figures |= {f"{wear}/{key}": value for key, value in own.items()}
-    name = "_".join([f"{given.max_speed:g}", *(() if given.wear == ("none",) else given.wear)])
-    write_json(given.out / f"figures_{name}.json", {"figures": figures, "pairs": rows})
-    report(figures, None)
+            found["advised"] = found["current" if has_weak_motors(given.prior, robot.posterior) else "adapted"]
+            pairs.append(found)
+    report(compared(pairs), given.out / FIGURES)
 
 
 if __name__ == "__main__":
