@@ -39,6 +39,9 @@ class Constant(NamedTuple):
     high: float  # 5 % are above
     identifiable: bool | None  # from the logs; None if unknown
 
+    def __str__(self) -> str:
+        return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {self.low:.3g} to {self.high:.3g}"
+
 
 @dataclass(frozen=True)
 class Constants:
@@ -65,7 +68,7 @@ class Constants:
         return len(self.rows)
 
     def __getitem__(self, name: str) -> Constant:
-        return next(row for row in self.rows if row.name == name)
+        return {row.name: row for row in self.rows}[name]
 
     @property
     def cells(self) -> list[list[str]]:

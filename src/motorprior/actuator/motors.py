@@ -36,6 +36,9 @@ class Motors:
         self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
         self.reset(joint_pos, position_target)
 
+    def __repr__(self) -> str:
+        return f"Motors of {self._shape[0]} joints at steps of {self._dt:g} s"
+
     def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
         """Restart with static rotors at ``joint_pos`` (n,) [rad]; arguments as in the class."""
         start = require_finite("joint_pos", joint_pos, self._shape)

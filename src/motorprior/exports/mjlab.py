@@ -19,11 +19,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import torch
-import warp as wp
-from mjlab.actuator import Actuator, ActuatorCfg, ActuatorCmd
-from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
-from mjlab.utils.spec import create_motor_actuator
+
+try:
+    import torch
+    import warp as wp
+    from mjlab.actuator import Actuator, ActuatorCfg, ActuatorCmd
+    from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
+    from mjlab.utils.spec import create_motor_actuator
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(f"{error}: pip install 'motorprior[mjlab]'", name=error.name) from error
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior

@@ -15,8 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import warp as wp
-from newton.actuators import DriveBase
+
+try:
+    import warp as wp
+    from newton.actuators import DriveBase
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(f"{error}: pip install 'motorprior[newton]'", name=error.name) from error
 
 from motorprior.actuator.geared_motor import DAMPING
 from motorprior.actuator.grey_box import GreyBoxActuator
