@@ -5,9 +5,9 @@ more than a few worlds.
 """
 
 import argparse
-import math
 from dataclasses import asdict
 
+import numpy as np
 import torch
 from mjlab.envs import ManagerBasedRlEnv
 from mjlab.rl import MjlabOnPolicyRunner, RslRlVecEnvWrapper
@@ -33,9 +33,11 @@ if not args.pd:
     motors = MotorPriorActuatorCfg(target_names_expr=(".*_joint",), source=prior, gains=gains, samples=256)
     cfg.scene.entities["robot"].articulation.actuators = (motors,)
     cfg.events["motors"] = per_world_damping()
-    # steps as long as those of the motors' logs at most, at the same control rate
+    # a step that resolves the gears of all samples, at the same control rate
+    values = prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072)).constants()
+    longest = float(np.sqrt(3.0 * values["armature"] / values["gear_stiffness"]).min())
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
-    cfg.decimation = max(cfg.decimation, math.ceil(control_dt / prior.model.period))
+    cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / longest)))
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation
 env = ManagerBasedRlEnv(cfg=cfg, device=device)
 agent = unitree_go1_ppo_runner_cfg()

@@ -1,6 +1,8 @@
 """The Warp kernel, and the actuators of mjlab and Newton, against the compiled motors; skipped without these."""
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,9 +67,14 @@ def test_a_partial_reset_restarts_the_masked_motors_only():
     np.testing.assert_array_equal(motors.table.numpy(), bank[:, [0, 3]])
 
 
-def test_a_step_longer_than_that_of_the_logs_is_refused():
-    with pytest.raises(ConfigError, match="physics step"):
-        WarpMotors(motors_of_prior(1), 1, 2.0 * bench.DT, "cpu")
+def test_a_step_that_cannot_resolve_the_gear_is_refused():
+    motors = motors_of_prior(1)
+    center = motors.model.motor.center.copy()
+    center[parameters_of(()).index("gear_stiffness")] = np.log(5000.0)
+    stiff = replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
+    with pytest.raises(ConfigError, match="gear") as refused:
+        WarpMotors(stiff, 1, bench.DT, "cpu")
+    assert "use a step of" in str(refused.value.remedy)
 
 
 def test_newton_moves_the_joints_as_our_motors_do():

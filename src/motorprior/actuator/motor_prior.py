@@ -54,8 +54,8 @@ UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 # factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
-# share. Chosen on eight simulated arms, with a fit that was dropped; the 90 % intervals of eight others hold 88 % with
-# today's (benchmarks/simulated_arms.py)
+# share. Chosen on eight simulated arms with an earlier fit; the present 90 % intervals of eight others hold 85 %
+# (benchmarks/simulated_arms.py)
 MODEL_ERROR = 2.0
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale

@@ -67,7 +67,7 @@ class MotorPriorActuator(Actuator):
             self._mjs_actuators.append(create_motor_actuator(spec, name, effort_limit=1e6, **passive))
 
     def initialize(self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str) -> None:
-        """Sample the motors; ConfigError if the model's physics step is longer than theirs."""
+        """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
         super().initialize(mj_model, model, data, device)
         cfg, names = self.cfg, tuple(self.target_names)
         gains = None if cfg.gains is None else np.array(cfg.gains)

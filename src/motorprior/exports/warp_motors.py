@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from motorprior.actuator.actuator import require_step
 from motorprior.actuator.geared_motor import memory_rows, motor_table
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
     BASE_STATE,
+    MAX_STIFFNESS,
     Arithmetic,
     MotorState,
     StepConstants,
@@ -28,6 +28,7 @@ from motorprior.actuator.geared_motor_step import (
 )
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.optional_terms import REFERENCE
+from motorprior.exceptions import ConfigError
 
 _REFERENCE = MotorState._fields.index(REFERENCE)
 _TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `geared_motor`
@@ -162,11 +163,11 @@ class WarpMotors:
         device: of Warp.
 
     Raises:
-        ConfigError: the step is longer than that of the motors' logs.
+        ConfigError: the motors cannot be simulated at this step, see `require_gear`.
     """
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
-        require_step(dt, bank.model.period)
+        require_gear(bank, dt)
         terms = bank.model.motor.terms
         self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
         table = motor_table(bank.constants(), dt, terms).astype(np.float32)
@@ -191,3 +192,16 @@ class WarpMotors:
         """
         arrays = [self.table, self.memory, self.clock, command, joint_pos, joint_vel, self._dt, self.torque]
         wp.launch(self._step, dim=self.count, inputs=[*arrays, self.damping], device=self._device)
+
+
+def require_gear(motors: GreyBoxActuator, dt: float) -> None:
+    """Raise `ConfigError` if a physics step [s] would soften a gear to less than half of its stiffness."""
+    values = motors.constants()
+    longest = np.sqrt(2.0 * MAX_STIFFNESS * values["armature"] / values["gear_stiffness"])
+    if dt > (limit := float(longest.min())):
+        worst = int(longest.argmin())
+        raise ConfigError(
+            f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
+            f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
+            remedy=f"use a step of {limit:.2g} s or less, with a larger decimation", argument="dt",
+        )  # fmt: skip
