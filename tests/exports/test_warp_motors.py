@@ -67,14 +67,24 @@ def test_a_partial_reset_restarts_the_masked_motors_only():
     np.testing.assert_array_equal(motors.table.numpy(), bank[:, [0, 3]])
 
 
-def test_a_step_that_cannot_resolve_the_gear_is_refused():
-    motors = motors_of_prior(1)
+def with_constant(motors, name, value):
     center = motors.model.motor.center.copy()
-    center[parameters_of(()).index("gear_stiffness")] = np.log(5000.0)
-    stiff = replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
+    center[parameters_of(()).index(name)] = np.log(value)
+    return replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
+
+
+def test_a_step_that_cannot_resolve_the_gear_is_refused():
     with pytest.raises(ConfigError, match="gear") as refused:
-        WarpMotors(stiff, 1, bench.DT, "cpu")
+        WarpMotors(
+            with_constant(with_constant(motors_of_prior(1), "gear_stiffness", 5000.0), "kp", 100.0), 1, bench.DT, "cpu"
+        )
     assert "use a step of" in str(refused.value.remedy)
+
+
+def test_a_gear_that_is_softened_for_the_step_moves_as_ours():
+    stiff = with_constant(motors_of_prior(2), "gear_stiffness", 5000.0)
+    ours, theirs = (bench.free_run(make(stiff), 2, 500) for make in (bench.compiled, bench.kernel))
+    assert np.abs(ours).max() > 0.3 and np.abs(ours - theirs).max() < 2e-3
 
 
 def test_newton_moves_the_joints_as_our_motors_do():

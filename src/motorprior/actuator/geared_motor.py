@@ -39,7 +39,8 @@ from motorprior.delay_line import fill_line, interpolated, write_line
 
 # rows of the table
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
-_DELAY, _ZERO = (StepConstants._fields.index(name) for name in ("delay", "encoder_zero"))
+_NAMES = ("delay", "encoder_zero", "half_backlash", "softened")
+_DELAY, _ZERO, _HALF_BACKLASH, SOFTENED = (StepConstants._fields.index(name) for name in _NAMES)
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
 _REFERENCE = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
@@ -183,6 +184,14 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
 
 @njit(cache=True, nogil=True)
 def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """The encoders are on the rotors: rotor position plus encoder zero [rad]."""
+    """The encoders are on the rotors: rotor position, without twist of a softened gear, plus encoder zero [rad]."""
     for motor in range(out.shape[0]):
-        out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]
+        added = added_twist(arrays, motor, joint_pos[motor])
+        out[motor] = arrays.memory[ROTOR_POS, motor] - added + arrays.parameters[_ZERO, motor]
+
+
+@njit(cache=True, nogil=True)
+def added_twist(arrays: ActuatorArrays, motor: int, joint_pos: float) -> float:
+    """Twist [rad] of the gear that only its softening for the step adds."""
+    twist, half = arrays.memory[ROTOR_POS, motor] - joint_pos, arrays.parameters[_HALF_BACKLASH, motor]
+    return arrays.parameters[SOFTENED, motor] * (twist - min(max(twist, -half), half))

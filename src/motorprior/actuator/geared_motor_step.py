@@ -11,8 +11,9 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
               twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos + h/2·(v̄ - v) +
-              encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to t + h/2
+    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
+              h/2·(v̄ - v) + encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to
+              t + h/2; softened is the share of the twist s that a gear softened for the step adds
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
 
 The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
@@ -53,8 +54,9 @@ PARAMETERS = (
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
 # Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this limit, since they
-# would be unstable
+# would be unstable; encoders do not see the additional twist, which would act like a longer delay
 MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
+MAX_RATE = 0.25  # kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
 LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
 ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
@@ -69,7 +71,8 @@ Values = Any  # one number per motor, in the type of the arithmetic
 # MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of its mean over the step
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
-    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain",
+    "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain", "softened",
+    "softened_rate",
 )  # fmt: skip
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
@@ -123,14 +126,20 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
     steps = h / values["velocity_filter"]
     gain = -np.expm1(-steps)
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
+    softened = np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"])
+    max_damping = MAX_DAMPING * values["armature"] / h
+    rate = MAX_RATE * max_damping
     changed = {
         "kd": values["kp"] * values["kd_over_kp"],
         "filter_gain": gain,
         "delay": values["delay"] / h,
         "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
         "half_backlash": 0.5 * values["backlash"],
-        "gear_damping": np.minimum(values["gear_damping"], MAX_DAMPING * values["armature"] / h),
+        # the law does not damp the twist that the encoder does not see
+        "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
         "mean_filter_gain": 1.0 - gain / steps,
+        "softened": softened,
+        "softened_rate": softened * rate / np.maximum(rate, values["kp"] * values["kd_over_kp"]),
     }
     optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))
@@ -196,9 +205,12 @@ def step(
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
-    encoder_pos, encoder_vel, follows = r, v, 1.0  # encoder angle and velocity, and the slope of the latter by v
+    # encoder angle and velocity, without the twist that MAX_STIFFNESS adds; and the slope of the latter by v
+    twisting = where(abs(deflection) > 0.0, v - dq, 0.0)
+    encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened_rate * twisting, 1.0
     if "output_encoder" in terms:
-        encoder_pos, encoder_vel = r + p.output_encoder * (q - r), v + p.output_encoder * (dq - v)
+        encoder_pos = encoder_pos + p.output_encoder * (q - encoder_pos)
+        encoder_vel = encoder_vel + p.output_encoder * (dq - encoder_vel)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
     error, active = target - encoder_pos - p.encoder_zero, 1.0  # active: 1 outside the dead zone, 0 within
     if "dead_zone" in terms:
@@ -232,7 +244,7 @@ def step(
 
     mean = 0.5 * (v + after)
     torque = gear + lead * (mean - v) + damping * dq
-    mean_encoder_vel = mean if "output_encoder" not in terms else encoder_vel + follows * (mean - v)
+    mean_encoder_vel = encoder_vel + follows * (mean - v)
     moved = state._replace(
         rotor_pos=r + h * after,
         rotor_vel=after,

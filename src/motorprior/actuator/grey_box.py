@@ -13,6 +13,7 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empt
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor import (
     DAMPING,
+    SOFTENED,
     STIFFNESS,
     GearedMotor,
     measure,
@@ -135,7 +136,9 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 
 def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
-    np.minimum(arrays.parameters[STIFFNESS], max_stiffness, out=arrays.parameters[STIFFNESS])
+    stiffness, softened = arrays.parameters[STIFFNESS], arrays.parameters[SOFTENED]
+    softened[:] = 1.0 - (1.0 - softened) * np.minimum(1.0, max_stiffness / stiffness)
+    np.minimum(stiffness, max_stiffness, out=stiffness)
 
 
 GREY_BOX = ActuatorKind(

@@ -30,6 +30,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.optional_terms import REFERENCE
 from motorprior.exceptions import ConfigError
 
+MIN_STIFFNESS = 20.0  # of a softened gear, over kp: its twist is up to 5 % of the position error
 _REFERENCE = MotorState._fields.index(REFERENCE)
 _TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `geared_motor`
 Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
@@ -195,9 +196,10 @@ class WarpMotors:
 
 
 def require_gear(motors: GreyBoxActuator, dt: float) -> None:
-    """Raise `ConfigError` if a physics step [s] would soften a gear to less than half of its stiffness."""
+    """Raise `ConfigError` if a physics step [s] softens a gear to less than half of it and than MIN_STIFFNESS·kp."""
     values = motors.constants()
-    longest = np.sqrt(2.0 * MAX_STIFFNESS * values["armature"] / values["gear_stiffness"])
+    needed = np.minimum(0.5 * values["gear_stiffness"], MIN_STIFFNESS * values["kp"])
+    longest = np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
     if dt > (limit := float(longest.min())):
         worst = int(longest.argmin())
         raise ConfigError(

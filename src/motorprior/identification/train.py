@@ -23,7 +23,7 @@ from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import term_selection
-from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
+from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined, simplified
 from motorprior.identification.physics.motor_problem import (
     fixed_constants,
     grey_box,
@@ -113,6 +113,7 @@ def _grey_boxes(
     z = found.offsets
     if longer is not runs:
         z = refined(model, z, longer, preset.grey_boxes == "together")
+    z = simplified(model, z, longer)
     notes = _notes_on_terms(preset, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_search(model, runs).losses(z).mean(keepdims=True)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, Steps
 from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
@@ -57,6 +58,9 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
+# factors on constants of the initial motor with which its gear is rigid, or its velocity filter short
+SIMPLER = ({"gear_stiffness": 140.0, "backlash": 1e-4}, {"velocity_filter": 0.2})
+_WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -298,7 +302,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
 def _without_unidentified_limits(
     search: Search, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, found: Fit, fixed: np.ndarray
 ) -> np.ndarray:
-    """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
+    """(M, K) unknowns whose limits are off, OFF times the largest request or speed, if the logs allow it.
 
     With lower limits the motor could saturate in other motions.
     """
@@ -306,18 +310,43 @@ def _without_unidentified_limits(
     kp = names.index("kp")
     asked = np.exp(center[kp] + x[:, kp]) * runs.max_request
     reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
-    losses = search.losses(x)
     for name, largest in reached.items():
-        if name not in names or not largest.max() or fixed[names.index(name)]:
-            continue
-        row, free = names.index(name), x.copy()
-        off = np.log(OFF * largest.max()) - center[row]
-        free[:, row] = np.clip(off, x[:, row], LOG_REACH)
-        precision = np.where(fixed | (np.arange(len(names)) == row), FIXED, WEAK)
-        free = search.descend(free, GaussianPrior(free, np.broadcast_to(precision, x.shape)), RIGID_STEPS[1:])
-        unidentified = free.loss * (1.0 - SAVING) <= losses
-        x, losses = np.where(unidentified[:, None], free.x, x), np.where(unidentified, free.loss, losses)
+        if name in names and largest.max():
+            row = names.index(name)
+            off = np.log(OFF * largest.max()) - center[row]
+            x = _unless_shown(search, x, fixed, {row: np.clip(off, x[:, row], LOG_REACH)}, RIGID_STEPS[1:], cost=SAVING)
     return x
+
+
+def simplified(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
+    """(M, K) latents with stiff gears without backlash, and with short velocity filters, where this lowers the loss.
+
+    Else a compliance or a filter that the logs do not show takes a part of the delay, which is then too short.
+    """
+    search, terms = motor_search(model, runs), model.motor.terms
+    names, away = parameters_of(terms), initial_center(terms, runs) - model.motor.center
+    for factors in SIMPLER:
+        off = {names.index(name): np.log(factor) for name, factor in factors.items()}
+        off = {row: np.clip(away[row] + factor, -_WITHIN, _WITHIN) for row, factor in off.items()}
+        x = _unless_shown(search, x, fixed_constants(terms, runs), off, STEPS[1:], cost=0.0)
+    return x
+
+
+def _unless_shown(
+    search: Search, x: np.ndarray, fixed: np.ndarray, off: dict[int, Any], steps: Steps, cost: float
+) -> np.ndarray:
+    """(M, K) unknowns with ``off`` (M,) in these rows, and a descent of the others, where the loss grows by ``cost``.
+
+    ``cost`` is the largest share of the loss; fixed rows stay.
+    """
+    if fixed[list(off)].any():
+        return x
+    free, held = x.copy(), fixed.copy()
+    for row, values in off.items():
+        free[:, row], held[row] = values, True
+    prior = GaussianPrior(free, np.broadcast_to(np.where(held, FIXED, WEAK), x.shape))
+    changed = search.descend(free, prior, steps)
+    return np.where((changed.loss * (1.0 - cost) <= search.losses(x))[:, None], changed.x, x)
 
 
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:

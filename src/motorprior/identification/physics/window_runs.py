@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
+from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL, added_twist
 from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
@@ -92,14 +92,16 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
             next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
             reading = rows[step + 1, channel.READING, j]
             if at_rotor:
-                observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = next_pos, next_vel
+                rotor = next_pos + added_twist(observer, lane, obs_q[lane])
+                observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = rotor, next_vel
             else:
                 obs_q[lane], obs_dq[lane] = next_pos, next_vel
             if step < first:
                 continue
             own_pos, own_vel = q[lane], dq[lane]
             if at_rotor:
-                own_pos, own_vel = free.memory[ROTOR_POS, lane], free.memory[ROTOR_VEL, lane]
+                own_pos = free.memory[ROTOR_POS, lane] - added_twist(free, lane, q[lane])
+                own_vel = free.memory[ROTOR_VEL, lane]
             out[lane, index, 0, within] = (own_pos - reading) / SCALES[0]
             if velocity_steps == 0:
                 out[lane, index, 1, within] = (own_vel - next_vel) / SCALES[1]
