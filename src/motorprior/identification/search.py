@@ -4,8 +4,9 @@
 
 A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
 optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
-meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
-lanes of a compiled simulation; a problem that is done drops out.
+meaningless, and a step is taken only if it lowers U: no fit diverges. Optima are compared by the mean loss of POINTS
+close by: where a joint sticks, the loss has cracks, in which it is low by chance. All problems advance together, which
+fills the lanes of a compiled simulation; a problem that is done drops out.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logari
 MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
 SAME, TIMES = 3e-3, 2  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
+AROUND, POINTS = 0.003, 8  # standard deviation of points around x, in unknowns, and their number
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # descents at a time: of the last problems, several restarts
@@ -94,7 +96,7 @@ def _broadcast(values: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fit:
-    """Current point of M problems: x (M, K), energy U (M,) and loss (M,)."""
+    """Current point of M problems: x (M, K), energy U (M,) and loss (M,), means over points around x."""
 
     x: np.ndarray
     energy: np.ndarray
@@ -175,9 +177,13 @@ class Search:
         with np.errstate(over="ignore", invalid="ignore"):
             return self.problem.residuals(x, which).reshape(len(which), -1)
 
-    def at(self, x: np.ndarray, prior: GaussianPrior) -> Fit:
-        """The fit at x (M, K)."""
-        loss = self.losses(x)
+    def at(self, x: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> Fit:
+        """The fit at x (m, K)."""
+        which = self.everyone if which is None else which
+        prior = prior.of(which)
+        noise = np.random.default_rng(0).standard_normal((POINTS, x.shape[1]))
+        around = x[:, None] + AROUND * noise * np.broadcast_to(prior.precision < FIXED, x.shape)[:, None]
+        loss = self.losses(around, which).mean(axis=1)
         return Fit(x, loss + prior.energy(x), loss)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> np.ndarray:
@@ -191,14 +197,16 @@ class Search:
     def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.everyone if which is None else which
-        prior, loss = prior.of(which), self.losses(start, which)
-        found = Fit(start, loss + prior.energy(start), loss)
+        found = self.at(start, prior, which)
         for count, diff_step in steps:
-            found = self._descend(found, prior, count, diff_step, which)
+            x = self._descend(found.x, prior.of(which), count, diff_step, which)
+            found = found.better(self.at(x, prior, which))
         return found
 
-    def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
-        x, energy, loss = found.x, found.energy, found.loss
+    def _descend(
+        self, x: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray
+    ) -> np.ndarray:
+        energy = self.losses(x, which) + prior.energy(x)
         rows, damping = np.arange(len(which)), np.full(len(which), 1e-2)
         free = np.flatnonzero(np.any(prior.precision < FIXED, axis=tuple(range(prior.precision.ndim - 1))))
         slope, curvature = self._derivatives(x, diff_step, which, free)
@@ -215,13 +223,13 @@ class Search:
             damping = np.clip(np.where(lower, tried[rows, best], 30.0 * damping), 1e-6, 1e4)
             done = lower & (energy - least < _MIN_GAIN * energy)
             x = np.where(lower[:, None], candidates[rows, best], x)
-            loss, energy = np.where(lower, losses[rows, best], loss), np.where(lower, least, energy)
+            energy = np.where(lower, least, energy)
             left = left[~done[left]]
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
                 slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved], free)
-        return Fit(x, energy, loss)
+        return x
 
     def until_found_again(
         self,

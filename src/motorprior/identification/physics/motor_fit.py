@@ -346,7 +346,7 @@ def _unless_shown(
         free[:, row], held[row] = values, True
     prior = GaussianPrior(free, np.broadcast_to(np.where(held, FIXED, WEAK), x.shape))
     changed = search.descend(free, prior, steps)
-    return np.where((changed.loss * (1.0 - cost) <= search.losses(x))[:, None], changed.x, x)
+    return np.where((changed.loss * (1.0 - cost) <= search.at(x, prior).loss)[:, None], changed.x, x)
 
 
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
