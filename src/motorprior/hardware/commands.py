@@ -66,7 +66,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
         motions.walk(session, policy, steering, settings.seconds)
     show(f"stopped by {session.outcome}; {out / _LOG}")
-    for name, value in clock_figures([session.timing], policy.control_dt).items():
+    for name, value in clock_figures(session.timing, policy.control_dt).items():
         show(f"{name} {value:.4g}")
 
 
@@ -155,7 +155,7 @@ def _session(
                     "frames": frames | {"damaged": link.port.reader.rejected},
                 }
                 write_json(out / "run.json", begun | ending)
-                write_json(out / "figures.json", clock_figures([session.timing], robot.control_dt))
+                write_json(out / "figures.json", clock_figures(session.timing, robot.control_dt))
 
         session = Session(link, gains, stop, not settings.without_imu, confirm, show)
         try:
