@@ -175,9 +175,9 @@ class Search:
         with np.errstate(over="ignore", invalid="ignore"):
             return self.problem.residuals(x, which).reshape(len(which), -1)
 
-    def at(self, x: np.ndarray, prior: GaussianPrior) -> Fit:
-        """The fit at x (M, K)."""
-        loss = self.losses(x)
+    def at(self, x: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> Fit:
+        """The fit at x (m, K) of the problems ``which`` (m,), or of all, with their prior."""
+        loss = self.losses(x, which)
         return Fit(x, loss + prior.energy(x), loss)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> np.ndarray:
@@ -191,8 +191,8 @@ class Search:
     def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.everyone if which is None else which
-        prior, loss = prior.of(which), self.losses(start, which)
-        found = Fit(start, loss + prior.energy(start), loss)
+        prior = prior.of(which)
+        found = self.at(start, prior, which)
         for count, diff_step in steps:
             found = self._descend(found, prior, count, diff_step, which)
         return found
