@@ -17,13 +17,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
-from motorprior.identification.held_out import (
-    adapt_all,
-    adaptation,
-    adapted_models,
-    distribution,
-    held_out_motors,
-)
+from motorprior.identification.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
 from motorprior.identification.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results

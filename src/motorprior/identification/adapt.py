@@ -18,12 +18,7 @@ from motorprior.exceptions import LogError, listed
 from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, misfits, num_blocks
 from motorprior.identification.fit_prior import trained_on
-from motorprior.identification.latents.latent_fit import (
-    Outliers,
-    Posterior,
-    fit_posterior,
-    outliers,
-)
+from motorprior.identification.latents.latent_fit import Outliers, Posterior, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits

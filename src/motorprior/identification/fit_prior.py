@@ -19,19 +19,9 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation.errors import (
-    MAX_UNEXPLAINED,
-    evaluate_replay,
-    log_warnings,
-    replay_errors,
-)
+from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.evaluation.reference import held_out_growth, misfits, reference_metrics
-from motorprior.identification.latents.standardise import (
-    MIN_MOTORS,
-    RELIABLE_MOTORS,
-    spread_source,
-    with_scaled_spread,
-)
+from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
 from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.train import Arrays, Keep, identify, work_of
