@@ -113,12 +113,7 @@ def _require_known(given: list[str], names: list[str]) -> None:
 
 
 def parse(args: list[str]) -> Any:
-    """Parse a command line into settings.
-
-    Raises:
-        SystemExit: code 2 for a wrong command line, 0 after --help, --help-all and --version.
-        ConfigError: invalid settings, or an unknown command.
-    """
+    """Parse a command line into settings; SystemExit with code 2 for a wrong one, 0 after --help and --version."""
     if args == ["--version"]:
         print(f"motorprior {__version__}")
         raise SystemExit(0)

@@ -66,11 +66,7 @@ class LogsCheck:
 
 
 def logs_check(config: LogsCheck) -> None:
-    """Print every finding.
-
-    Raises:
-        LogError: after all logs are checked, if one has errors.
-    """
+    """Print every finding; raises LogError after all logs are checked, if one has errors."""
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:

@@ -31,12 +31,7 @@ class Adapt:
 def run_adapt(
     config: Adapt, progress: Progress = SILENT, show: Show = lambda log, found, outliers, constants: None
 ) -> None:
-    """Adapt, unless the folder already contains this posterior; ``show`` as in `adapt`.
-
-    Raises:
-        LogError: the log does not fit, or has outliers and ``anyway`` is not set.
-        ArtifactError: another command writes to the folder.
-    """
+    """Adapt, unless the folder already contains this posterior; ``show`` and errors as in `adapt`."""
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
     wanted = description("adapt", asdict(config), [config.prior, config.log])

@@ -91,11 +91,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
 
 
 def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Output file (.parquet) -> log file.
-
-    Raises:
-        ConfigError: two logs with one output file, or an output file that would overwrite a recording.
-    """
+    """Output file (.parquet) -> log file; ConfigError if two logs have one, or it would overwrite a recording."""
     targets: dict[Path, Path] = {}
     for path in paths:
         target = out / f"{recording_name(path)}.parquet"

@@ -58,10 +58,7 @@ class Play:
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     """Path of the film, and measures of the walks; opens the viewer if requested.
 
-    Raises:
-        SimulationFault: a walk diverged.
-        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used; a command is outside the range of
-            the robot or of a policy's training; the viewer finds no screen.
+    Raises SimulationFault if a walk diverged, and others for a policy, command or screen that cannot be used.
     """
     from motorprior.report import film  # here, since it imports matplotlib
 

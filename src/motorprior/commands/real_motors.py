@@ -57,9 +57,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
 def read_logs_of(config: RealMotors) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given.
 
-    Raises:
-        LogError, ArtifactError: they cannot be read, have different joints, or no joint moves.
-        ConfigError: suspended with a fixed base, or with logs that have another posture.
+    Raises LogError if they have different joints or none moves, ConfigError if they were not suspended as stated.
     """
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":

@@ -61,12 +61,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
 
 
 def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
-    """The priors by preset, and the bench whose motors they learned.
-
-    Raises:
-        ArtifactError: not the file of a prior.
-        ConfigError: two of the same preset, of different motors, or of too few for a robot.
-    """
+    """The priors by preset, and the bench whose motors they learned; ConfigError if they do not fit together."""
     priors: dict[str, MotorPrior] = {}
     benches: list[BenchSettings] = []
     for path in paths:

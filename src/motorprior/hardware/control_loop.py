@@ -88,10 +88,7 @@ class ControlLoop:
         """Play ``motion`` until it ends or ``stop`` returns True.
 
         ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
-        fast. ``timing`` is filled also if a fault ends the motion.
-
-        Raises:
-            RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
+        fast. ``timing`` is filled also if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)

@@ -76,10 +76,7 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    The fleets were identified at the robot's own gains. The torque constant [N·m/A] converts a policy's gains.
-
-    Raises:
-        ConfigError: gains out of range, or none were given and the policy was trained with others, beyond 15 %.
+    Raises ConfigError for gains out of range, or if none were given and those of the training differ by more than 15 %.
     """
     wire = robot.require_wire()
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
@@ -184,10 +181,8 @@ def excitation_targets(
 
     Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
     [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits
-    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
-
-    Raises:
-        ConfigError: an unknown excitation, one that moves none of the joints, or a trot without legs.
+    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other. Raises
+    ConfigError for an unknown excitation, one that moves none of the joints, or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]

@@ -27,12 +27,7 @@ SOFT_GEAR = 5.0  # gear stiffness over position gain [-]; below, a note
 
 
 def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
-    """A prior for the simulation of a robot, or for the motors of a log.
-
-    Raises:
-        ArtifactError: not the file of a prior, or one that cannot be adapted to a log.
-        ConfigError: a prior of another robot, or one that does not fit its physics step.
-    """
+    """A prior for the simulation of a robot, or for the motors of a log; errors for one that does not fit."""
     prior = MotorPrior.load(path)
     try:
         if isinstance(of, MotorLog):

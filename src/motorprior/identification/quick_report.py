@@ -57,11 +57,7 @@ MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum o
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> Validation:
-    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows.
-
-    Raises:
-        LogError: too short, or without a channel that the fit needs.
-    """
+    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows."""
     train = joined(list(logs.train.values()))
     warnings, tuned = [], fitted_tuned_pd(train, progress)
 

@@ -138,12 +138,7 @@ class Problem(Protocol):
 
 
 class Search:
-    """Searches and descents for the problems of one `Problem`.
-
-    Args:
-        problem: its residuals.
-        lower: (M, K) lower bounds of candidates, not of descents; none if not given.
-    """
+    """Searches and descents for the problems of one `Problem`; ``lower`` (M, K) bounds candidates, not descents."""
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
         self.problem, self._lower, self._threads = problem, lower, ThreadPoolExecutor(os.cpu_count() or 1)
@@ -234,17 +229,10 @@ class Search:
         which: np.ndarray | None = None,
         again: int = TIMES,
     ) -> Fit:
-        """Restart every problem until its best optimum was found ``again`` times more, at most ``restarts`` times.
+        """Restart the problems ``which`` (m,), or all, until each one's best optimum was found ``again`` times more.
 
-        Args:
-            found: the best so far.
-            prior: of x.
-            draw: function of the number of the restart and the best so far, gives candidates (M, C, K).
-            restarts: maximum number.
-            steps: descents from the best candidate.
-            report: called ``restarts`` times.
-            which: problems (m,) that are restarted; all if not given.
-            again: see above.
+        ``draw`` gives candidates (M, C, K) from the number of the restart and the best fit so far. ``report`` is called
+        ``restarts`` times, the maximum number.
         """
         times, done = np.full(len(found.x), again), 0
         times[self.everyone if which is None else which] = 0

@@ -100,10 +100,7 @@ def write_training_page(run: Path, robot_name: str, command: str) -> Path:
     """Write report.html on the policies in ``run`` or one folder below it; returns its path.
 
     Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
-    a film of the first seed. ``command`` makes the same page.
-
-    Raises:
-        ConfigError, ArtifactError: no policy there, or one that cannot be read or whose motors cannot be found.
+    a film of the first seed. ``command`` makes the same page. ConfigError if there is no policy.
     """
     trainings: dict[str, list[Path]] = {}
     for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):

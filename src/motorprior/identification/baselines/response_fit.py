@@ -272,12 +272,9 @@ def _without(
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
-    """pure_delay, second_order and servo_limits.
+    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity.
 
-    They need no load: without one, a function of the joint's angle represents gravity.
-
-    Raises:
-        LogError: another sample period, or no segment that is long enough.
+    Raises LogError for another sample period, or if no segment is long enough.
     """
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset)

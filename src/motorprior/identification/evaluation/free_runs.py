@@ -33,11 +33,7 @@ MotorModel: TypeAlias = LoadedMotors | ResponseMotors
 
 
 def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
-    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN).
-
-    Raises:
-        LogError: it lacks a channel, has another sample period, or no segment is long enough.
-    """
+    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
     window = round(DURATION / preset.period)
     short = replace(with_gains_of(preset, log), objective="rollout", window=window)
     return {

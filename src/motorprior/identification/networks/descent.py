@@ -31,11 +31,7 @@ Report = Callable[[int, str], None]  # (steps made, text)
 def train_network(
     data: TrainingData, preset: Preset, seed: int, report: Report
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps.
-
-    Raises:
-        MotorPriorError: it diverges even at the smallest learning rate.
-    """
+    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
     rng, shape = np.random.default_rng([seed, 0]), (len(data.series), preset.num_latents)
     start = {
         "network": initial_parameters(rng, preset),
