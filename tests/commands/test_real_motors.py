@@ -16,7 +16,7 @@ from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE,
 from motorprior.identification.evaluation.free_runs import TRACES, read_traces
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.report.chapters import real_motors
+from motorprior.report.chapters import models_of_logs
 from motorprior.report.page import page
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -51,7 +51,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert any("armature" in name for name in constants_in(found))
     assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
     assert read_traces(out)[0][0].log == "second"
-    html = page("t", [real_motors(out)], {}, "c")
+    html = page("t", [models_of_logs(out, "t", "real_motors_rmse")], {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
     before = (out / TRACES).stat().st_mtime_ns
     assert report_of(logs, out) == (found, lines)

@@ -64,10 +64,7 @@ class LogsImport:
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
-    """Write one .parquet per log, named after it, and report its content.
-
-    Errors as `load_log` and `_targets`, or for a folder that cannot be written or is in use.
-    """
+    """Write one .parquet per log, named after it, and report its content; errors as `load_log`."""
     if config.fit_load and (config.suspended or config.robot or not config.columns or config.period != PERIOD):
         problem, remedy = "fit_load needs columns and the default period, and no robot", "give these, or suspended"
         raise ConfigError(problem, remedy=remedy, argument="fit_load")

@@ -56,10 +56,7 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Path of the film, and measures of the walks; opens the viewer if requested.
-
-    Raises SimulationFault if a walk diverged, and others for a policy, command or screen that cannot be used.
-    """
+    """Path of the film, and measures of the walks, SimulationFault if one diverged; opens the viewer if requested."""
     from motorprior.report import film  # here, since it imports matplotlib
 
     robot = load_robot(config.robot)

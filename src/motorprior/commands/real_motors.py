@@ -55,10 +55,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
 
 
 def read_logs_of(config: RealMotors) -> LogFolder:
-    """The logs; those with a column map have the joints of the map unless a robot is given.
-
-    Raises LogError if they have different joints or none moves, ConfigError if they were not suspended as stated.
-    """
+    """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
         raise ConfigError(f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended")
@@ -98,10 +95,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
-    """The logs with a new segment after each gap, and lines about what was omitted or assumed.
-
-    Raises LogError if no log has a steady clock.
-    """
+    """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:

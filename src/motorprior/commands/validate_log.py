@@ -58,9 +58,9 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _write_page(config: ValidateLog) -> None:
-    from motorprior.report.chapters import samples, validated_log
+    from motorprior.report.chapters import models_of_logs, samples
     from motorprior.report.page import page  # here: it imports matplotlib
 
     title = f"Motors in a held-out log: {config.log.name}"
-    sections = [validated_log(config.out), samples(MotorPrior.load(config.prior))]
+    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(MotorPrior.load(config.prior))]
     write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

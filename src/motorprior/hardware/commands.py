@@ -159,10 +159,7 @@ def _session(
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
-    """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
-
-    Raises RobotFault if no telemetry comes and for the first failed check.
-    """
+    """Check the telemetry of a robot and show every finding; sends nothing, or only idle. RobotFault if one failed."""
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:

@@ -20,7 +20,6 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined
@@ -61,11 +60,6 @@ class Identified:
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
     classes: JointClasses | None = None  # of the prior; None: one class
-
-    @property
-    def aggregate_kl(self) -> float:
-        """KL divergence of the mixture of all posteriors from N(0, I) [nat]."""
-        return aggregate_posterior_kl(self.mean, self.log_var) if self.mean.size else 0.0
 
 
 def work_of(preset: Preset) -> int:

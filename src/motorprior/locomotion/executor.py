@@ -139,10 +139,7 @@ def chunk_size(tasks: int, workers: int) -> int:
 
 @contextmanager
 def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
-    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
-
-    Raises ConfigError as `require_executor`, or if a cluster of this machine alone would be open to others.
-    """
+    """The module ray, in the cluster that this process has joined already, else in one that ends with the context."""
     ray = _import_ray()
     if ray.is_initialized():
         yield ray

@@ -31,16 +31,6 @@ def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table
     return Section(title, (text,), (picture(figure, caption),), tables)
 
 
-def real_motors(folder: Path) -> Section:
-    """Models of the motors in real logs, from the files of the quick report."""
-    return _models_of_logs(folder, "Your motors", log_errors.WHOLE_RUN_RMSE)
-
-
-def validated_log(folder: Path) -> Section:
-    """From the files of `motorprior validate-log`."""
-    return _models_of_logs(folder, "Held-out log", "whole_run_rmse")
-
-
 def samples(prior: MotorPrior) -> Section:
     """Behaviour of samples of each class of joints, and where their spread comes from."""
     figure = plots.draw_class_behaviours(class_behaviours(prior))
@@ -49,7 +39,8 @@ def samples(prior: MotorPrior) -> Section:
     return _section("Samples of the prior", text, figure, caption)
 
 
-def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
+def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
+    """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
     results, (traces, lines) = read_results(folder), read_traces(folder)
     tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if constants := log_errors.constants_in(results):

@@ -64,7 +64,7 @@ def page(
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(template).render(
         title=title,
-        sections=[(_anchor(section.title), section) for section in sections],
+        sections=[(re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-"), section) for section in sections],
         settings=[
             (name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
             for name, value in _dotted(settings).items()
@@ -75,10 +75,6 @@ def page(
         is_number=lambda cell: re.match(r"[-+]?\d", cell) is not None,
         color=lambda cell: model_color(cell) if model_key(cell) else None,
     )
-
-
-def _anchor(title: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
 
 
 def _dotted(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -41,7 +41,6 @@ _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
     "second_order": ("#a8672c", "", (4, 1.2, 1, 1.2)),
     "servo_limits": ("#2563c9", "", ()),
 }
-MODEL_COLORS = {model: color for model, (color, _, _) in _STYLES.items()}
 OTHER_COLOR = "#7d4fa8"
 INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
 TEXT = 8.5  # size of small text [pt]
@@ -49,14 +48,15 @@ TIME = "time [s]"
 
 
 def model_key(model: str) -> str | None:
-    """Key of MODEL_COLORS for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
+    """Key of _STYLES for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
     fitting = [key for key in _STYLES if model == key or model.startswith((f"{key}_", f"{key} "))]
     return max(fitting, key=len, default=None)
 
 
 def model_color(model: str) -> str:
     """Colour of a model and its variants; OTHER_COLOR for an unknown one."""
-    return MODEL_COLORS.get(model_key(model) or "", OTHER_COLOR)
+    key = model_key(model)
+    return _STYLES[key][0] if key else OTHER_COLOR
 
 
 def model_label(model: str) -> str:

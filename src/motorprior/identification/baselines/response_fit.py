@@ -272,10 +272,7 @@ def _without(
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
-    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity.
-
-    Raises LogError for another sample period, or if no segment is long enough.
-    """
+    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset)
     with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
