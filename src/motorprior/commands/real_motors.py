@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.free_runs import write_traces
 from motorprior.logs.load_log import PERIOD, without_gaps
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
@@ -35,7 +34,7 @@ class RealMotors:
     """Fit models to the motors of real logs, and evaluate them on held-out logs."""
 
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
-    out: Path  # folder for figures.json and the traces of the report
+    out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
     suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
     seed: int = 0  # of the fits and samples
@@ -76,6 +75,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
+    from motorprior.report.chapters import write_traces  # here: it imports matplotlib
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
