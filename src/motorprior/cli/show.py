@@ -29,13 +29,7 @@ from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification.adapt import OutlierTest
-from motorprior.identification.evaluation.errors import (
-    FREE_RUN_RMSE,
-    WHOLE_RUN_RMSE,
-    constant_table,
-    constants_in,
-    error_table,
-)
+from motorprior.identification.evaluation import errors as log_errors
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
@@ -101,10 +95,10 @@ def demo(config: Demo) -> None:
     """See `run_demo`."""
     results = run_demo(config, TERMINAL, command_line())
     if config.logs is not None:
-        spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
+        spans = {log_errors.FREE_RUN_RMSE: "1 s", log_errors.WHOLE_RUN_RMSE: "whole log"}
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-        table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
-        table("Constants of your motors", *constant_table(constants_in(results)))
+        table("Your motors: free runs, joint RMSE [mrad], over joints", *log_errors.error_table(results, titles))
+        table("Constants of your motors", *log_errors.constant_table(log_errors.constants_in(results)))
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
@@ -149,7 +143,7 @@ def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: 
     table("Motors", ["motor", "loss", "p-value", "largest deviation"], cells)
     if constants:
         units = f"SI units; …{PER_LOGGED}: per unit of the firmware's gain in the log"
-        table(f"Constants of these motors [{units}]", *constant_table(constants))
+        table(f"Constants of these motors [{units}]", *log_errors.constant_table(constants))
 
 
 def validate(config: Validate) -> None:
@@ -172,7 +166,7 @@ def validate_log(config: ValidateLog) -> None:
     results = run_validate_log(config, TERMINAL)
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
-    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *error_table(results, SPANS))
+    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *log_errors.error_table(results, SPANS))
     shares = [
         [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
         for model in (ADAPTED, "prior")
