@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -10,7 +9,6 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
-from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
@@ -84,7 +82,9 @@ def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> Results:
     motors, seed = bench.physical_motors(), config.seed
-    tuned = _tuned_pd(robot, motors, bench, progress)
+    with progress.start("tune a PD on the bench log", RESTARTS) as task:
+        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
+        tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
         "tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned),
@@ -108,10 +108,3 @@ def _measure(
             results += adaptation(robot, priors[name], bench, lengths, adapted[name], seed, task.advance)
             results += distribution(priors[name], bench)
     return results
-
-
-def _tuned_pd(robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> Mapping[str, float]:
-    """Constants of a PD with armature and delay, fitted to the bench log."""
-    with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
-        return fit_pd(log, WITH_ROTOR, report=task.advance).constants

@@ -52,12 +52,6 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
         raise ConfigError(f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy)
 
 
-def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
-    """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
-    logged = log.gains if log.gain_unit == prior.model.gain_unit else None
-    return robot_gains(prior, robot) if logged is None else logged
-
-
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:
     """Notes on limits that the logs of a prior did not reach, other gains than the robot's, and soft gears."""
     notes = [*_gain_note(prior, robot), *_class_note(prior, robot), *_gear_note(prior, robot)]
