@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor_step import PER_LOGGED
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors
@@ -28,14 +26,11 @@ from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.identification.adapt import OutlierTest
 from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
@@ -134,16 +129,7 @@ def _described(config: Show) -> str:
 
 def adapt(config: Adapt) -> None:
     """See `run_adapt`."""
-    run_adapt(config, TERMINAL, _adapted)
-
-
-def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dict[str, np.ndarray]) -> None:
-    rows = zip(log.joint_names, found.loss, outliers.p_value, outliers.reason, strict=True)
-    cells = [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows]
-    table("Motors", ["motor", "loss", "p-value", "largest deviation"], cells)
-    if constants:
-        units = f"SI units; …{PER_LOGGED}: per unit of the firmware's gain in the log"
-        table(f"Constants of these motors [{units}]", *log_errors.constant_table(constants))
+    print(run_adapt(config, TERMINAL))
 
 
 def validate(config: Validate) -> None:
