@@ -171,7 +171,6 @@ def _fitted(
 
 
 def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []
     deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"

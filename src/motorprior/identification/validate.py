@@ -46,8 +46,6 @@ SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> f
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
-
-
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction

@@ -102,7 +102,8 @@ class RayExecutor:
             Exception: what the function raised in a worker. Other chunks run on until `close`: cancelling one that is
                 ending can make Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
-        size = chunk_size(len(tasks), self._workers)
+        count = min(CHUNKS_PER_WORKER * self._workers, max(self._workers, MANY_CHUNKS))
+        size = max(1, -(-len(tasks) // count))
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
@@ -129,12 +130,6 @@ class RayExecutor:
 
 
 Executor = ThreadExecutor | RayExecutor  # maps a function of (simulator, shared, task) over tasks
-
-
-def chunk_size(tasks: int, workers: int) -> int:
-    """Number of tasks in a chunk."""
-    chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
-    return max(1, -(-tasks // chunks))
 
 
 @contextmanager

@@ -247,11 +247,9 @@ def _searched(
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         anywhere = rng.uniform(low, high, shape)
-        return (
-            anywhere
-            if restart % 3 == 0
-            else np.where(rng.random(shape) < 0.5, anywhere, np.clip(best.x[:, None], low, high))
-        )
+        if restart % 3 == 0:
+            return anywhere
+        return np.where(rng.random(shape) < 0.5, anywhere, np.clip(best.x[:, None], low, high))
 
     search, prior = Search(problem), GaussianPrior(start, np.full(start.shape, _WEAK))
     found = search.descend(start, prior, _STEPS)

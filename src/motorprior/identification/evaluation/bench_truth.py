@@ -63,19 +63,12 @@ def bench_errors(
     errors: dict[str, dict[str, np.ndarray]] = {}
     for kind in preset.kinds:
         cases = held_out_trials(kind, motors, seed, preset)
-        answers = [run(truth, case) for case, truth in cases]
+        answers = np.array([run(truth, case).joint_pos for case, truth in cases])
         responses = {"physical": [run(truth, case, FLOOR_OFFSET) for case, truth in cases]}
         responses |= {name: [run(model(index), case) for case, _ in cases] for name, model in models.items()}
-        errors[kind] = {
-            name: np.mean(
-                [
-                    capped(rmse(one.joint_pos, other.joint_pos, axis=0))
-                    for one, other in zip(found, answers, strict=True)
-                ],
-                axis=0,
-            )
-            for name, found in responses.items()
-        }
+        for name, found in responses.items():
+            joint_pos = np.array([each.joint_pos for each in found])
+            errors.setdefault(kind, {})[name] = capped(rmse(joint_pos, answers, axis=1)).mean(axis=0)
     return errors
 
 
