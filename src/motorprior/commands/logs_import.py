@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, listed
+from motorprior.exceptions import ConfigError
 from motorprior.logs.load_log import PERIOD, load_log
-from motorprior.logs.motor_log import MotorLog, settings_text
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined, smooth_on_grid
 from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
@@ -83,8 +83,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         logs = ((target, load(path, robot=robot_of(path))) for target, path in targets.items())
         for target, log in _with_fitted_loads(dict(logs), progress).items() if config.fit_load else logs:
             write_log(target, log)
-            progress.note(f"{target}: {_summary(log)}")
-            progress.note(f"{target}: records {settings_text(log) or 'no gain, register, condition or posture'}")
+            progress.note(f"{target}: {log if len(targets) == 1 else repr(log)}")
 
 
 def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
@@ -99,18 +98,6 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
         targets[target] = path
     return targets
-
-
-def _summary(log: MotorLog) -> str:
-    """Rows, seconds, rate, joints, and the ranges of commands and angles in degrees, which reveal wrong units."""
-    segments = len(log.segment_slices())
-    parts = [f"{log.num_rows} rows", f"{log.duration:.4g} s", f"{1.0 / log.period:.4g} Hz"]
-    parts += [f"{segments} segments"] if segments > 1 else []
-    parts += [f"{log.num_joints} joints ({listed(log.joint_names, 8)})"]
-    for name, values in (("commands", log.position_target), ("angles", log.joint_pos)):
-        low, high = np.rad2deg([values.min(), values.max()])
-        parts.append(f"{name} from {low:.1f} to {high:.1f}°")
-    return ", ".join(parts)
 
 
 def _with_fitted_loads(logs: Mapping[Path, MotorLog], progress: Progress) -> dict[Path, MotorLog]:
