@@ -12,10 +12,8 @@ from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import TERMINAL, command_line, table
-from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
-from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.study import run_study
@@ -97,11 +95,6 @@ def demo(config: Demo) -> None:
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
-def identify(config: Identify) -> None:
-    """See `run_identify`."""
-    print(run_identify(config, TERMINAL))
-
-
 def show(config: Show) -> None:
     """Print what the file holds."""
     print(_described(config))
@@ -125,11 +118,6 @@ def _described(config: Show) -> str:
         remedy = f"give it: motorprior show {path} --prior prior.safetensors"
         raise ArtifactError("a posterior needs its prior", where=path, remedy=remedy, argument="prior")
     return str(MotorPosterior.load(path, MotorPrior.load(config.prior)))
-
-
-def adapt(config: Adapt) -> None:
-    """See `run_adapt`."""
-    print(run_adapt(config, TERMINAL))
 
 
 def validate(config: Validate) -> None:
