@@ -16,7 +16,6 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.fleet import load_fleet
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
 from motorprior.simulation.bullet_world import BulletWorld
@@ -33,9 +32,9 @@ Motion = tuple[np.ndarray, np.ndarray]
 def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuator:
     """Twelve motors."""
     if kind == "learned":
-        return prior.sample(spec.NUM_JOINTS, rng)
+        return prior.sample(PUPPER_V2.num_joints, rng)
     if kind == "physical":
-        return load_fleet("pupper_v2").sample(spec.NUM_JOINTS, rng).actuator()
+        return load_fleet("pupper_v2").sample(PUPPER_V2.num_joints, rng).actuator()
     rotors = 0.003 if kind == "pd_armature_delay" else 0.0
     return IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
 
@@ -44,7 +43,7 @@ def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
     """Replay the targets in MuJoCo."""
     recorded = replay(world, motors, targets)
     after = recorded.joint_pos[world.substeps - 1 :: world.substeps]
-    return np.vstack([spec.NOMINAL_POSE[None], after[:-1]]), recorded.base[:, :3]
+    return np.vstack([PUPPER_V2.nominal_pose[None], after[:-1]]), recorded.base[:, :3]
 
 
 def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Motion:
@@ -86,7 +85,7 @@ def draw_figure(path: Path, motions: dict[str, tuple[Motion, Motion]]) -> None:
     """Knee of the first leg and path of the base, in both engines."""
     import matplotlib.pyplot as plt
 
-    time_axis = spec.CONTROL_DT * np.arange(STEPS)
+    time_axis = PUPPER_V2.control_dt * np.arange(STEPS)
     figure, axes = plt.subplots(2, 2, figsize=(9, 5), constrained_layout=True)
     for row, name in zip(axes, ("physical ground", "learned ground"), strict=True):
         for motion, label, style in zip(motions[name], ("MuJoCo", "PyBullet"), ("-", "--"), strict=True):

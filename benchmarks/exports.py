@@ -35,7 +35,7 @@ from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, MAX_STEP, is_supported, losses
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
 SPREAD = 0.15  # of the logarithms of the constants [-]
@@ -48,7 +48,7 @@ def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
     values["kd_over_kp"] = motors.kd / motors.kp
     raw = np.stack([np.log(np.maximum(values[name], MIN_CONSTANT)) for name in PARAMETERS], axis=1)
     raw[:, -1] = motors.encoder_zero / ZERO_SCALE
-    box = GreyBox(GearedMotor(raw.mean(axis=0), np.eye(len(PARAMETERS))), spec.PHYSICS_DT)
+    box = GreyBox(GearedMotor(raw.mean(axis=0), np.eye(len(PARAMETERS))), PUPPER_V2.physics_dt)
     return GreyBoxActuator(box, raw - raw.mean(axis=0))
 
 

@@ -15,27 +15,20 @@ import tyro
 
 import simulated_arms
 from figures import markdown
-from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.validate import Validate, load_priors, run_validate
-from motorprior.identification.evaluation.bench_truth import PredictorOfMotors
+from motorprior.commands.validate import Validate, run_validate
 from motorprior.identification.fit_prior import PRIOR
-from motorprior.identification.held_out import held_out_motors
 from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
-from motorprior.robots.load import load_robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import FIGURES, seconds_of, write_results
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
 PROGRESS = Lines(sys.stderr)
-MEMBERS = 3  # networks of the ensemble, of different seeds; it predicts the mean of their trajectories
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
 TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 HEAD = (
@@ -69,7 +62,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
 
 
 def measure(settings: Settings) -> Results:
-    """All results, including the position-only prior and the ensemble."""
+    """All results, including the position-only prior."""
     for preset in ("rollout", "paper"):
         folder = settings.out / "bench" / preset
         run_bench(Bench(folder, settings.fleet, preset, settings.motors, settings.steps, settings.seed), PROGRESS)
@@ -81,24 +74,7 @@ def measure(settings: Settings) -> Results:
     )
     paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
     times = (Result("identify_seconds", "s", seconds_of(path.parent), model) for model, path in paths.items())
-    results += found.where(model="rollout").having(model="position_only") + Results.of(times)
-    return results + ensemble(settings)
-
-
-def ensemble(settings: Settings) -> Results:
-    """Ensemble of MEMBERS one_network models, which have no latents and so are the same for all motors."""
-    robot = load_robot(DEFAULT_ROBOT)
-    paths = [identify(settings, "one_network", f"member_{seed}", seed) for seed in range(1, MEMBERS + 1)]
-    members, bench = [MotorPrior.load(path) for path in paths], load_priors(robot, (paths[0],))[1]
-    model: dict[str, PredictorOfMotors] = {
-        "ensemble": lambda index: tuple(member.training_motors(index) for member in members)
-    }
-    results = Results((Result("identify_seconds", "s", sum(seconds_of(path.parent) for path in paths), "ensemble"),))
-    with PROGRESS.start("the ensemble: bench, standing robot, suspended robot, twice", 6) as task:
-        for which, motors in (("train", bench.physical_motors()), ("held_out", held_out_motors(bench))):
-            found = fidelity(robot, motors, model, which, settings.seed, task)
-            results += found.where(model="ensemble", quantity=FIDELITY_METRICS)
-    return results
+    return results + found.where(model="rollout").having(model="position_only") + Results.of(times)
 
 
 def table(results: Results, motors: str) -> str:

@@ -38,7 +38,7 @@ from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import identify
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
-from motorprior.report.plots_style import MODEL_COLORS, OTHER_COLOR, png_bytes
+from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
 from motorprior.studies.robot_fidelity import CUTOFF, robot_fidelity
@@ -63,20 +63,20 @@ class Variant:
     damping: bool = False  # the engine integrates the velocity gain kd implicitly
 
 
-RED, BLUE = MODEL_COLORS["paper_wide"], MODEL_COLORS["rollout"]
+RED, BLUE = model_color("paper_wide"), model_color("rollout")
 # The paper's recipe and two changes to it; torque regression, which has both, and changes to it; closed-loop training
 VARIANTS = {
-    PAPER: Variant(SINUSOIDS, "paper", MODEL_COLORS["paper"]),
-    "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", MODEL_COLORS["paper"], {"period": FAST}),
+    PAPER: Variant(SINUSOIDS, "paper", model_color("paper")),
+    "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", model_color("paper"), {"period": FAST}),
     "paper + loads and impacts": Variant(
-        replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", MODEL_COLORS["paper"]
+        replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", model_color("paper")
     ),
     TORQUE: Variant(WIDE, "paper_wide", RED),
     "torque + armature": Variant(WIDE, "paper_wide", "#c2571a", armature=True),
     "torque + implicit damping": Variant(WIDE, "paper_wide", "#d9a400", damping=True),
     "torque + both": Variant(WIDE, "paper_wide", "#8c6d00", armature=True, damping=True),
     "closed loop": Variant(WIDE, "latent_network", OTHER_COLOR, {"has_armature": False}),
-    "closed loop + armature": Variant(WIDE, "latent_network", MODEL_COLORS["one_network"]),
+    "closed loop + armature": Variant(WIDE, "latent_network", model_color("one_network")),
     "closed loop + physics": Variant(WIDE, "rollout", BLUE),
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ from policies import ACTIONS
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.environments import make_env
 from motorprior.locomotion.command import Commands
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 
 ID = "motorprior/Walk-v0"
@@ -25,7 +25,7 @@ ID = "motorprior/Walk-v0"
 def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
     path, motors = tmp_path_factory.mktemp("prior") / "prior.safetensors", np.zeros((12, 3))
-    MotorPrior(grey_box(), motors, motors, "rollout", spec.ROBOT_NAME, "servo", {}, {}).save(path)
+    MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, "servo", {}, {}).save(path)
     return path
 
 

@@ -16,7 +16,7 @@ from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.progress import Ticks
-from motorprior.robots.pupper_v2 import spec
+from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bench folder: 12 motors, 300 samples."""
     folder = tmp_path_factory.mktemp("inputs") / "bench"
-    run_bench(Bench(folder, motors=spec.NUM_JOINTS, steps=300))
+    run_bench(Bench(folder, motors=PUPPER_V2.num_joints, steps=300))
     return folder
 
 
@@ -114,7 +114,7 @@ def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
     """The file of a prior for the motors of `bench`."""
     path, settings, motors = bench.parent / "prior.safetensors", read_bench(bench)[1], np.zeros((12, 3))
     provenance = {"bench": settings.as_json()}
-    MotorPrior(grey_box(), motors, motors, "rollout", spec.ROBOT_NAME, settings.fleet.motor, provenance, {}).save(path)
+    MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance, {}).save(path)
     return path
 
 

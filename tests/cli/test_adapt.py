@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, motorprior):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "posterior"
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
-    assert first.code == 0 and "motor_011" in first.out
+    assert first.code == 0 and "motor posterior of 12 motors" in first.out
     known = MotorPrior.load(prior)
     found = MotorPosterior.load(out / "posterior.safetensors", known)
     assert found.mean.shape == (12, known.model.num_latents) and known.model.num_latents >= 5

@@ -16,7 +16,6 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.logs.readers.robot_run import read_robot_run
 from motorprior.robots import load
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -66,7 +65,9 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
     assert done.code == 0, done.err
     log = read_parquet(tmp_path / "log" / "run.parquet")
     assert log.joint_torque is None and 1.8 < log.duration < 2.1, "a current is not the joint's torque"
-    assert np.median(np.diff(log.time)) == pytest.approx(spec.PHYSICS_DT) and log.joint_names == spec.JOINT_NAMES
+    assert (
+        np.median(np.diff(log.time)) == pytest.approx(PUPPER_V2.physics_dt) and log.joint_names == PUPPER_V2.joint_names
+    )
 
 
 @pytest.mark.parametrize(

@@ -78,12 +78,14 @@ def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
 @pytest.mark.parametrize("write", [write_pt, write_csv])
 def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     columns = str(tmp_path / "columns.toml")
-    line, _ = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None)).splitlines()
+    said = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None))
     log = read_parquet(tmp_path / "out" / "log.parquet")
-    low, high = np.rad2deg([log.joint_pos.min(), log.joint_pos.max()])
+    low, high = np.rad2deg([log.joint_pos[:, 0].min(), log.joint_pos[:, 0].max()])
     assert log.joint_names == JOINTS
-    assert "40 rows, 0.78 s, 50 Hz, 2 joints (pan, lift), commands from" in line
-    assert line.endswith(f"angles from {low:.1f} to {high:.1f}°")
+    assert "motor log of 2 joints" in said and "40 rows in 1 segments, 0.78 s at 50 Hz" in said
+    assert [line.split()[:3] for line in said.splitlines() if line.startswith("pan")] == [
+        ["pan", f"{low:.1f}", f"{high:.1f}"]
+    ]
 
 
 @pytest.mark.parametrize("row", [0, ROWS - 1])

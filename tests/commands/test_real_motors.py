@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from weighed_arm import write_arm
 
+from motorprior.artifacts import read_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.real_motors import RealMotors, _loads, read_logs_of, run_real_motors
 from motorprior.identification.baselines import response_fit
 from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
-from motorprior.identification.evaluation.free_runs import TRACES, read_traces
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.report.chapters import real_motors
+from motorprior.report.chapters import models_of_logs
 from motorprior.report.page import page
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -36,7 +36,7 @@ def logs(tmp_path: Path) -> Path:
 
 
 def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
-    return run_real_motors(RealMotors(logs, out)), read_traces(out)[1]
+    return run_real_motors(RealMotors(logs, out)), read_json(out / "lines.json")
 
 
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
@@ -50,12 +50,11 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", statistic=None)} == set(JOINTS)
     assert any("armature" in name for name in constants_in(found))
     assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
-    assert read_traces(out)[0][0].log == "second"
-    html = page("t", [real_motors(out)], {}, "c")
+    html = page("t", [models_of_logs(out, "Your motors", WHOLE_RUN_RMSE)], {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
-    before = (out / TRACES).stat().st_mtime_ns
+    before = (out / "traces.png").stat().st_mtime_ns
     assert report_of(logs, out) == (found, lines)
-    assert (out / TRACES).stat().st_mtime_ns == before, "once"
+    assert (out / "traces.png").stat().st_mtime_ns == before, "once"
 
 
 def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

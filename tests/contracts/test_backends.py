@@ -9,7 +9,6 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.backend import Backend, BackendState
 from motorprior.bench.fleet import load_fleet
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
@@ -21,18 +20,18 @@ def backend_of(draw_motors, walk: WalkConfig | None = None) -> Backend:
     walk = walk or WalkConfig()
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    return SimulatedBackend(Scene(PUPPER_V2, draw_motors, walk, spec.TWIN_PHYSICS_DT))
+    return SimulatedBackend(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
 
 
 def of_fleet(name: str):
     fleet = load_fleet(name)
-    return lambda rng: fleet.sample(spec.NUM_JOINTS, rng).actuator()
+    return lambda rng: fleet.sample(PUPPER_V2.num_joints, rng).actuator()
 
 
 def of_grey_boxes(grey_box):
     """Motors drawn around a small servo."""
     box = grey_box(spread=0.05)
-    return lambda rng: GreyBoxActuator(box, rng.standard_normal((spec.NUM_JOINTS, 3)))
+    return lambda rng: GreyBoxActuator(box, rng.standard_normal((PUPPER_V2.num_joints, 3)))
 
 
 def mujoco(_: object) -> Backend:
@@ -79,12 +78,12 @@ def walked(backend: Backend, seed: int, steps: int = 20) -> list[BackendState]:
     """States of a small motion of all joints."""
     states = [backend.reset(seed)]
     for step in range(steps):
-        states.append(backend.step(spec.NOMINAL_POSE + 0.1 * np.sin(0.3 * step)))
+        states.append(backend.step(PUPPER_V2.nominal_pose + 0.1 * np.sin(0.3 * step)))
     return states
 
 
 def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
-    for state in (backend.reset(0), backend.step(spec.NOMINAL_POSE)):
+    for state in (backend.reset(0), backend.step(PUPPER_V2.nominal_pose)):
         shapes = [np.shape(value) for value in state]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
         known = state._replace(foot_pos=np.zeros(0)) if np.isnan(state.foot_pos).all() else state
@@ -104,26 +103,26 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backen
 
 def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Backend):
     backend.reset(0)
-    places = [backend.step(spec.NOMINAL_POSE) for _ in range(30)][-1].foot_pos
+    places = [backend.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
     if np.isnan(places).all():
         pytest.skip("this backend does not know where the feet are")
     np.testing.assert_allclose(places[:, :2], [leg.rest for leg in PUPPER_V2.legs], atol=0.03)
-    np.testing.assert_allclose(places[:, 2], spec.FOOT_RADIUS, atol=0.005)
+    np.testing.assert_allclose(places[:, 2], PUPPER_V2.legs[0].foot_radius, atol=0.005)
 
 
 def test_a_robot_commanded_to_stand_stands(backend: Backend):
     state = backend.reset(0)
     for _ in range(100):
-        state = backend.step(spec.NOMINAL_POSE)
+        state = backend.step(PUPPER_V2.nominal_pose)
     # 1 s; motors give way under the weight: 2.135 kg over 8 leg joints is about 0.4 N·m each, over 8.8 N·m/rad.
-    assert np.abs(state.measured_joint_pos - spec.NOMINAL_POSE).max() < 0.15
+    assert np.abs(state.measured_joint_pos - PUPPER_V2.nominal_pose).max() < 0.15
     assert 0.13 < state.base_pos[2] < 0.18 and np.abs(state.base_lin_vel).max() < 0.05
     assert state.torque_squared_sum > 0.0
 
 
 def test_a_target_is_followed(backend: Backend):
     state = backend.reset(0)
-    target = spec.NOMINAL_POSE + np.tile([0.0, 0.2, -0.4], 4)
+    target = PUPPER_V2.nominal_pose + np.tile([0.0, 0.2, -0.4], 4)
     for _ in range(100):
         state = backend.step(target)
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
@@ -145,7 +144,7 @@ def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(wal
     queue = [motors, sound]
     backend = backend_of(lambda rng: queue.pop(0), walk)
     backend.reset(0)
-    assert [backend.step(spec.NOMINAL_POSE + 0.1).fault for _ in range(3)][-1] == 1
+    assert [backend.step(PUPPER_V2.nominal_pose + 0.1).fault for _ in range(3)][-1] == 1
     assert backend.reset(0).fault == 0
-    assert [backend.step(spec.NOMINAL_POSE).fault for _ in range(20)] == [0] * 20
+    assert [backend.step(PUPPER_V2.nominal_pose).fault for _ in range(20)] == [0] * 20
     backend.close()

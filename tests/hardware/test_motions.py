@@ -22,7 +22,6 @@ from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.logs.readers.robot_run import read_robot_run
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import Drive, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
@@ -44,14 +43,14 @@ class CopiedBody:
 
     def sense(self) -> SensorReadings:
         attitude = np.array(roll_pitch_yaw(self.state.base_quat))
-        pos = spec.JOINT_SIGNS * self.state.measured_joint_pos
+        pos = PUPPER_V2.require_wire().joint_signs * self.state.measured_joint_pos
         return SensorReadings(pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy())
 
 
 def test_motors_have_the_gains_that_were_sent_until_idle():
     body = CopiedBody(SimulatedBackend(Scene(PUPPER_V2, draw_pd)).reset(0))
     firmware = Firmware(PUPPER_V2, body, FirmwareConfig())
-    for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=spec.NOMINAL_POSE)):
+    for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=PUPPER_V2.nominal_pose)):
         firmware.receive(framed(command, 12))
     firmware.advance(10)
     assert body.drive is not None and body.drive.max_current == 2.0
@@ -78,7 +77,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     walk = WalkConfig(commands=Commands(hold=0.4))
-    spy = Spy(Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, spec.TWIN_PHYSICS_DT))
+    spy = Spy(Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, PUPPER_V2.twin_physics_dt))
     env, motion = WalkEnv(PUPPER_V2, spy, walk), PolicyMotion(PUPPER_V2, policy)
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
@@ -86,7 +85,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     body = CopiedBody(spy.state)
     firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig()), FrameReader(Telemetry, 12)
     gate = SafetyGate(PUPPER_V2, WIRE.safety)
-    gate.arm(Gains.of(WIRE), spec.NOMINAL_POSE, 0.0)
+    gate.arm(Gains.of(WIRE), PUPPER_V2.nominal_pose, 0.0)
     for step in range(200):
         body.state = spy.state
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
@@ -99,7 +98,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), 12))
         firmware.advance(0)
         assert not terminated
-        np.testing.assert_allclose(firmware._target * spec.JOINT_SIGNS, target, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(firmware._target * PUPPER_V2.require_wire().joint_signs, target, rtol=0, atol=1e-6)
     assert gate.slew_clips == gate.position_clips == 0, "the gate does not change a walking policy"
 
 
@@ -114,15 +113,15 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
 @settings(max_examples=40, deadline=None)
 def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, amplitude, speed, seed):
     targets = excitation_targets(PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed)
-    away = targets - spec.NOMINAL_POSE
+    away = targets - PUPPER_V2.nominal_pose
     assert np.abs(away).max() <= amplitude + 1e-9
-    assert np.all(targets >= spec.JOINT_LOWER) and np.all(targets <= spec.JOINT_UPPER)
+    assert np.all(targets >= PUPPER_V2.lower) and np.all(targets <= PUPPER_V2.upper)
     moving = set(np.flatnonzero(np.abs(away).max(axis=0)))
     assert moving <= set(joints_of(PUPPER_V2, joint)) and moving
     assert np.abs(away[0]).max() == 0.0 and np.abs(away[-1]).max() < 1e-9
     smooth = targets[: len(targets) // 2] if kind == "varied" else targets
     if kind != "steps":
-        assert np.abs(np.diff(smooth, axis=0)).max() <= speed * spec.CONTROL_DT + 1e-9
+        assert np.abs(np.diff(smooth, axis=0)).max() <= speed * PUPPER_V2.control_dt + 1e-9
 
 
 def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
@@ -137,8 +136,8 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
 
 def test_a_gyroscope_s_bias_does_not_change_the_heading():
     """Two robots stand still, one with a bias."""
-    still = telemetry(pos=spec.NOMINAL_POSE)
-    turning = telemetry(pos=spec.NOMINAL_POSE, yaw_rate=0.03, roll_rate=-0.02)
+    still = telemetry(pos=PUPPER_V2.nominal_pose)
+    turning = telemetry(pos=PUPPER_V2.nominal_pose, yaw_rate=0.03, roll_rate=-0.02)
     motions = [PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]
     motions[1].gyro_bias = np.array([-0.02, 0.0, 0.03])
     for motion, seen in zip(motions, (still, turning, turning), strict=True):

@@ -29,7 +29,6 @@ from motorprior.hardware.session import Check, check_before_arming, check_teleme
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.hardware.virtual_robot import ERROR, IDLE
 from motorprior.logs.readers.robot_run import Mode, read_robot_run
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from noise import noisy_walk
 from simulated_port import SimulatedPort, on_its_clock
@@ -53,7 +52,7 @@ class Incident:
     @property
     def crouched(self) -> bool:
         """Whether it was in the crouch pose when it lost its current."""
-        return bool(np.abs(self.port.pose_at_idle - spec.CROUCH_POSE).max() < 0.35)
+        return bool(np.abs(self.port.pose_at_idle - PUPPER_V2.require_wire().crouch_pose).max() < 0.35)
 
 
 def fill_disk(port: FaultyPort) -> None:
@@ -100,7 +99,7 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
 
 
 def inject(kind: str, joint: str = "FR_hip") -> Callable[[FaultyPort], object]:
-    return lambda port: port.inject(kind, spec.JOINT_NAMES.index(joint))
+    return lambda port: port.inject(kind, PUPPER_V2.joint_names.index(joint))
 
 
 def raise_an_error(_: FaultyPort) -> None:
@@ -211,7 +210,7 @@ def test_gains_are_sent_with_the_first_targets_only():
         link.receive(0.1)
         link.arm(Gains.of(PUPPER_V2.require_wire()))
         for _ in range(20):
-            link.send(spec.NOMINAL_POSE, Mode.RAMP)
+            link.send(PUPPER_V2.nominal_pose, Mode.RAMP)
             link.receive(port.now + 0.01)
         commands = [call.args[0] for call in send.call_args_list]
     assert [command.kp is not None for command in commands] == 3 * [True, False] + 17 * [False]
@@ -224,7 +223,7 @@ def checked(port: FaultyPort, need_imu: bool = True) -> None:
 
 
 def get_up(port: FaultyPort) -> None:
-    port.firmware._target = spec.JOINT_SIGNS * spec.NOMINAL_POSE
+    port.firmware._target = PUPPER_V2.require_wire().joint_signs * PUPPER_V2.nominal_pose
 
 
 REFUSED = {

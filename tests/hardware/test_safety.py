@@ -11,7 +11,6 @@ from telemetry import telemetry
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.health import Sensors, SlowHost, Tracking
 from motorprior.hardware.safety_gate import Gains, SafetyGate
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 LIMITS = PUPPER_V2.require_wire().safety
@@ -21,14 +20,14 @@ target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, m
 
 def started(limits=LIMITS) -> SafetyGate:
     gate = SafetyGate(PUPPER_V2, limits)
-    gate.arm(GAINS, spec.NOMINAL_POSE, 0.0)
+    gate.arm(GAINS, PUPPER_V2.nominal_pose, 0.0)
     return gate
 
 
 @given(steps=st.lists(st.tuples(target, st.floats(-1.0, 1.0)), max_size=20), speed=st.floats(0.1, 100.0))
 @settings(max_examples=200, deadline=None)
 def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]], speed: float):
-    gate, now, last = started(replace(LIMITS, target_speed=speed)), 0.0, spec.NOMINAL_POSE
+    gate, now, last = started(replace(LIMITS, target_speed=speed)), 0.0, PUPPER_V2.nominal_pose
     for wanted, pause in steps:
         now += pause
         try:
@@ -36,12 +35,12 @@ def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]]
         except RobotFault:
             assert not np.all(np.isfinite(wanted))
             with pytest.raises(RobotFault):
-                gate.limited(spec.NOMINAL_POSE, now)
+                gate.limited(PUPPER_V2.nominal_pose, now)
             return
         assert command.pos is not None
-        sent = spec.JOINT_SIGNS * command.pos
-        assert np.all(sent >= spec.JOINT_LOWER) and np.all(sent <= spec.JOINT_UPPER)
-        assert np.abs(sent - last).max() <= speed * 2 * spec.CONTROL_DT + 1e-12
+        sent = PUPPER_V2.require_wire().joint_signs * command.pos
+        assert np.all(sent >= PUPPER_V2.lower) and np.all(sent <= PUPPER_V2.upper)
+        assert np.abs(sent - last).max() <= speed * 2 * PUPPER_V2.control_dt + 1e-12
         last = sent
 
 
@@ -50,7 +49,7 @@ def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]]
 )
 def test_gains_beyond_the_limits_are_rejected(gains: dict[str, float]):
     with pytest.raises(ConfigError, match=next(iter(gains))):
-        SafetyGate(PUPPER_V2, LIMITS).arm(replace(GAINS, **gains), spec.NOMINAL_POSE, 0.0)
+        SafetyGate(PUPPER_V2, LIMITS).arm(replace(GAINS, **gains), PUPPER_V2.nominal_pose, 0.0)
 
 
 def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
@@ -59,16 +58,16 @@ def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
     gate.latch(RobotFault("slow host", "later", safe_state="crouch"))
     gate.allow_crouch()  # not after a fall
     with pytest.raises(RobotFault, match="fall"):
-        gate.limited(spec.CROUCH_POSE, 1.0)
+        gate.limited(PUPPER_V2.require_wire().crouch_pose, 1.0)
     with pytest.raises(RobotFault, match="fall"):
-        gate.arm(GAINS, spec.NOMINAL_POSE, 1.0)
+        gate.arm(GAINS, PUPPER_V2.nominal_pose, 1.0)
     assert gate.idle().idle
     gate = started()  # a fault that leaves time lets a slow crouch pass
     gate.latch(RobotFault("slow host", "late", safe_state="crouch"))
     gate.allow_crouch()
     gate.slow = True
-    command = gate.limited(spec.CROUCH_POSE, 0.01)
-    moved = np.abs(spec.JOINT_SIGNS * command.pos - spec.NOMINAL_POSE).max()
+    command = gate.limited(PUPPER_V2.require_wire().crouch_pose, 0.01)
+    moved = np.abs(PUPPER_V2.require_wire().joint_signs * command.pos - PUPPER_V2.nominal_pose).max()
     assert moved == pytest.approx(LIMITS.slow_speed * 0.01)
 
 

@@ -27,7 +27,6 @@ from motorprior.locomotion.control_step import (
     sliding,
 )
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 
 BODY, DT = body_of(PUPPER_V2), PUPPER_V2.control_dt
 NOTHING = np.zeros(ACTIONS)
@@ -174,7 +173,7 @@ def test_observation_layout_and_signs():
     # Quaternion of R_y(pitch) R_x(roll), yaw 0.
     cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     quaternion = np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
-    joints = NOMINAL_POSE + np.arange(12) * 0.01
+    joints = PUPPER_V2.nominal_pose + np.arange(12) * 0.01
     out = observed(quaternion, [1.0, 2.0, 3.0], joints)
     assert out[:5] == pytest.approx([roll, pitch, 1.0, 2.0, 3.0])
     np.testing.assert_allclose(out[5:17], np.arange(12) * 0.01, atol=1e-15)
@@ -197,12 +196,12 @@ def test_reward_by_hand():
     )
     gait, feet, rolled = new_gait(BODY), feet_at(0.0), np.array([math.cos(0.035), math.sin(0.035), 0.0, 0.0])
     gait.twist[:], gait.scalars[3:6] = (0.3, 0.1), (0.05, 0.1, 0.1)  # heading and filtered speeds, which stay
-    gait.feet[:, :3], gait.feet[:, 3] = feet, NOMINAL_POSE[1] + NOMINAL_POSE[2]
+    gait.feet[:, :3], gait.feet[:, 3] = feet, PUPPER_V2.nominal_pose[1] + PUPPER_V2.nominal_pose[2]
     feet[0, 0] = 0.1 * DT  # one foot slides by 0.1 m/s
     # 0.5 - 0.2 - 0.8·0.1 - 0.6·0.05 - 0.1·0.3 - 0.2·0.07 - 0.003·5 - 0.4·0.1 = 0.091
     state = BackendState(
-        np.array([0.0, 0.0, 0.17]), rolled, np.array([0.1, 0.1, 0.0]), np.array([0.0, 0.0, 0.4]), NOMINAL_POSE, feet,
-        5.0 * BODY.reference_torque**2,
+        np.array([0.0, 0.0, 0.17]), rolled, np.array([0.1, 0.1, 0.0]), np.array([0.0, 0.0, 0.4]),
+        PUPPER_V2.nominal_pose, feet, 5.0 * BODY.reference_torque**2,
     )  # fmt: skip
     assert evaluate_step(BODY, gait, state, weights.array()) == (pytest.approx(DT * 0.091), False)
 

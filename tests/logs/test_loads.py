@@ -10,7 +10,6 @@ from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, training_data
 from motorprior.logs.loads import with_loads
 from motorprior.logs.motor_log import MotorLog
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.world import World
 
@@ -23,7 +22,7 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
 
     world = World(PUPPER_V2, physics_dt=step, suspended=True)
     world.model.jnt_limited[:] = 0  # an end stop is no load of the motor's
-    world.data.qpos[:] = spec.NOMINAL_POSE
+    world.data.qpos[:] = PUPPER_V2.nominal_pose
     rng = np.random.default_rng(0)
     frequency, phase = rng.uniform(1.0, 4.0, 12), rng.uniform(0.0, 6.0, 12)
     rows = round(seconds / step)
@@ -34,8 +33,8 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
         world.data.qfrc_applied[:] = torque[row]
         mujoco.mj_step(world.model, world.data)  # pyright: ignore[reportAttributeAccessIssue]
     log = MotorLog(
-        time=time, position_target=pos, joint_pos=pos, joint_vel=vel, joint_names=spec.JOINT_NAMES,
-        robot=spec.ROBOT_NAME, motor="none", source="test",
+        time=time, position_target=pos, joint_pos=pos, joint_vel=vel, joint_names=PUPPER_V2.joint_names,
+        robot=PUPPER_V2.name, motor="none", source="test",
     )  # fmt: skip
     return log, torque
 
@@ -47,7 +46,7 @@ def swaying(pose: np.ndarray, amplitude: float = 0.01, rows: int = 400) -> Motor
     pos, vel = pose + amplitude * np.sin(phase), 2 * np.pi * amplitude * np.cos(phase)
     return MotorLog(
         time=time, position_target=pos + 0.1 * np.sin(phase), joint_pos=pos, joint_vel=vel,
-        joint_names=spec.JOINT_NAMES, robot=spec.ROBOT_NAME, motor="none", source="test",
+        joint_names=PUPPER_V2.joint_names, robot=PUPPER_V2.name, motor="none", source="test",
     )  # fmt: skip
 
 
@@ -63,11 +62,11 @@ def test_inertia_times_acceleration_is_torque_plus_load():
 
 def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
     """At rest the load is gravity alone; tip every joint by itself and see."""
-    log = swaying(spec.NOMINAL_POSE, 0.0, rows=2)
+    log = swaying(PUPPER_V2.nominal_pose, 0.0, rows=2)
     stiffness, tip = with_loads(log, PUPPER_V2).load_stiffness, 1e-4
     assert stiffness is not None
     for joint in range(log.num_joints):
-        ahead, behind = (swaying(spec.NOMINAL_POSE + way * tip * np.eye(12)[joint], 0.0, 2) for way in (1.0, -1.0))
+        ahead, behind = (swaying(PUPPER_V2.nominal_pose + way * tip * np.eye(12)[joint], 0.0, 2) for way in (1.0, -1.0))
         torque = [with_loads(each, PUPPER_V2).external_torque[0, joint] for each in (ahead, behind)]  # pyright: ignore[reportOptionalSubscript]
         assert stiffness[0, joint] == pytest.approx((torque[0] - torque[1]) / (2 * tip), rel=1e-4, abs=1e-7)
     assert np.abs(stiffness[0]).min() > 1e-3
@@ -76,7 +75,7 @@ def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
 def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is():
     """What free runs give a joint 0.1 rad off the recording is the load of a recording 0.1 rad off."""
     joint = 2
-    log, away = swaying(spec.NOMINAL_POSE), 0.1 * np.eye(12)[joint]
+    log, away = swaying(PUPPER_V2.nominal_pose), 0.1 * np.eye(12)[joint]
     own, other = (
         training_data(with_loads(each, PUPPER_V2), RECIPE, "test").series[joint]
         for each in (log, replace(log, joint_pos=log.joint_pos + away, position_target=log.position_target + away))

@@ -43,7 +43,7 @@ def made(complete: bool = True) -> str:
         Section("What & why", ("Because <b> is text.", "Two <script>."), (drawing,), (table,)),
         Section("A film", (), (Picture("Walks.", b"GIF89a", "gif"),)),
     )
-    settings = {"seed": 0, "search": {"step_size": 0.05}, "taps": [0, 1]}
+    settings = {"seed": 0, "speed": 0.75, "taps": [0, 1]}
     return page("A <title>", sections, settings, 'motorprior transfer --out "x"', complete)
 
 
@@ -65,7 +65,7 @@ def test_text_is_escaped():
 
 def test_tables_and_settings_show_names_and_numbers():
     words = Reader(made()).words
-    assert all(text in words for text in ("tuned PD", "0.45", "–", "search.step_size", "0, 1"))
+    assert all(text in words for text in ("tuned PD", "0.45", "–", "speed", "0.75", "0, 1"))
     assert "not complete" not in words and "not complete" in Reader(made(complete=False)).words
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from motorprior.robots.build_model import build_model
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.pupper_v2.urdf import urdf
 
@@ -43,7 +42,7 @@ def infos(bullet):
 
 
 def poses(count=5):
-    return np.random.default_rng(0).uniform(spec.JOINT_LOWER, spec.JOINT_UPPER, (count, 12))
+    return np.random.default_rng(0).uniform(PUPPER_V2.lower, PUPPER_V2.upper, (count, 12))
 
 
 def feet(model, joint_pos):
@@ -52,7 +51,7 @@ def feet(model, joint_pos):
     data.qpos[-12:] = joint_pos
     mujoco.mj_kinematics(model, data)
     rotation = data.body("chassis").xmat.reshape(3, 3)
-    world = np.array([data.geom(f"{leg}_foot").xpos for leg in spec.LEGS])
+    world = np.array([data.geom(f"{leg}_foot").xpos for leg in [leg.name for leg in PUPPER_V2.legs]])
     return (world - data.body("chassis").xpos) @ rotation
 
 
@@ -68,24 +67,24 @@ def mass_matrix(suspended, joint_pos):
 
 def test_the_feet_touch_the_ground_at_standing_height(model):
     data = mujoco.MjData(model)
-    data.qpos[-12:] = spec.NOMINAL_POSE
+    data.qpos[-12:] = PUPPER_V2.nominal_pose
     mujoco.mj_kinematics(model, data)
     assert data.qpos[2] == pytest.approx(0.080 * np.cos(0.6) + 0.110 * np.cos(-0.6) + 0.0095)
     # 0.991 + 4·(0.106 + 0.142 + 0.038 + 0.0001) = 2.1354 kg
     assert mujoco.mj_getTotalmass(model) == pytest.approx(2.135, abs=5e-4)
-    for leg in spec.LEGS:
+    for leg in [leg.name for leg in PUPPER_V2.legs]:
         assert data.geom(f"{leg}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):
     names = [model.joint(i).name for i in range(1, 13)]
-    assert names == [info[1].decode() for info in infos(bullet)] == list(spec.JOINT_NAMES)
+    assert names == [info[1].decode() for info in infos(bullet)] == list(PUPPER_V2.joint_names)
     for index, info in enumerate(infos(bullet)):
         np.testing.assert_allclose(info[8:10], model.jnt_range[index + 1], atol=1e-6)
         np.testing.assert_allclose(info[13], model.jnt_axis[index + 1])
         assert info[10] == pytest.approx(1.26) and info[11] == pytest.approx(52.0)  # 7 A · 0.18 N·m/A
-    np.testing.assert_allclose(model.jnt_range[1:, 0], spec.JOINT_LOWER)
-    np.testing.assert_allclose(model.jnt_range[1:, 1], spec.JOINT_UPPER)
+    np.testing.assert_allclose(model.jnt_range[1:, 0], PUPPER_V2.lower)
+    np.testing.assert_allclose(model.jnt_range[1:, 1], PUPPER_V2.upper)
 
 
 def test_both_formats_put_the_feet_at_the_same_place(model, bullet):

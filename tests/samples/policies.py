@@ -8,7 +8,6 @@ import numpy as np
 from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 
@@ -35,6 +34,5 @@ def stats_of(observations: np.ndarray) -> RunningStats:
 
 def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:
     """The policy, for motors with the gains that the wire sends."""
-    kp, kd = spec.WIRE_KP * spec.TORQUE_CONSTANT, spec.WIRE_KD * spec.TORQUE_CONSTANT
-    of_joints = np.ones(ROBOT.num_joints)
-    return replace(Policy.of(ROBOT, arrays, kp * of_joints, kd * of_joints), **changes)
+    kp, kd = (np.array([getattr(joint, name) for joint in ROBOT.joints]) for name in ("kp", "kd"))
+    return replace(Policy.of(ROBOT, arrays, kp, kd), **changes)

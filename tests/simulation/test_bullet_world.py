@@ -8,7 +8,6 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.body import body_of, open_loop_gait
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
@@ -47,7 +46,7 @@ def make():
 
 def trot(steps):
     body = body_of(PUPPER_V2)._replace(swing_height=0.02)
-    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0, spec.CONTROL_DT)
+    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0, PUPPER_V2.control_dt)
 
 
 def played(world, motors, targets):

@@ -8,7 +8,6 @@ from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.robots.pupper_v2.spec import NOMINAL_POSE
 from motorprior.simulation.env import WalkEnv
 from motorprior.simulation.scene import WalkConfig
 
@@ -21,7 +20,7 @@ class GlidingBackend:
 
     def reset(self, seed):
         rng = np.random.default_rng(seed)
-        self.start, self.count, self.joints = rng.normal(0.0, 0.01, 2), 0, NOMINAL_POSE.copy()
+        self.start, self.count, self.joints = rng.normal(0.0, 0.01, 2), 0, PUPPER_V2.nominal_pose.copy()
         return self._state()
 
     def step(self, position_target):

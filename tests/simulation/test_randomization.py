@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from motorprior.actuator.actuator import Factors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.control_step import SensorErrors, apply_sensor_errors, perfect_sensors
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization, nominal_conditions
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
@@ -79,7 +78,7 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     world = World(PUPPER_V2, suspended=True)
     world.model.opt.gravity[:] = 0.0
     motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset))
-    measured, target = np.zeros(12), spec.NOMINAL_POSE + 0.1
+    measured, target = np.zeros(12), PUPPER_V2.nominal_pose + 0.1
     for _ in range(200):
         hold_target(world.arrays, motors, target)
     read_joints(world.arrays, motors, measured)
@@ -88,12 +87,12 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
 
 
 def test_a_late_target_is_the_one_before_until_it_comes():
-    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
+    targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
     late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_jitter
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
     ours, theirs = (World(PUPPER_V2, physics_dt=0.001, suspended=True) for _ in range(2))
     one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_jitter=late))
-    other, before = theirs.reset(PD), spec.NOMINAL_POSE
+    other, before = theirs.reset(PD), PUPPER_V2.nominal_pose
     for target, age in zip(targets, late, strict=True):
         hold_target(ours.arrays, one, target)
         for substep in range(10):
@@ -121,7 +120,7 @@ def falling(engine, randomization):
     else:
         (x, y, z), quat = world.call("getBasePositionAndOrientation", world.body)
         world.call("resetBasePositionAndOrientation", world.body, [x, y, z + 10.0], quat)
-    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
+    targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
     states = [backend.step(target) for target in targets]
     backend.close()
     return np.array([np.r_[state.measured_joint_pos, state.base_pos, state.base_quat] for state in states])

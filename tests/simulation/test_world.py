@@ -14,7 +14,6 @@ from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.model_source import GeneratedModel
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator, require_walks
@@ -28,7 +27,7 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
     motors = world.reset(PD)
     world.data.qvel[:] = np.linspace(-3, 3, 12)
     error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
-    total = physics_step(world.arrays, motors, spec.NOMINAL_POSE + error)
+    total = physics_step(world.arrays, motors, PUPPER_V2.nominal_pose + error)
     law = np.clip(8.8 * error - 0.84 * speed, -1.26, 1.26)
     np.testing.assert_allclose(world.data.qfrc_applied, law + 0.84 * speed, atol=1e-12)
     # the engine damps implicitly: by the velocity at the end of the step
@@ -38,7 +37,7 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
 
 
 def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
-    world, target = World(PUPPER_V2, suspended=True), spec.NOMINAL_POSE + 0.2
+    world, target = World(PUPPER_V2, suspended=True), PUPPER_V2.nominal_pose + 0.2
     motors = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
@@ -51,7 +50,7 @@ def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
 
 
 def test_reset_forgets():
-    targets = spec.NOMINAL_POSE + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
+    targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
     fresh, used = World(PUPPER_V2), World(PUPPER_V2)
     heavy = IdealPd.uniform(12, kp=3.0, kd=0.1, torque_limit=5.0, armature=0.02, delay=0.02)
     replay(used, heavy, -targets)  # other motors, other fall
@@ -73,7 +72,7 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
     assert episode.fault == 1 and episode.steps < 250
     assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
     with pytest.raises(SimulationFault, match="not finite"):
-        replay(World(PUPPER_V2), motors, np.tile(spec.NOMINAL_POSE + 0.1, (5, 1)))
+        replay(World(PUPPER_V2), motors, np.tile(PUPPER_V2.nominal_pose + 0.1, (5, 1)))
 
 
 def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):

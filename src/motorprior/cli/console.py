@@ -38,33 +38,27 @@ class Bars:
         note = TextColumn("{task.fields[note]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         columns = TextColumn("{task.description}"), count, TimeElapsedColumn(), note
         self._progress = Progress(*columns, console=CONSOLE, transient=True, expand=True)
-        self._lock, self._bars = Lock(), 0
+        self._lock = Lock()
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Bar]:
         """Show the progress of ``total`` parts, then the time."""
         started = time.monotonic()
-        self._count(1)
-        bar = Bar(self._progress, name, total)
+        with self._lock:  # threads share one drawing, since rich allows only one
+            self._progress.start()
+            bar = Bar(self._progress, name, total)
         try:
             yield bar
         finally:
-            self._progress.remove_task(bar.task)
-            self._count(-1)
+            with self._lock:
+                self._progress.remove_task(bar.task)
+                if not self._progress.tasks:
+                    self._progress.stop()
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 
     def note(self, text: str) -> None:
         """Print a line of its own."""
         CONSOLE.print(text, markup=False, soft_wrap=True)
-
-    def _count(self, more: int) -> None:
-        """Draw while there is a bar; threads share one drawing, since rich allows only one."""
-        with self._lock:
-            self._bars += more
-            if self._bars == 0:
-                self._progress.stop()
-            elif (self._bars, more) == (1, 1):
-                self._progress.start()
 
 
 TERMINAL = Bars() if CONSOLE.is_terminal else Lines()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, field, fields, make_dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -19,13 +19,13 @@ import tyro  # noqa: E402
 from motorprior import __version__  # noqa: E402
 from motorprior.cli import robot, show  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
-from motorprior.commands.adapt import Adapt  # noqa: E402
+from motorprior.commands.adapt import Adapt, run_adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
 from motorprior.commands.excite import Excite, run_excite  # noqa: E402
 from motorprior.commands.export import Export, run_export  # noqa: E402
-from motorprior.commands.identify import Identify  # noqa: E402
+from motorprior.commands.identify import Identify, run_identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
@@ -42,6 +42,10 @@ def _positional(settings: type, **types: Any) -> type:
     return make_dataclass(settings.__name__, changed, bases=(settings,), frozen=True, namespace=documented)
 
 
+def _printing(run: Callable[[Any, Any], object]) -> Callable[[Any], None]:
+    return lambda config: print(run(config, TERMINAL))
+
+
 PATHS = tuple[Path, ...]
 LOGS: dict[str, tuple[type, Any]] = {
     "import": (_positional(LogsImport, paths=PATHS), partial(import_logs, progress=TERMINAL)),
@@ -51,11 +55,11 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "demo": (Demo, show.demo),
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
-    "identify": (_positional(Identify, bench=PATHS), show.identify),
+    "identify": (_positional(Identify, bench=PATHS), _printing(run_identify)),
     "show": (_positional(show.Show, file=Path), show.show),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
-    "adapt": (_positional(Adapt, prior=Path, log=Path), show.adapt),
+    "adapt": (_positional(Adapt, prior=Path, log=Path), _printing(run_adapt)),
     "export": (_positional(Export, motors_of=Path), partial(run_export, progress=TERMINAL)),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
@@ -113,12 +117,7 @@ def _require_known(given: list[str], names: list[str]) -> None:
 
 
 def parse(args: list[str]) -> Any:
-    """Parse a command line into settings.
-
-    Raises:
-        SystemExit: code 2 for a wrong command line, 0 after --help, --help-all and --version.
-        ConfigError: invalid settings, or an unknown command.
-    """
+    """Parse a command line into settings; SystemExit with code 2 for a wrong one, 0 after --help and --version."""
     if args == ["--version"]:
         print(f"motorprior {__version__}")
         raise SystemExit(0)

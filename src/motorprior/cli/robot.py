@@ -64,12 +64,7 @@ class Doctor(RobotChoice):
 
 @contextmanager
 def _opened(choice: RobotChoice) -> Iterator[tuple[ModuleType, Robot, str]]:
-    """`hardware.commands`, the robot and its port, while this is open.
-
-    Raises:
-        ConfigError: both a port and a virtual robot; no port, or several; pyserial or msgpack is not installed.
-        RobotFault: the virtual robot did not start.
-    """
+    """`hardware.commands`, the robot and its port, while this is open."""
     require_robot_extra()
     from motorprior.hardware import commands, serial_link
 

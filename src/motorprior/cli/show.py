@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-import numpy as np
 import tyro
 
-from motorprior.actuator.geared_motor_step import PER_LOGGED
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import TERMINAL, command_line, table
-from motorprior.commands.adapt import Adapt, run_adapt
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
-from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.study import run_study
@@ -28,20 +24,11 @@ from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.identification.adapt import OutlierTest
-from motorprior.identification.evaluation.errors import (
-    FREE_RUN_RMSE,
-    WHOLE_RUN_RMSE,
-    constant_table,
-    constants_in,
-    error_table,
-)
-from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.evaluation import errors as log_errors
 from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import read_log
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
@@ -66,11 +53,7 @@ class LogsCheck:
 
 
 def logs_check(config: LogsCheck) -> None:
-    """Print every finding.
-
-    Raises:
-        LogError: after all logs are checked, if one has errors.
-    """
+    """Print every finding; raises LogError after all logs are checked, if one has errors."""
     robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
@@ -105,16 +88,11 @@ def demo(config: Demo) -> None:
     """See `run_demo`."""
     results = run_demo(config, TERMINAL, command_line())
     if config.logs is not None:
-        spans = {FREE_RUN_RMSE: "1 s", WHOLE_RUN_RMSE: "whole log"}
+        spans = {log_errors.FREE_RUN_RMSE: "1 s", log_errors.WHOLE_RUN_RMSE: "whole log"}
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-        table("Your motors: free runs, joint RMSE [mrad], over joints", *error_table(results, titles))
-        table("Constants of your motors", *constant_table(constants_in(results)))
+        table("Your motors: free runs, joint RMSE [mrad], over joints", *log_errors.error_table(results, titles))
+        table("Constants of your motors", *log_errors.constant_table(log_errors.constants_in(results)))
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
-
-
-def identify(config: Identify) -> None:
-    """See `run_identify`."""
-    print(run_identify(config, TERMINAL))
 
 
 def show(config: Show) -> None:
@@ -142,20 +120,6 @@ def _described(config: Show) -> str:
     return str(MotorPosterior.load(path, MotorPrior.load(config.prior)))
 
 
-def adapt(config: Adapt) -> None:
-    """See `run_adapt`."""
-    run_adapt(config, TERMINAL, _adapted)
-
-
-def _adapted(log: MotorLog, found: Posterior, outliers: OutlierTest, constants: dict[str, np.ndarray]) -> None:
-    rows = zip(log.joint_names, found.loss, outliers.p_value, outliers.reason, strict=True)
-    cells = [[name, f"{loss:.3f}", f"{p_value:.3f}", reason] for name, loss, p_value, reason in rows]
-    table("Motors", ["motor", "loss", "p-value", "largest deviation"], cells)
-    if constants:
-        units = f"SI units; …{PER_LOGGED}: per unit of the firmware's gain in the log"
-        table(f"Constants of these motors [{units}]", *constant_table(constants))
-
-
 def validate(config: Validate) -> None:
     """See `run_validate`; the tables of held-out motors and of the distribution only where they were measured."""
     results = run_validate(config, TERMINAL)
@@ -176,7 +140,7 @@ def validate_log(config: ValidateLog) -> None:
     results = run_validate_log(config, TERMINAL)
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
-    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *error_table(results, SPANS))
+    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *log_errors.error_table(results, SPANS))
     shares = [
         [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
         for model in (ADAPTED, "prior")

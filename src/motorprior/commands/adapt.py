@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from motorprior.identification.adapt import Show, adapt
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.identification.adapt import adapt
 from motorprior.identification.prior_file import load_prior
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
@@ -28,22 +29,16 @@ class Adapt:
     """Write the posterior even if motors are outliers of the prior."""
 
 
-def run_adapt(
-    config: Adapt, progress: Progress = SILENT, show: Show = lambda log, found, outliers, constants: None
-) -> None:
-    """Adapt, unless the folder already contains this posterior; ``show`` as in `adapt`.
-
-    Raises:
-        LogError: the log does not fit, or has outliers and ``anyway`` is not set.
-        ArtifactError: another command writes to the folder.
-    """
+def run_adapt(config: Adapt, progress: Progress = SILENT) -> MotorPosterior:
+    """Adapt, unless the folder already contains this posterior, and return it; errors as `adapt`."""
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
     wanted = description("adapt", asdict(config), [config.prior, config.log])
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
-        return
+        return MotorPosterior.load(config.out / POSTERIOR, prior)
     with locked(config.out):
-        posterior = adapt(prior, log, anyway=config.anyway, progress=progress, show=show)
+        posterior = adapt(prior, log, anyway=config.anyway, progress=progress)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)
+    return posterior

@@ -19,6 +19,7 @@ from motorprior.commands.study import study_walks
 from motorprior.commands.study_settings import Study
 from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
+from motorprior.identification.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -111,7 +112,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         if given.logs is not None:
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
             results += run_real_motors(real, progress)
-            own.append(chapters.real_motors(out / "real_motors"))
+            own.append(chapters.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE))
             progress.note(f"your motors: {write_page([])}; you can stop here: what follows is a virtual {config.robot}")
         bench = study.of_benches()[0]
         study_conditions.record_benches(bench, progress)

@@ -50,12 +50,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
 
 
 def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, Any]]:
-    """The log of a bench's folder, or all logs as one, named by its file; and its provenance.
-
-    Raises:
-        ConfigError: nothing is given.
-        LogError, ArtifactError: missing, truncated or inconsistent files.
-    """
+    """The log of a bench's folder, or all logs as one, named by its file; and its provenance."""
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
         raise ConfigError("no log given", remedy="give the folder of `motorprior bench`, or motor logs")

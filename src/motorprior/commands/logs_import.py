@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.exceptions import ConfigError, listed
+from motorprior.exceptions import ConfigError
 from motorprior.logs.load_log import PERIOD, load_log
-from motorprior.logs.motor_log import MotorLog, settings_text
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined, smooth_on_grid
 from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
@@ -64,10 +64,7 @@ class LogsImport:
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
-    """Write one .parquet per log, named after it, and report its content.
-
-    Errors as `load_log` and `_targets`, or for a folder that cannot be written or is in use.
-    """
+    """Write one .parquet per log, named after it, and report its content; errors as `load_log`."""
     if config.fit_load and (config.suspended or config.robot or not config.columns or config.period != PERIOD):
         problem, remedy = "fit_load needs columns and the default period, and no robot", "give these, or suspended"
         raise ConfigError(problem, remedy=remedy, argument="fit_load")
@@ -86,16 +83,11 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         logs = ((target, load(path, robot=robot_of(path))) for target, path in targets.items())
         for target, log in _with_fitted_loads(dict(logs), progress).items() if config.fit_load else logs:
             write_log(target, log)
-            progress.note(f"{target}: {_summary(log)}")
-            progress.note(f"{target}: records {settings_text(log) or 'no gain, register, condition or posture'}")
+            progress.note(f"{target}: {log if len(targets) == 1 else repr(log)}")
 
 
 def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Output file (.parquet) -> log file.
-
-    Raises:
-        ConfigError: two logs with one output file, or an output file that would overwrite a recording.
-    """
+    """Output file (.parquet) -> log file; ConfigError if two logs have one, or it would overwrite a recording."""
     targets: dict[Path, Path] = {}
     for path in paths:
         target = out / f"{recording_name(path)}.parquet"
@@ -106,18 +98,6 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
         targets[target] = path
     return targets
-
-
-def _summary(log: MotorLog) -> str:
-    """Rows, seconds, rate, joints, and the ranges of commands and angles in degrees, which reveal wrong units."""
-    segments = len(log.segment_slices())
-    parts = [f"{log.num_rows} rows", f"{log.duration:.4g} s", f"{1.0 / log.period:.4g} Hz"]
-    parts += [f"{segments} segments"] if segments > 1 else []
-    parts += [f"{log.num_joints} joints ({listed(log.joint_names, 8)})"]
-    for name, values in (("commands", log.position_target), ("angles", log.joint_pos)):
-        low, high = np.rad2deg([values.min(), values.max()])
-        parts.append(f"{name} from {low:.1f} to {high:.1f}°")
-    return ", ".join(parts)
 
 
 def _with_fitted_loads(logs: Mapping[Path, MotorLog], progress: Progress) -> dict[Path, MotorLog]:

@@ -15,7 +15,6 @@ from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Gait
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
@@ -56,20 +55,18 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Path of the film, and measures of the walks; opens the viewer if requested.
-
-    Raises:
-        SimulationFault: a walk diverged.
-        ArtifactError, ConfigError: a policy, its motors or the fleet cannot be used; a command is outside the range of
-            the robot or of a policy's training; the viewer finds no screen.
-    """
+    """Path of the film, and measures of the walks, SimulationFault if one diverged; opens the viewer if requested."""
     from motorprior.report import film  # here, since it imports matplotlib
 
     robot = load_robot(config.robot)
     policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
     require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
-    command = _command(config, with_shared_speeds(robot, (each.policy for each in policies.values())).require_legs())
+    gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_legs()
+    forward = gait.forward[1] if config.forward is None else config.forward
+    require_number("forward", forward, *gait.forward)
+    require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
+    command = forward, config.yaw_rate
     steps = max(1, round(config.seconds / robot.control_dt))
     episodes: dict[str, Episode] = {}
     with locked(config.out):
@@ -102,14 +99,6 @@ def _names(policies: Iterable[Path]) -> dict[str, Path]:
         name = path.resolve().parent.name if path.name == POLICY else path.stem
         names[name if name not in names else f"{name} ({len(names) + 1})"] = path
     return names
-
-
-def _command(config: Play, gait: Gait) -> tuple[float, float]:
-    """Speed [m/s] and yaw rate [rad/s]; ConfigError for one outside the range."""
-    forward = gait.forward[1] if config.forward is None else config.forward
-    require_number("forward", forward, *gait.forward)
-    require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
-    return forward, config.yaw_rate
 
 
 def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.evaluation.free_runs import write_traces
 from motorprior.logs.load_log import PERIOD, without_gaps
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
@@ -35,7 +34,7 @@ class RealMotors:
     """Fit models to the motors of real logs, and evaluate them on held-out logs."""
 
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
-    out: Path  # folder for figures.json and the traces of the report
+    out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
     suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
     seed: int = 0  # of the fits and samples
@@ -55,12 +54,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
 
 
 def read_logs_of(config: RealMotors) -> LogFolder:
-    """The logs; those with a column map have the joints of the map unless a robot is given.
-
-    Raises:
-        LogError, ArtifactError: they cannot be read, have different joints, or no joint moves.
-        ConfigError: suspended with a fixed base, or with logs that have another posture.
-    """
+    """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
         raise ConfigError(f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended")
@@ -81,6 +75,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
+    from motorprior.report.chapters import write_traces  # here: it imports matplotlib
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
@@ -100,10 +95,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
-    """The logs with a new segment after each gap, and lines about what was omitted or assumed.
-
-    Raises LogError if no log has a steady clock.
-    """
+    """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior, robot_gains
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
-from motorprior.identification.prior_file import gains_for, load_prior
+from motorprior.identification.prior_file import load_prior
 from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
@@ -87,7 +87,8 @@ def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
     rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
-    classes, gains = prior.classes_of(log), gains_for(prior, robot, log)
+    classes, logged = prior.classes_of(log), log.gains if log.gain_unit == prior.model.gain_unit else None
+    gains = robot_gains(prior, robot) if logged is None else logged
     drawn = [with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     return {
         "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],

@@ -42,12 +42,7 @@ class Simulate:
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
-    """Simulate, unless the stage is finished.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a file that cannot be used.
-        SimulationFault: the motors' gains are too high for the physics step.
-    """
+    """Simulate, unless the stage is finished; SimulationFault if the gains are too high for the physics step."""
     require_number("seconds", config.seconds, 0.1)
     require_number("amplitude", config.amplitude)
     require_seed(config.seed)

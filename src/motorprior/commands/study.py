@@ -50,11 +50,7 @@ _STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
-    """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html.
-
-    Raises:
-        MotorPriorError: invalid settings, or a failed stage; finished stages stay.
-    """
+    """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html."""
     config.require_valid()
     with locked(config.out):
         found = summarise(study_walks(config, progress))

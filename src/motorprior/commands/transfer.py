@@ -8,9 +8,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from motorprior.artifacts import write_tensors
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.commands.walk import POLICY
@@ -24,8 +21,6 @@ from motorprior.stage import description, is_finished, read_results, working, wr
 from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
 
-TRACES = "traces.safetensors"
-
 
 @dataclass(frozen=True)
 class Transfer:
@@ -34,7 +29,7 @@ class Transfer:
     walks: tuple[Path, ...]
     """Folders of `motorprior walk`; seeds of one actuator model are averaged."""
     out: Path
-    """Folder for figures.json and the traces of the report."""
+    """Folder for figures.json."""
     fleet: str | None = None
     """The twin's fleet; the robot's own if not given."""
     engine: Engine | None = None
@@ -70,14 +65,12 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
         seeds[condition] += 1
     with working(config.out, wanted):
         found = in_parallel(works, usable_threads(config.workers, progress), progress)
-        write_results(config.out, Results.of(row for rows, _ in found for row in rows))
-        traces = {name: trace for _, walked in reversed(found) for name, trace in walked.items()}  # of the first seed
-        write_tensors(config.out / TRACES, traces, {"control_dt": robot.control_dt, "robot": config.robot})
+        write_results(config.out, Results.of(row for rows in found for row in rows))
     return read_results(config.out)
 
 
 def _evaluate(
     trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
-) -> tuple[list[Result], dict[str, np.ndarray]]:
+) -> list[Result]:
     with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks", 1):
         return compare.evaluate(trained.policy, scenes, condition, seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -10,20 +9,13 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
-from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.evaluation.bench_truth import ModelOfMotors
-from motorprior.identification.held_out import (
-    adapt_all,
-    adaptation,
-    adapted_models,
-    distribution,
-    held_out_motors,
-)
+from motorprior.identification.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
 from motorprior.identification.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
@@ -67,12 +59,7 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
 
 
 def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
-    """The priors by preset, and the bench whose motors they learned.
-
-    Raises:
-        ArtifactError: not the file of a prior.
-        ConfigError: two of the same preset, of different motors, or of too few for a robot.
-    """
+    """The priors by preset, and the bench whose motors they learned; ConfigError if they do not fit together."""
     priors: dict[str, MotorPrior] = {}
     benches: list[BenchSettings] = []
     for path in paths:
@@ -95,7 +82,9 @@ def _measure(
     config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
 ) -> Results:
     motors, seed = bench.physical_motors(), config.seed
-    tuned = _tuned_pd(robot, motors, bench, progress)
+    with progress.start("tune a PD on the bench log", RESTARTS) as task:
+        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
+        tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
         "tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned),
@@ -119,10 +108,3 @@ def _measure(
             results += adaptation(robot, priors[name], bench, lengths, adapted[name], seed, task.advance)
             results += distribution(priors[name], bench)
     return results
-
-
-def _tuned_pd(robot: Robot, motors: TrueMotors, bench: BenchSettings, progress: Progress) -> Mapping[str, float]:
-    """Constants of a PD with armature and delay, fitted to the bench log."""
-    with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
-        return fit_pd(log, WITH_ROTOR, report=task.advance).constants

@@ -8,7 +8,7 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.identification.adapt import note_training_log
-from motorprior.identification.evaluation.free_runs import write_traces
+from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.identification.prior_file import load_prior
 from motorprior.identification.validate import validate
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -52,15 +52,15 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
             folder=config.out / "baselines", progress=progress,
         )  # fmt: skip
         write_results(config.out, results)
-        write_traces(config.out, traces, warnings)
-        _write_page(config)
+        _write_page(config, traces, warnings)
     return read_results(config.out)
 
 
-def _write_page(config: ValidateLog) -> None:
-    from motorprior.report.chapters import samples, validated_log
-    from motorprior.report.page import page  # here: it imports matplotlib
+def _write_page(config: ValidateLog, traces: list[Trace], lines: list[str]) -> None:
+    from motorprior.report.chapters import models_of_logs, samples, write_traces  # here: they import matplotlib
+    from motorprior.report.page import page
 
+    write_traces(config.out, traces, lines)
     title = f"Motors in a held-out log: {config.log.name}"
-    sections = [validated_log(config.out), samples(MotorPrior.load(config.prior))]
+    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(MotorPrior.load(config.prior))]
     write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

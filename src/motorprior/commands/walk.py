@@ -50,15 +50,10 @@ class Walk(WalkSettings):
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> bool:
-    """Train or resume, unless the folder is finished with these settings. A training with other settings is replaced.
+    """Train or resume, unless the folder is finished with these settings; returns whether it trained.
 
-    Returns:
-        Whether it trained.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a file or folder that cannot be used.
-        SimulationFault: every episode had one.
-        KeyboardInterrupt: after a checkpoint of the complete iterations.
+    A training with other settings is replaced. Raises SimulationFault if every episode had one, KeyboardInterrupt after
+    a checkpoint of the complete iterations.
     """
     if config.start is not None and config.start.resolve() == (config.out / POLICY).resolve():
         problem = f"start is {POLICY} of the folder out itself, which the training would overwrite"
@@ -89,13 +84,8 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> b
 def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Results:
     """Train with ``seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
 
-    The executor "threads" trains several seeds at a time. The picture has the learning curves.
-
-    Returns:
-        The mean return [m] of each best policy in its training simulation, or on the validation fleet if there is one.
-
-    Raises:
-        ConfigError, ArtifactError, SimulationFault, KeyboardInterrupt: see `run_walk`.
+    The executor "threads" trains several seeds at a time. The picture has the learning curves. Returns the mean return
+    [m] of each best policy in its training simulation, or on the validation fleet if there is one.
     """
     from motorprior.report.plots import learning_curves, read_curves
     from motorprior.report.plots_style import png_bytes  # here, since they import matplotlib

@@ -36,12 +36,7 @@ _DRY_RUN = 5.0  # [s]
 
 
 def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> None:
-    """Walk with the policy at ``path``, and show the timing of the control loop.
-
-    Raises:
-        ArtifactError, ConfigError: a policy that does not fit, settings out of range, or a folder in use.
-        RobotFault: a fault ended the walk early.
-    """
+    """Walk with the policy at ``path``, and show the timing of the control loop; RobotFault if one ended it early."""
     if settings.seconds is not None:
         require_number("seconds", settings.seconds, 0.0, 1e6, positive=True)
     policy = Policy.load(path)
@@ -66,17 +61,12 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
         motions.walk(session, policy, steering, settings.seconds)
     show(f"stopped by {session.outcome}; {out / _LOG}")
-    for name, value in clock_figures([session.timing], policy.control_dt).items():
+    for name, value in clock_figures(session.timing, policy.control_dt).items():
         show(f"{name} {value:.4g}")
 
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
-    """Excite and record; returns the recording.
-
-    Raises:
-        ConfigError, ArtifactError: settings out of range, or a folder in use.
-        RobotFault: a fault ended it early; the recording is kept.
-    """
+    """Excite and record; returns the recording, which is kept if a RobotFault ended it early."""
     safety, standing = robot.require_wire().safety, settings.standing
     # Steps of a leg that carries weight would tip a standing robot.
     excitation = settings.excitation or ("multisine" if standing else "varied")
@@ -155,7 +145,7 @@ def _session(
                     "frames": frames | {"damaged": link.port.reader.rejected},
                 }
                 write_json(out / "run.json", begun | ending)
-                write_json(out / "figures.json", clock_figures([session.timing], robot.control_dt))
+                write_json(out / "figures.json", clock_figures(session.timing, robot.control_dt))
 
         session = Session(link, gains, stop, not settings.without_imu, confirm, show)
         try:
@@ -169,10 +159,7 @@ def _session(
 
 
 def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print) -> None:
-    """Check the telemetry of a robot and show every finding; sends nothing, or only idle.
-
-    Raises ConfigError for settings out of range, RobotFault if no telemetry comes and for the first failed check.
-    """
+    """Check the telemetry of a robot and show every finding; sends nothing, or only idle. RobotFault if one failed."""
     require_number("seconds", seconds, 1.0, 3600.0)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:

@@ -9,7 +9,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -52,25 +52,22 @@ class Timing:
     skipped: int = 0  # steps skipped because the previous one took too long
 
 
-def clock_figures(runs: Sequence[Timing], period: float) -> dict[str, float]:
-    """Jitter of the period, share of missed deadlines and age of the telemetry, over one or more runs.
+def clock_figures(run: Timing, period: float) -> dict[str, float]:
+    """Jitter of the period, share of missed deadlines and age of the telemetry.
 
     period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: age of the measurement used. Empty if no run has two steps.
+    more than half a period late. telemetry_age_ms: age of the measurement used. Empty for less than two steps.
     """
-    runs = [run for run in runs if len(run.sent) >= 2]
-    if not runs:
+    if len(run.sent) < 2:
         return {}
-    jitter = np.concatenate([np.diff(run.sent) - period for run in runs])
-    late, age = np.concatenate([run.late for run in runs]), np.concatenate([run.age for run in runs])
-    skipped = sum(run.skipped for run in runs)
+    jitter, late = np.abs(np.diff(run.sent) - period), np.array(run.late)
     figures = {
         f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
-        for name, seconds in (("period_jitter_ms", np.abs(jitter)), ("telemetry_age_ms", age))
+        for name, seconds in (("period_jitter_ms", jitter), ("telemetry_age_ms", run.age))
         for quantile, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
     }
-    figures["missed_share"] = (int(np.count_nonzero(late > 0.5 * period)) + skipped) / (len(late) + skipped)
-    return figures | {"control_steps": float(sum(len(run.sent) for run in runs))}
+    missed = int(np.count_nonzero(late > 0.5 * period)) + run.skipped
+    return figures | {"missed_share": missed / (len(late) + run.skipped), "control_steps": float(len(run.sent))}
 
 
 class ControlLoop:
@@ -91,10 +88,7 @@ class ControlLoop:
         """Play ``motion`` until it ends or ``stop`` returns True.
 
         ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
-        fast. ``timing`` is filled also if a fault ends the motion.
-
-        Raises:
-            RobotFault: see `RobotLink.check`, `RobotLink.send` and `SlowHost.check`.
+        fast. ``timing`` is filled also if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)

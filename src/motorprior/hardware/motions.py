@@ -76,10 +76,7 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    The fleets were identified at the robot's own gains. The torque constant [N·m/A] converts a policy's gains.
-
-    Raises:
-        ConfigError: gains out of range, or none were given and the policy was trained with others, beyond 15 %.
+    Raises ConfigError for gains out of range, or if none were given and those of the training differ by more than 15 %.
     """
     wire = robot.require_wire()
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
@@ -184,15 +181,12 @@ def excitation_targets(
 
     Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
     [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits
-    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other.
-
-    Raises:
-        ConfigError: an unknown excitation, one that moves none of the joints, or a trot without legs.
+    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other. Raises
+    ConfigError for an unknown excitation, one that moves none of the joints, or a trot without legs.
     """
     steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
-    signals = [(part, _signals(robot, part, joints, num, rng)) for part, num in parts]
-    away = np.concatenate([_scaled(signal, part, amplitude, speed, robot.control_dt) for part, signal in signals])
+    away = np.concatenate([_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts])
     if kind == "varied":
         # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
         # better damped than they are.
@@ -202,37 +196,30 @@ def excitation_targets(
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 
-def _signals(robot: Robot, kind: str, joints: Sequence[int], steps: int, rng: np.random.Generator) -> np.ndarray:
-    """(steps, joints) differences between the targets and the nominal pose [rad]; 0 for all other joints."""
+def _away(
+    robot: Robot, kind: str, joints: Sequence[int], steps: int, amplitude: float, speed: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(steps, joints) differences between the targets and the nominal pose [rad], scaled and faded; 0 for others."""
+    over, jumps, least = 0, False, 1e-9  # signals are scaled joint by joint
     if kind == "trot":
-        body = body_of(robot)
+        over, body = None, body_of(robot)  # it keeps its shape
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)
+        jumps, least = excitation.jumps, amplitude if excitation.is_bounded else least
         away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
     if not away.any():
         names = ", ".join(robot.joint_names[joint] for joint in joints)
         raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
-    return away
-
-
-def _scaled(away: np.ndarray, kind: str, amplitude: float, speed: float, control_dt: float) -> np.ndarray:
-    """The same motion within amplitude and speed, faded in from 0 and out to it."""
-    time = np.arange(len(away)) * control_dt
-    fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    over = None if kind == "trot" else 0  # a trot keeps its shape; other signals are scaled joint by joint
-    jumps, is_bounded = False, False
-    if kind != "trot":
-        excitation = excitation_of(kind)
-        jumps, is_bounded = excitation.jumps, excitation.is_bounded
-    away *= amplitude / np.maximum(amplitude if is_bounded else 1e-9, np.abs(away).max(axis=over))
-    away *= fade
+    time = np.arange(steps) * robot.control_dt
+    away *= amplitude / np.maximum(least, np.abs(away).max(axis=over))
+    away *= np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     if not jumps:
-        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / control_dt
+        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / robot.control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
 

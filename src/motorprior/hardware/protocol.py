@@ -99,11 +99,7 @@ _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map
 
 
 def encode(message: Command | Telemetry, joints: int) -> bytes:
-    """The payload of a message to or from a robot with this number of joints; ``ts`` as an integer.
-
-    Raises:
-        ProtocolError: no keys, an array of another size, or a number that is not finite as float32.
-    """
+    """The payload of a message to or from a robot with this number of joints; ProtocolError for an invalid one."""
     values = {key: value for key, value in vars(message).items() if value is not None}
     values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
     _validated(values, joints)
@@ -116,11 +112,7 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
 
 
 def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
-    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored.
-
-    Raises:
-        ProtocolError: an invalid payload, a command without or with unknown keys, or telemetry with missing ones.
-    """
+    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored; or ProtocolError."""
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
         values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)

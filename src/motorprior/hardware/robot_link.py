@@ -116,10 +116,7 @@ class RobotLink:
         return latest
 
     def arm(self, gains: Gains) -> None:
-        """Start the watchdog, and hold the joints at their present positions with the first command.
-
-        Raises ConfigError for gains out of range, RobotFault for a fault of the robot or the watchdog.
-        """
+        """Start the watchdog, and hold the joints at their present positions with the first command."""
         self._ignored.clear()
         self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)
         self.receive(time.monotonic() + _CATCH_UP)  # telemetry that arrived while the watchdog started

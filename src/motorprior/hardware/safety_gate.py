@@ -62,10 +62,7 @@ class SafetyGate:
         return None if self._target is None else self._target.copy()
 
     def arm(self, gains: Gains, joint_pos: np.ndarray, now: float) -> None:
-        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump.
-
-        Raises ConfigError for gains out of range, RobotFault after a fault.
-        """
+        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump."""
         gains.check(self._limits)
         if self._fault is not None:
             raise self._fault

@@ -67,10 +67,8 @@ def stop_on_signals() -> Iterator[StopRequest]:
 def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
     """Check telemetry for half a second; returns the last measurement and the (3,) gyroscope bias [rad/s].
 
-    The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
-
-    Raises:
-        RobotFault: too few frames, an IMU that is not read, joints that move or are out of range, or a fault.
+    The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias. Raises RobotFault for too
+    few frames, an IMU that is not read, joints that move or are out of range, or another fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
     received = [link.check().telemetry]

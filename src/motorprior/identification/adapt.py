@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.constants import named_constants
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
@@ -18,18 +15,13 @@ from motorprior.exceptions import LogError, listed
 from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, misfits, num_blocks
 from motorprior.identification.fit_prior import trained_on
-from motorprior.identification.latents.latent_fit import (
-    Outliers,
-    Posterior,
-    fit_posterior,
-    outliers,
-)
+from motorprior.identification.latents.latent_fit import Outliers, Posterior, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
-from motorprior.progress import SILENT, WARNED, Progress
+from motorprior.progress import SILENT, WARNED, WARNING, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
@@ -49,16 +41,12 @@ class OutlierTest:
     reason: tuple[str, ...]  # (M,) the largest deviation of each outlier; "" of the others
 
 
-Show: TypeAlias = Callable[[MotorLog, Posterior, OutlierTest, dict[str, np.ndarray]], None]
-
-
 def adapt(
     prior: MotorPrior,
     log: MotorLog,
     *,
     anyway: bool = False,
     progress: Progress = WARNED,
-    show: Show = lambda log, found, outliers, constants: None,
 ) -> MotorPosterior:
     """Find the motors of a log in a prior's latent space.
 
@@ -68,8 +56,6 @@ def adapt(
         anyway: also if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by default warnings are
             Python warnings.
-        show: called with the results before outliers are rejected; the constants (M,) are those of the posterior means,
-            empty for a network.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these motors.
@@ -86,14 +72,13 @@ def adapt(
         found = adapt_to(prior, log)
         test = outlier_test(prior, log, found)
         task.advance()
-    show(log, found, test, motor_constants(prior, log, found.mean))
     named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, test.reason, strict=True) if reason]
-    if named and not anyway:
-        raise LogError(
-            f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}",
-            where=log.source, argument="anyway",
-            remedy="check the log with `motorprior logs check`, train a prior on such motors, or set anyway",
-        )  # fmt: skip
+    if named:
+        problem = f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}"
+        if not anyway:
+            remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set anyway"
+            raise LogError(problem, where=log.source, argument="anyway", remedy=remedy)
+        progress.note(f"{WARNING}{problem}")
     if progress is not SILENT:  # tuning a PD to compare with takes time
         _note_findings(prior, log, found, progress)
     p_value = tuple(float(value) for value in test.p_value)
@@ -150,11 +135,6 @@ def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, f
     measured = replace(data.measured, torque=data.measured.torque and knows_torque)
     which = metric_suffix(measured.torque) if knows_torque else ""
     return preset, replace(data, measured=measured), prior.metrics[f"loss_mean{which}"], which
-
-
-def motor_constants(prior: MotorPrior, log: MotorLog, latents: np.ndarray) -> dict[str, np.ndarray]:
-    """(M,) `named_constants` of motors (M, Z) at the gains in their log; empty for a network."""
-    return named_constants(prior.model, latents, log.gains) if isinstance(prior.model, GreyBox) else {}
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:

@@ -19,19 +19,9 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation.errors import (
-    MAX_UNEXPLAINED,
-    evaluate_replay,
-    log_warnings,
-    replay_errors,
-)
-from motorprior.identification.evaluation.reference import held_out_growth, misfits, reference_metrics
-from motorprior.identification.latents.standardise import (
-    MIN_MOTORS,
-    RELIABLE_MOTORS,
-    spread_source,
-    with_scaled_spread,
-)
+from motorprior.identification.evaluation import reference
+from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
+from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
 from motorprior.identification.physics.window_runs import LoadedMotors
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.train import Arrays, Keep, identify, work_of
@@ -156,8 +146,8 @@ def _fitted(
     model, mean, log_var, misfit = found.model, found.mean, found.log_var, np.ones(log.num_joints)
     classes = found.classes or JointClasses.one(log.num_joints, model.num_latents)
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-    metrics |= {"aggregate_posterior_kl": found.aggregate_kl, **found.metrics}
-    metrics |= reference_metrics(model, data, found.preset, mean, log)
+    metrics |= {"aggregate_posterior_kl": reference.aggregate_posterior_kl(mean, log_var), **found.metrics}
+    metrics |= reference.reference_metrics(model, data, found.preset, mean, log)
     for line in found.notes:
         progress.note(line)
     if isinstance(model, GreyBox):
@@ -166,8 +156,8 @@ def _fitted(
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        misfit = misfits(metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions))
-        metrics |= held_out_growth(model, mean, classes, log, found.preset, metrics)
+        misfit = reference.misfits(metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions))
+        metrics |= reference.held_out_growth(model, mean, classes, log, found.preset, metrics)
         model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
         if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
@@ -181,7 +171,6 @@ def _fitted(
 
 
 def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-
     if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
         return []
     deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"

@@ -167,12 +167,11 @@ def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
 
 
 def area_under_curve(positive: np.ndarray, negative: np.ndarray) -> float:
-    """Area under the ROC curve, P(score of a positive > score of a negative) + P(equal)/2 [-], from ranks."""
-    from scipy.stats import rankdata  # here: it takes half a second to import
+    """Area under the ROC curve, P(score of a positive > score of a negative) + P(equal)/2 [-]."""
+    from scipy.stats import mannwhitneyu  # here: it takes half a second to import
 
-    n, m = len(positive), len(negative)
-    ranks = rankdata(np.concatenate([positive, negative]))
-    return float((ranks[:n].sum() - 0.5 * n * (n + 1)) / (n * m))
+    pairs = mannwhitneyu(positive, negative, method="asymptotic").statistic
+    return float(pairs / (len(positive) * len(negative)))
 
 
 def _quadratic(features: np.ndarray) -> np.ndarray:

@@ -125,10 +125,8 @@ def require_physical_kp(log: MotorLog) -> None:
 def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple[FittedLoad, ...]:
     """Fit the load of every joint of a log with gains in N·m/rad; its own loads and torques are ignored.
 
-    ``report`` is called after every round, MAX_ROUNDS times per joint at most.
-
-    Raises:
-        LogError: no such gains, another period than RECIPE's, too short, a static joint, or all simulations diverge.
+    ``report`` is called MAX_ROUNDS times per joint at most. Raises LogError for no such gains, another period than
+    RECIPE's, a log that is too short, a static joint, or if all simulations diverge.
     """
     require_physical_kp(log)
     if static := static_joints(log):

@@ -119,11 +119,7 @@ PRESETS = {
 
 
 def identification_preset(name: str, steps: int | None = None) -> Preset:
-    """The preset of that name, with this number of Adam steps if given.
-
-    Raises:
-        ConfigError: there is none, or it trains no network.
-    """
+    """The preset of that name, with this number of Adam steps if given; ConfigError if it trains no network."""
     if name not in PRESETS:
         raise ConfigError(f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
     if steps is None:

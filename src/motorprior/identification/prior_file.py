@@ -27,12 +27,7 @@ SOFT_GEAR = 5.0  # gear stiffness over position gain [-]; below, a note
 
 
 def load_prior(path: Path, of: Robot | MotorLog) -> MotorPrior:
-    """A prior for the simulation of a robot, or for the motors of a log.
-
-    Raises:
-        ArtifactError: not the file of a prior, or one that cannot be adapted to a log.
-        ConfigError: a prior of another robot, or one that does not fit its physics step.
-    """
+    """A prior for the simulation of a robot, or for the motors of a log; errors for one that does not fit."""
     prior = MotorPrior.load(path)
     try:
         if isinstance(of, MotorLog):
@@ -55,12 +50,6 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
         )
         remedy += "--robot and --as-joint; in Python, prior.for_robot states that the robot has these motors"
         raise ConfigError(f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy)
-
-
-def gains_for(prior: MotorPrior, robot: Robot, log: MotorLog) -> np.ndarray | None:
-    """Gains in the log, if they are in the prior's unit; otherwise the robot's."""
-    logged = log.gains if log.gain_unit == prior.model.gain_unit else None
-    return robot_gains(prior, robot) if logged is None else logged
 
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> list[str]:

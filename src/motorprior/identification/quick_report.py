@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.constants import UNITS, named_constants
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.actuator.motor_prior import IDENTIFIED, MotorPrior
 from motorprior.exceptions import listed
-from motorprior.identification.adapt import motor_constants
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
 from motorprior.identification.evaluation.errors import (
@@ -45,10 +45,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
-UNITS = {
-    "kp": "N·m/rad", "kd_over_kp": "s", "delay": "s", "armature": "kg·m²", "coulomb": "N·m", "viscous_damping":
-    "N·m·s/rad", "backlash": "rad",
-}  # fmt: skip
+SHOWN = ("kp", "kd_over_kp", "delay", "armature", "coulomb", "viscous_damping", "backlash")
 # constant of servo_limits, factor and unit
 RESPONSE_CONSTANTS = {
     "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
@@ -57,11 +54,7 @@ MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum o
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> Validation:
-    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows.
-
-    Raises:
-        LogError: too short, or without a channel that the fit needs.
-    """
+    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows."""
     train = joined(list(logs.train.values()))
     warnings, tuned = [], fitted_tuned_pd(train, progress)
 
@@ -77,8 +70,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
     results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
-    for name, values in motor_constants(prior, train, prior.mean).items():
-        if name in UNITS and not (prior.model.gain_unit and name in ("kp", "kd_over_kp")):  # logged gains: not fitted
+    for name, values in named_constants(prior.model, prior.mean, train.gains).items():
+        if name in SHOWN and not (prior.model.gain_unit and name in ("kp", "kd_over_kp")):  # logged gains: not fitted
             kept = _identified(prior, name, values)
             results += _constant_results(name, UNITS[name], values, train.joint_names, kept)
     lines = (*warnings, *whole.warnings("prior"))

@@ -140,12 +140,7 @@ class Problem(Protocol):
 
 
 class Search:
-    """Searches and descents for the problems of one `Problem`.
-
-    Args:
-        problem: its residuals.
-        lower: (M, K) lower bounds of candidates, not of descents; none if not given.
-    """
+    """Searches and descents for the problems of one `Problem`; ``lower`` (M, K) bounds candidates, not descents."""
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
         self.problem, self._lower, self._threads = problem, lower, ThreadPoolExecutor(os.cpu_count() or 1)
@@ -178,9 +173,7 @@ class Search:
             return self.problem.residuals(x, which).reshape(len(which), -1)
 
     def at(self, x: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> Fit:
-        """The fit at x (m, K)."""
-        which = self.everyone if which is None else which
-        prior = prior.of(which)
+        """The fit at x (m, K) of the problems ``which`` (m,), or of all, with their prior."""
         noise = np.random.default_rng(0).standard_normal((POINTS, x.shape[1]))
         around = x[:, None] + AROUND * noise * np.broadcast_to(prior.precision < FIXED, x.shape)[:, None]
         loss = self.losses(around, which).mean(axis=1)
@@ -197,9 +190,10 @@ class Search:
     def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.everyone if which is None else which
+        prior = prior.of(which)
         found = self.at(start, prior, which)
         for count, diff_step in steps:
-            x = self._descend(found.x, prior.of(which), count, diff_step, which)
+            x = self._descend(found.x, prior, count, diff_step, which)
             found = found.better(self.at(x, prior, which))
         return found
 
@@ -242,17 +236,10 @@ class Search:
         which: np.ndarray | None = None,
         again: int = TIMES,
     ) -> Fit:
-        """Restart every problem until its best optimum was found ``again`` times more, at most ``restarts`` times.
+        """Restart the problems ``which`` (m,), or all, until each one's best optimum was found ``again`` times more.
 
-        Args:
-            found: the best so far.
-            prior: of x.
-            draw: function of the number of the restart and the best so far, gives candidates (M, C, K).
-            restarts: maximum number.
-            steps: descents from the best candidate.
-            report: called ``restarts`` times.
-            which: problems (m,) that are restarted; all if not given.
-            again: see above.
+        ``draw`` gives candidates (M, C, K) from the number of the restart and the best fit so far. ``report`` is called
+        ``restarts`` times, the maximum number.
         """
         times, done = np.full(len(found.x), again), 0
         times[self.everyone if which is None else which] = 0

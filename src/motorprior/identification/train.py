@@ -20,19 +20,9 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.evaluation.reference import aggregate_posterior_kl
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
-from motorprior.identification.physics import term_selection
+from motorprior.identification.physics import motor_problem, term_selection
 from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined, simplified
-from motorprior.identification.physics.motor_problem import (
-    fixed_constants,
-    grey_box,
-    identifiable_constants,
-    motor_search,
-    near_bounds,
-    unidentifiable_limits,
-    unknown_torque_scale,
-)
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -61,11 +51,6 @@ class Identified:
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
     classes: JointClasses | None = None  # of the prior; None: one class
-
-    @property
-    def aggregate_kl(self) -> float:
-        """KL divergence of the mixture of all posteriors from N(0, I) [nat]."""
-        return aggregate_posterior_kl(self.mean, self.log_var) if self.mean.size else 0.0
 
 
 def work_of(preset: Preset) -> int:
@@ -107,7 +92,7 @@ def _grey_boxes(
     found = FleetFit.of(keep("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays()))
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
-    model = grey_box(found.center, found.terms, preset)
+    model = motor_problem.grey_box(found.center, found.terms, preset)
     report(0, "refining constants")
     longer = longer_runs(data, preset, runs)
     z = found.offsets
@@ -116,8 +101,8 @@ def _grey_boxes(
     z = simplified(model, z, longer)
     notes = _notes_on_terms(preset, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
-    losses = motor_search(model, runs).losses(z).mean(keepdims=True)
-    assumed = assumed_std(found.terms, fixed_constants(found.terms, runs))
+    losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
+    assumed = assumed_std(found.terms, motor_problem.fixed_constants(found.terms, runs))
     return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
@@ -176,18 +161,18 @@ def _notes_on_identifiability(
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
     names_of = parameters_of(model.motor.terms)
-    identified = identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
+    identified = motor_problem.identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
     metrics |= {f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED}
-    notes, free = [], ~fixed_constants(model.motor.terms, runs)
-    reached = near_bounds(z) & free
+    notes, free = [], ~motor_problem.fixed_constants(model.motor.terms, runs)
+    reached = motor_problem.near_bounds(z) & free
     for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
             notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")
-    for name, hidden in unidentifiable_limits(model, runs, z).items():
+    for name, hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
         value = float(model.constants(z)[name][hidden].max())
         metrics[f"{UNIDENTIFIED}{name}"] = value
         notes.append(f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it")
-    hidden = unknown_torque_scale(model, runs, z)
+    hidden = motor_problem.unknown_torque_scale(model, runs, z)
     if hidden.any():
         metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
         notes.append(

@@ -46,8 +46,6 @@ SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> f
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
-
-
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
 PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction
@@ -165,10 +163,8 @@ def fitted_baselines(
     """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
 
     Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network, the preset's own if
-    not given. A baseline that cannot be fitted or read is None, and a warning reports why.
-
-    Raises:
-        LogError: it lacks a channel, has another sample period, or is too short.
+    not given. A baseline that cannot be fitted or read is None, and a warning reports why. Raises LogError for a log
+    that lacks a channel, has another sample period, or is too short.
     """
     recipes = baseline_recipes(log, preset)
     models: dict[str, MotorModel | None] = dict(fitted_responses(log, preset, seed, progress))
@@ -187,11 +183,7 @@ def fitted_baselines(
 
 
 def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
-    """Preset and recipe of every baseline that has one; windows are shortened to fit the log.
-
-    Raises:
-        LogError: every segment is too short for one of them.
-    """
+    """Preset and recipe of every baseline that has one, with windows that fit the log; LogError if none does."""
     if preset.period != BASELINE_PERIOD:
         return {}
     names = PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})

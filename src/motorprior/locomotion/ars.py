@@ -62,10 +62,8 @@ class Ars:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 
         ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If all are equal, M
-        stays. The statistics of the episodes' ``observations`` are merged in their order.
-
-        Raises:
-            SimulationFault: a return is not finite.
+        stays. The statistics of the episodes' ``observations`` are merged in their order. Raises SimulationFault if a
+        return is not finite.
         """
         if not np.all(np.isfinite(returns)):
             raise SimulationFault(f"a return in iteration {self.iteration} is not finite")

@@ -72,11 +72,7 @@ class Body(NamedTuple):
 
 
 def body_of(robot: Robot, gait: str = "trot") -> Body:
-    """The arrays of a legged robot in a gait.
-
-    Raises:
-        ConfigError: it cannot walk, or not in this gait.
-    """
+    """The arrays of a legged robot in a gait; ConfigError if it cannot walk, or not in this gait."""
     size = robot.require_legs()
     phases, ratio = phases_of(robot, gait)
     return Body(
@@ -159,10 +155,7 @@ def lever_arms(thigh: float, shank: float, hip: float, knee: float) -> tuple[flo
 def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
     """(legs,) phases of a robot's legs in a gait, in [0, 1), and its usual time in swing over time in stance.
 
-    The phases of a trot are in the robot's description.
-
-    Raises:
-        ConfigError: an unknown gait, or one for four legs on a robot that has others.
+    The phases of a trot are in the robot's description; other gaits raise ConfigError unless it has four legs.
     """
     if gait not in GAITS:
         raise ConfigError(f"gait {gait!r} is unknown", remedy=f"use one of {', '.join(GAITS)}", argument="gait")

@@ -16,11 +16,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Commands:
-    """Random commands of an episode, each held for a while; speeds spread evenly over their range, in random order.
-
-    Raises:
-        ConfigError: a range whose first number is larger, or a number out of bounds.
-    """
+    """Random commands of an episode, each held for a while; speeds spread evenly over their range, in random order."""
 
     forward: Range | None = None
     """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at

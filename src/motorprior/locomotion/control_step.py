@@ -229,10 +229,7 @@ CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the groun
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Weights of the reward of a control step, control_dt (alive - Σ weight · |error|) [m].
-
-    ConfigError for a weight that is not a number of at least 0.
-    """
+    """Weights of the reward of a control step, control_dt (alive - Σ weight · |error|) [m]; at least 0."""
 
     alive: float = 1.0  # per second upright [m/s]
     speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]

@@ -38,27 +38,16 @@ _NUMBERS = itertools.count()
 def make_executor(
     make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
 ) -> Executor:
-    """An executor of ``workers`` episodes at the same time.
+    """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
 
-    Args:
-        make_simulator: called once per worker; for Ray it must be picklable.
-        workers: threads of this process or processes of Ray. On a cluster it only sets the size of the chunks of
-            episodes: Ray runs a chunk on every free core.
-        kind: threads or ray.
-        address: of the Ray cluster to join; without one Ray starts on this machine only.
-
-    Raises:
-        ConfigError: see `ray_cluster`.
+    ``make_simulator`` is called once per worker; for Ray it must be picklable. On a cluster ``workers`` only sets the
+    size of the chunks of episodes: Ray runs a chunk on every free core. Without ``address`` Ray starts on this machine.
     """
     return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
 
 
 def require_executor(kind: Kind, address: str | None) -> None:
-    """Check an executor before any work.
-
-    Raises:
-        ConfigError: Ray is not installed, no cluster answers, or an address for another executor than Ray.
-    """
+    """Raise ConfigError if Ray is not installed, no cluster answers, or an address is given without Ray."""
     if kind != "ray" and address is not None:
         raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
     if kind == "ray" and not _import_ray().is_initialized() and address is not None:
@@ -113,7 +102,8 @@ class RayExecutor:
             Exception: what the function raised in a worker. Other chunks run on until `close`: cancelling one that is
                 ending can make Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
-        size = chunk_size(len(tasks), self._workers)
+        count = min(CHUNKS_PER_WORKER * self._workers, max(self._workers, MANY_CHUNKS))
+        size = max(1, -(-len(tasks) // count))
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
@@ -142,20 +132,9 @@ class RayExecutor:
 Executor = ThreadExecutor | RayExecutor  # maps a function of (simulator, shared, task) over tasks
 
 
-def chunk_size(tasks: int, workers: int) -> int:
-    """Number of tasks in a chunk."""
-    chunks = min(CHUNKS_PER_WORKER * workers, max(workers, MANY_CHUNKS))
-    return max(1, -(-tasks // chunks))
-
-
 @contextmanager
 def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
-    """The module ray, in the cluster that this process has joined already, else in one that ends with the context.
-
-    Raises:
-        ConfigError: Ray is not installed, no cluster answers at the address, or a cluster of this machine alone would
-            be open to others.
-    """
+    """The module ray, in the cluster that this process has joined already, else in one that ends with the context."""
     ray = _import_ray()
     if ray.is_initialized():
         yield ray

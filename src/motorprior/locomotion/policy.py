@@ -179,10 +179,8 @@ class Policy(Described):
         return Summary("walking policy", facts)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
-        """Raise ConfigError for a policy of another robot, of other joints, or of another control period.
-
-        Its low-pass filter and its gait depend on the period.
-        """
+        """Raise ConfigError for a policy of another robot, of other joints, or of another control period."""
+        # low-pass filter and gait depend on the period
         same_clock = math.isclose(self.control_dt, robot.control_dt, rel_tol=1e-9)
         for name, found, wanted in (
             ("robot", self.robot, robot.name),
@@ -204,11 +202,7 @@ class Policy(Described):
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
-        """Read what `save` wrote.
-
-        Raises:
-            ArtifactError: not a policy of this version, a wrong shape, or a value that is not finite.
-        """
+        """Read what `save` wrote; ArtifactError for another file, a wrong shape, or a value that is not finite."""
         path = Path(path)
         tensors, header = _HEADER.read(path)
         joints = len(header["joint_names"])

@@ -55,8 +55,7 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 class PolicySearch:
     """A search for a policy from ``start`` or from the zero policy, which is the plain gait; picklable, for workers.
 
-    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy. ConfigError
-    for a start of another number of hidden units, or one that is not symmetric where the shape is.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy.
     """
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):

@@ -33,11 +33,7 @@ class PolicyShape:
 
     @classmethod
     def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:
-        """Shape of a robot's policy in a gait.
-
-        Raises:
-            ConfigError: symmetry of a robot or a gait that has none, or an odd number of hidden units with symmetry.
-        """
+        """Shape of a robot's policy in a gait; ConfigError for an impossible symmetry."""
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
         if hidden_units % 2:
@@ -88,11 +84,7 @@ class PolicyShape:
         )
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
-        """(size,) parameters of a policy; inverse of `policy`.
-
-        Raises:
-            ConfigError: it has another number of hidden units, or is not symmetric where this shape is.
-        """
+        """(size,) parameters of a policy; inverse of `policy`. ConfigError for a policy of another shape."""
         units = self.units if self.mirror is None else 2 * self.units
         if len(policy.hidden) != units:
             problem = f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
@@ -118,11 +110,7 @@ class Mirror(NamedTuple):
 
 
 def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
-    """Mirror of a robot's observations and actions in a gait.
-
-    Raises:
-        ConfigError: legs that do not form pairs, or a gait that is not its own mirror image.
-    """
+    """Mirror of a robot's observations and actions in a gait; ConfigError if legs or gait have no mirror image."""
     partners = _partners(robot)
     joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
     for leg, partner in zip(robot.legs, partners, strict=True):

@@ -9,36 +9,28 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.evaluation.free_runs import read_traces
+from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture
-from motorprior.report.plots_style import model_label
+from motorprior.report.plots_style import model_label, png_bytes
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.stage import PAGE, read_results
 from motorprior.studies.compare import DURATION_STEPS, POLICY, TrainedPolicy, run_walks, straight_ahead
 
+_LINES, _TRACES = "lines.json", "traces.png"
+
 
 def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
     return Section(title, (text,), (picture(figure, caption),), tables)
-
-
-def real_motors(folder: Path) -> Section:
-    """Models of the motors in real logs, from the files of the quick report."""
-    return _models_of_logs(folder, "Your motors", log_errors.WHOLE_RUN_RMSE)
-
-
-def validated_log(folder: Path) -> Section:
-    """From the files of `motorprior validate-log`."""
-    return _models_of_logs(folder, "Held-out log", "whole_run_rmse")
 
 
 def samples(prior: MotorPrior) -> Section:
@@ -49,8 +41,15 @@ def samples(prior: MotorPrior) -> Section:
     return _section("Samples of the prior", text, figure, caption)
 
 
-def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
-    results, (traces, lines) = read_results(folder), read_traces(folder)
+def write_traces(folder: Path, traces: Sequence[Trace], lines: Sequence[str]) -> None:
+    """Write a picture of the traces, and lines for the user, for `models_of_logs`."""
+    (folder / _TRACES).write_bytes(png_bytes(plots.draw_traces(traces)))
+    write_json(folder / _LINES, lines)
+
+
+def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
+    """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
+    results, lines = read_results(folder), read_json(folder / _LINES)
     tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if constants := log_errors.constants_in(results):
         tables.append(Table(*log_errors.constant_table(constants), "Constants of your motors, over joints."))
@@ -58,7 +57,7 @@ def _models_of_logs(folder: Path, title: str, quantity: str) -> Section:
         lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
         picture(plots.errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
-        picture(plots.draw_traces(traces), "The joints with the median and maximum error."),
+        Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
     return Section(title, (text, *lines), pictures, tuple(tables))
@@ -100,10 +99,7 @@ def write_training_page(run: Path, robot_name: str, command: str) -> Path:
     """Write report.html on the policies in ``run`` or one folder below it; returns its path.
 
     Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
-    a film of the first seed. ``command`` makes the same page.
-
-    Raises:
-        ConfigError, ArtifactError: no policy there, or one that cannot be read or whose motors cannot be found.
+    a film of the first seed. ``command`` makes the same page. ConfigError if there is no policy.
     """
     trainings: dict[str, list[Path]] = {}
     for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):

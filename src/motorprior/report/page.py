@@ -58,16 +58,16 @@ def page(
 ) -> str:
     """The page as HTML, with all pictures inside.
 
-    ``settings`` may be nested; ``command`` makes the same page; ``complete``: all stages of the run are finished.
+    ``command`` makes the same page; ``complete``: all stages of the run are finished.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(template).render(
         title=title,
-        sections=[(_anchor(section.title), section) for section in sections],
+        sections=[(re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-"), section) for section in sections],
         settings=[
             (name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
-            for name, value in _dotted(settings).items()
+            for name, value in settings.items()
         ],
         command=command,
         complete=complete,
@@ -75,16 +75,3 @@ def page(
         is_number=lambda cell: re.match(r"[-+]?\d", cell) is not None,
         color=lambda cell: model_color(cell) if model_key(cell) else None,
     )
-
-
-def _anchor(title: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
-
-
-def _dotted(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Flatten nested tables: dotted name -> value; lists and empty tables are values."""
-    found: dict[str, Any] = {}
-    for name, value in table.items():
-        is_table = isinstance(value, Mapping) and value
-        found |= _dotted(value, f"{prefix}{name}.") if is_table else {prefix + name: value}
-    return found

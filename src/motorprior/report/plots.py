@@ -101,9 +101,9 @@ def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     for model, values in simulated.items():
         model_line(angle, time, values, model).set_linewidth(1.1)
         model_line(error, time, 1e3 * (values - measured), model).set_linewidth(0.9)
-    fit_y(angle, [measured, trace.target[rows]], list(simulated.values()))
+    fit_y(angle, np.append(measured, trace.target[rows]), 0.3)
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
-    fit_y(error, [1e3 * (best - measured)], [1e3 * (values - measured) for values in simulated.values()], margin=3.0)
+    fit_y(error, 1e3 * (best - measured), 1.5)
     describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
     describe(error, y="simulated - measured [mrad]")
 

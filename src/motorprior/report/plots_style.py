@@ -16,7 +16,6 @@ from matplotlib.lines import Line2D
 
 # colour; label, if it is not the key with spaces in place of underscores; dashes in units of the line width
 _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
-    "truth": ("#15181d", "", ()),
     "physical": ("#15181d", "", ()),
     "measured": ("#15181d", "", ()),
     "oracle": ("#4b5360", "", (5, 1.5)),
@@ -41,7 +40,6 @@ _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
     "second_order": ("#a8672c", "", (4, 1.2, 1, 1.2)),
     "servo_limits": ("#2563c9", "", ()),
 }
-MODEL_COLORS = {model: color for model, (color, _, _) in _STYLES.items()}
 OTHER_COLOR = "#7d4fa8"
 INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
 TEXT = 8.5  # size of small text [pt]
@@ -49,14 +47,15 @@ TIME = "time [s]"
 
 
 def model_key(model: str) -> str | None:
-    """Key of MODEL_COLORS for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
+    """Key of _STYLES for a model or a variant of it, such as `rollout` for ``rollout_adapted``."""
     fitting = [key for key in _STYLES if model == key or model.startswith((f"{key}_", f"{key} "))]
     return max(fitting, key=len, default=None)
 
 
 def model_color(model: str) -> str:
     """Colour of a model and its variants; OTHER_COLOR for an unknown one."""
-    return MODEL_COLORS.get(model_key(model) or "", OTHER_COLOR)
+    key = model_key(model)
+    return _STYLES[key][0] if key else OTHER_COLOR
 
 
 def model_label(model: str) -> str:
@@ -124,23 +123,12 @@ def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) 
     )
 
 
-def fit_y(axes: Axes, reference: list[np.ndarray], others: list[np.ndarray], margin: float = 0.6) -> None:
-    """Limits that contain ``reference`` and, up to ``margin`` times its range beyond it, ``others``.
-
-    A diverging model leaves the picture instead of flattening the other lines.
-    """
-    low, high = span(reference)
+def fit_y(axes: Axes, reference: np.ndarray, margin: float) -> None:
+    """Limits ``margin`` times its range around ``reference``: a model that diverges leaves the picture."""
+    values = reference[np.isfinite(reference)]
+    low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     extent = max(high - low, 1e-6)
-    lowest, highest = span([*reference, *others])
-    low, high = max(lowest, low - margin * extent), min(highest, high + margin * extent)
-    axes.set_ylim(low - 0.05 * extent, high + 0.05 * extent)
-
-
-def span(arrays: list[np.ndarray]) -> tuple[float, float]:
-    """Lowest and highest finite value, (0, 1) without any."""
-    values = np.concatenate([np.ravel(array) for array in arrays])
-    values = values[np.isfinite(values)]
-    return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    axes.set_ylim(low - margin * extent, high + margin * extent)
 
 
 def png_bytes(figure: Figure, dpi: int = 120) -> bytes:

@@ -81,9 +81,7 @@ _GAIT = Schema(
 def load_robot(name_or_path: str | Path) -> Robot:
     """Load a shipped robot by name, such as "pupper_v2", or a user's by the path of its TOML (docs/your-robot.md).
 
-    Raises:
-        ArtifactError: an unknown name, a file that cannot be read, an unknown, missing or bad key, or a model that does
-            not fit; names file, key and joint.
+    Raises ArtifactError, which names file, key and joint.
     """
     path, shipped = Path(name_or_path), {robot.name: robot for robot in SHIPPED}
     if path.suffix == ".toml":

@@ -184,10 +184,7 @@ class Robot(Described):
 
     def require_legs(self) -> Gait:
         """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
-        problem, remedy = (
-            self.leg_mismatch,
-            "change axes and zeros in its model to the conventions of docs/your-robot.md",
-        )
+        problem, remedy = self.leg_mismatch, "change axes and zeros in its model as in docs/your-robot.md"
         if self.gait is None or self.base != "free":
             problem = f"it has {len(self.legs)} legs and a {self.base} base"
             remedy = "give a robot with a free base and tables [legs.…]"

@@ -85,16 +85,14 @@ class _Walks:
         self._simulator.close()
 
 
-def evaluate(
-    policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int
-) -> tuple[list[Result], dict[str, np.ndarray]]:
+def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int) -> list[Result]:
     """Walk DRAWS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
 
     Returns rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright
-    (share of the time before a fall) and drift (|final lateral displacement| [m]); and "ENVIRONMENT/MODEL" -> (steps,
-    7 + joints) trace of the walk with the median distance. Raises SimulationFault if a walk diverged.
+    (share of the time before a fall) and drift (|final lateral displacement| [m]). Raises SimulationFault if a walk
+    diverged.
     """
-    rows, traces = [], {}
+    rows = []
     for name, scene in scenes.items():
         episodes = run_walks(scene, policy.arrays, range(DRAWS))
         require_walks(episodes, f"{name}/{model}")
@@ -105,8 +103,7 @@ def evaluate(
             "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
         }
         rows += [Result(key, unit, float(value), model, name, seed=seed) for key, (unit, value) in values.items()]
-        traces[f"{name}/{model}"] = episodes[int(np.argsort(forward, kind="stable")[len(episodes) // 2])].trace
-    return rows, traces
+    return rows
 
 
 @dataclass(frozen=True)
@@ -211,7 +208,7 @@ def compare(
         for model, each in seeds.items():
             for seed, policy in enumerate(each):
                 scenes = {name: motors_scene(robot, policy, motors, commands) for name, motors in twins.items()}
-                rows += evaluate(policy, scenes, model, seed)[0]
+                rows += evaluate(policy, scenes, model, seed)
                 task.advance(len(twins))
     return Results.of(rows)
 

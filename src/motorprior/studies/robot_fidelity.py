@@ -7,7 +7,6 @@ run at the twin's physics step; the floor ("physical") is a second simulation of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from motorprior.identification.evaluation.bench_truth import (
     FLOOR_OFFSET,
     HELD_OUT,
     HELD_OUT_SEED,
-    PredictorOfMotors,
+    ModelOfMotors,
     bench_errors,
 )
 from motorprior.identification.evaluation.errors import MAX_ERROR, capped
@@ -48,7 +47,7 @@ CUTOFF = 20.0  # [Hz] torque above counts as chatter
 
 
 def fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], motor_set: str, seed: int, task: Task
+    robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], motor_set: str, seed: int, task: Task
 ) -> Results:
     """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
@@ -83,7 +82,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 
 
 def robot_fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, PredictorOfMotors], suspended: bool, seed: int
+    robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
     """(3, DRAWS) results of `compare` for every model, and the floor; a simulation that diverges has the largest."""
     fast = World(robot, suspended=suspended)
@@ -102,15 +101,11 @@ def robot_fidelity(
     return {name: capped(np.array(values).T, limits) for name, values in rows.items()}
 
 
-def _try(
-    world: World, model: Actuator | tuple[Actuator, ...], targets: np.ndarray, truth: Playback
-) -> tuple[float, float, float]:
+def _try(world: World, model: Actuator, targets: np.ndarray, truth: Playback) -> tuple[float, float, float]:
     try:
-        found = [replay(world, each, targets) for each in (model if isinstance(model, tuple) else (model,))]
+        return compare(replay(world, model, targets), truth, world.control_dt)
     except SimulationFault:
         return np.inf, np.inf, np.inf
-    mean = Playback(*(np.mean([getattr(one, field.name) for one in found], axis=0) for field in fields(Playback)))
-    return compare(mean, truth, world.control_dt)
 
 
 def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:

@@ -106,7 +106,6 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
 class ResponseMotors:
     """One response model per joint."""
 
-    name: str  # of MODELS
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
@@ -167,7 +166,7 @@ def fit_responses(
         for dropped in optional:
             fit, prior = _without(problem, fit, prior, np.isin(free, dropped))
         simpler = problem.constants(fit.x, np.arange(problem.count))
-        found[name] = ResponseMotors(name, simpler)
+        found[name] = ResponseMotors(simpler)
     return found
 
 
@@ -248,11 +247,9 @@ def _searched(
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         anywhere = rng.uniform(low, high, shape)
-        return (
-            anywhere
-            if restart % 3 == 0
-            else np.where(rng.random(shape) < 0.5, anywhere, np.clip(best.x[:, None], low, high))
-        )
+        if restart % 3 == 0:
+            return anywhere
+        return np.where(rng.random(shape) < 0.5, anywhere, np.clip(best.x[:, None], low, high))
 
     search, prior = Search(problem), GaussianPrior(start, np.full(start.shape, _WEAK))
     found = search.descend(start, prior, _STEPS)
@@ -273,13 +270,7 @@ def _without(
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
-    """pure_delay, second_order and servo_limits.
-
-    They need no load: without one, a function of the joint's angle represents gravity.
-
-    Raises:
-        LogError: another sample period, or no segment that is long enough.
-    """
+    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_some_load(log), preset)
     with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:

@@ -15,7 +15,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, trial
 from motorprior.identification.evaluation.errors import capped
@@ -27,9 +27,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Result, Results
 from motorprior.signals import rmse
 
-# indices of motors -> a model of these motors, or an ensemble of models, whose mean trajectory is the prediction
-ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]
-PredictorOfMotors: TypeAlias = Callable[[np.ndarray], Actuator | tuple[Actuator, ...]]
+ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]  # indices of motors -> a model of these motors
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
 HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
@@ -58,33 +56,20 @@ def held_out_trials(
 
 
 def bench_errors(
-    motors: TrueMotors, models: Mapping[str, PredictorOfMotors], seed: int, preset: BenchPreset = HELD_OUT
+    motors: TrueMotors, models: Mapping[str, ModelOfMotors], seed: int, preset: BenchPreset = HELD_OUT
 ) -> dict[str, dict[str, np.ndarray]]:
     """Mean joint RMSE [rad] per excitation, model and motor, `capped`: errors[kind][model] of shape (motors,)."""
     index = np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
     for kind in preset.kinds:
         cases = held_out_trials(kind, motors, seed, preset)
-        answers = [run(truth, case) for case, truth in cases]
+        answers = np.array([run(truth, case).joint_pos for case, truth in cases])
         responses = {"physical": [run(truth, case, FLOOR_OFFSET) for case, truth in cases]}
-        responses |= {name: [respond(model(index), case) for case, _ in cases] for name, model in models.items()}
-        errors[kind] = {
-            name: np.mean(
-                [
-                    capped(rmse(one.joint_pos, other.joint_pos, axis=0))
-                    for one, other in zip(found, answers, strict=True)
-                ],
-                axis=0,
-            )
-            for name, found in responses.items()
-        }
+        responses |= {name: [run(model(index), case) for case, _ in cases] for name, model in models.items()}
+        for name, found in responses.items():
+            joint_pos = np.array([each.joint_pos for each in found])
+            errors.setdefault(kind, {})[name] = capped(rmse(joint_pos, answers, axis=1)).mean(axis=0)
     return errors
-
-
-def respond(model: Actuator | tuple[Actuator, ...], case: Trial) -> Response:
-    """The response that a model, or an ensemble of them, predicts in a trial."""
-    answers = [vars(run(each, case)).values() for each in (model if isinstance(model, tuple) else (model,))]
-    return Response(*(np.mean(values, axis=0) for values in zip(*answers, strict=True)))
 
 
 def zero_shot(prior: MotorPrior, log: MotorLog) -> Posterior:

@@ -218,12 +218,7 @@ def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, floa
 
 
 def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per model: median, mean and maximum over joints [mrad], with the joint of the maximum.
-
-    Args:
-        results: a row per model and joint.
-        quantities: title of each quantity.
-    """
+    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
     columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
     rows: dict[str, list[str]] = {}
     for quantity in quantities:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
-from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.identification.baselines.response_fit import ResponseMotors
 from motorprior.identification.evaluation.errors import LogErrors, capped
 from motorprior.identification.physics.window_runs import (
@@ -26,18 +24,12 @@ from motorprior.signals import rms
 
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 DURATION = 1.0  # of a FREE_RUN [s]
-TRACES = "traces.safetensors"
-_CHANNELS = ("time", "target", "measured")
 # models of a log's motors: on its loads, or responses that need no loads
 MotorModel: TypeAlias = LoadedMotors | ResponseMotors
 
 
 def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
-    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN).
-
-    Raises:
-        LogError: it lacks a channel, has another sample period, or no segment is long enough.
-    """
+    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
     window = round(DURATION / preset.period)
     short = replace(with_gains_of(preset, log), objective="rollout", window=window)
     return {
@@ -88,24 +80,3 @@ def traces(
         simulated = {key: measured + angle_errors(longest, models[key])[joint, 0] for key in drawn}
         found.append(Trace(name, errors.joints[joint], time, target, measured, simulated))
     return found
-
-
-def write_traces(folder: Path, traces: Sequence[Trace], lines: Sequence[str] = ()) -> None:
-    """Write the traces, and lines for the user."""
-    arrays = {f"{index}/{name}": getattr(trace, name) for index, trace in enumerate(traces) for name in _CHANNELS}
-    arrays |= {f"{i}/model/{name}": values for i, trace in enumerate(traces) for name, values in trace.models.items()}
-    write_tensors(
-        folder / TRACES, arrays, {"lines": list(lines), "traces": [[trace.log, trace.joint] for trace in traces]}
-    )
-
-
-def read_traces(folder: Path) -> tuple[list[Trace], list[str]]:
-    """What `write_traces` wrote."""
-    tensors, header = read_tensors(folder / TRACES)
-    found = []
-    for index, (log, joint) in enumerate(header["traces"]):
-        prefix = f"{index}/model/"
-        models = {name.removeprefix(prefix): values for name, values in tensors.items() if name.startswith(prefix)}
-        time, target, measured = (tensors[f"{index}/{name}"] for name in _CHANNELS)
-        found.append(Trace(log, joint, time, target, measured, models))
-    return found, header["lines"]

@@ -75,13 +75,9 @@ def fit_posterior(
 ) -> Posterior:
     """The posterior of every motor in ``data``.
 
-    Args:
-        model: of the prior.
-        data: logs of the new motors.
-        preset: the prior's recipe.
-        temperature: T, mean window loss of the prior's training motors (`reference.reference_metrics`).
-        start: (M, Z) initial latents; found by a random search if not given.
-        prior: mean and standard deviation of z, (M, Z) each; N(0, I) if not given.
+    ``temperature`` is T, the mean window loss of the prior's training motors (`reference.reference_metrics`), ``start``
+    (M, Z) are initial latents, found by a random search if not given, and ``prior`` are mean and standard deviation of
+    z, (M, Z) each, N(0, I) if not given.
     """
     search = latent_search(model, data, preset)
     shape, windows = (search.problem.count, model.num_latents), search.problem.observations

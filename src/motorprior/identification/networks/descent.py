@@ -12,13 +12,8 @@ import optax
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.networks.objectives import (
-    OBJECTIVES,
-    Parameters,
-    export,
-    initial_parameters,
-    kl_to_standard_normal,
-)
+from motorprior.identification.networks import objectives
+from motorprior.identification.networks.objectives import Parameters
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
 
@@ -31,14 +26,10 @@ Report = Callable[[int, str], None]  # (steps made, text)
 def train_network(
     data: TrainingData, preset: Preset, seed: int, report: Report
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps.
-
-    Raises:
-        MotorPriorError: it diverges even at the smallest learning rate.
-    """
+    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
     rng, shape = np.random.default_rng([seed, 0]), (len(data.series), preset.num_latents)
     start = {
-        "network": initial_parameters(rng, preset),
+        "network": objectives.initial_parameters(rng, preset),
         "mean": jnp.asarray(0.1 * rng.standard_normal(shape), jnp.float32),
         "log_var": jnp.full(shape, -2.0, jnp.float32),  # a weak type would compile a chunk twice
     }
@@ -47,7 +38,7 @@ def train_network(
         trained, losses = _attempt(start, data, slower, seed, report)
         if trained is not None:
             mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-            return export(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
+            return objectives.export(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
         report(-CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate")
     raise MotorPriorError(
         f"training diverged, also at 1/{SLOWER**RESTARTS:.0f} of the learning rate",
@@ -78,7 +69,7 @@ def _attempt(
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
-    objective = OBJECTIVES[preset.objective](preset, data.scales, data.measured)
+    objective = objectives.OBJECTIVES[preset.objective](preset, data.scales, data.measured)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
     def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
@@ -88,7 +79,7 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
         spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
-        kl = jnp.mean(kl_to_standard_normal(mean, spread))
+        kl = jnp.mean(objectives.kl_to_standard_normal(mean, spread))
         return objective.loss(network, windows, z) + preset.kl_weight * kl
 
     def step(state, inputs):

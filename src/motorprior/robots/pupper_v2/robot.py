@@ -1,4 +1,9 @@
-"""Stanford Pupper v2.1 as a `Robot`, from the constants of spec.py and the models next to it."""
+"""Stanford Pupper v2.1 as a `Robot`, with the sources of its constants; pupper_v2.xml and .urdf have the masses.
+
+Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from puppersim/data/pupper_v2a.urdf
+(jietan/puppersim, Apache-2.0), whose robot faces -y: here (x, y, z) = (-y, x, z) of that file, and its left-right
+differences (1.5 mm) are averaged. The chassis' box is an assumption, for pictures and contacts of a fallen robot.
+"""
 
 from __future__ import annotations
 
@@ -7,75 +12,83 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.robots.model_source import GeneratedModel
-from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.urdf import urdf
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.wire import SafetyLimits, Wire
 
 _FOLDER = Path(__file__).parent
 _FLEETS = ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
+_LEGS = ("FR", "FL", "RR", "RL")
 _PHASES = (0.0, 0.5, 0.5, 0.0)
+_LIMITS = {"abduction": (-0.785, 0.785), "hip": (-1.309, 4.451), "knee": (-2.880, 2.880)}  # [rad] (puppersim URDF)
+_HIP, _KNEE = 0.6, -1.2  # standing [rad] (puppersim)
+_THIGH_LENGTH, _SHANK_LENGTH = 0.080, 0.110
+_HIP_X, _HIP_Y = (0.075, -0.125), 0.0805  # hip axes of front and rear legs, and feet of straight legs, in the chassis
+_MASS = 0.991 + 4 * (0.106 + 0.142 + 0.0381)  # chassis; abduction link, thigh, and shank with the foot of 0.1 g
+_WIRE = Wire(
+    kp=50.0,  # (2022 deployment); also in the logs that the fleets are fitted to
+    kd=5.0,
+    max_current=7.0,  # (2022 deployment)
+    torque_constant=0.18,
+    # The abduction axes of FR and RR are reversed (puppersim deployment). Assumed: abduction angles of the model have
+    # the signs of puppersim's simulation; docs/hardware.md describes how to check them.
+    joint_signs=np.tile([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0], 2),
+    encoder_counts=8192 * 36,  # 8192 per turn of the rotor, gear 36:1 (DJI M2006 with C610)
+    crouch_pose=np.tile([0.0, 1.3, -2.2], 4),  # body at 9 cm, feet below the hips
+    folded_pose=np.tile([0.0, 1.6, -2.5], 4),
+    safety=SafetyLimits(),
+)
 
 
-def _joint(index: int) -> Joint:
+def _joint(leg: str, kind: str) -> Joint:
     return Joint(
-        name=spec.JOINT_NAMES[index],
-        lower=float(spec.JOINT_LOWER[index]),
-        upper=float(spec.JOINT_UPPER[index]),
-        kp=spec.WIRE_KP * spec.TORQUE_CONSTANT,
-        kd=spec.WIRE_KD * spec.TORQUE_CONSTANT,
-        torque_limit=spec.MAX_CURRENT * spec.TORQUE_CONSTANT,
+        name=f"{leg}_{kind}",
+        lower=_LIMITS[kind][0],
+        upper=_LIMITS[kind][1],
+        kp=_WIRE.kp * _WIRE.torque_constant,
+        kd=_WIRE.kd * _WIRE.torque_constant,
+        torque_limit=_WIRE.max_current * _WIRE.torque_constant,
         encoder="rotor",
     )
 
 
 def _leg(index: int) -> Leg:
-    _, hip, knee = spec.NOMINAL_POSE[:3]
-    forward = spec.HIP_X[index // 2] - spec.THIGH_LENGTH * np.sin(hip) - spec.SHANK_LENGTH * np.sin(hip + knee)
+    forward = _HIP_X[index // 2] - _THIGH_LENGTH * np.sin(_HIP) - _SHANK_LENGTH * np.sin(_HIP + _KNEE)
     return Leg(
-        name=spec.LEGS[index],
+        name=_LEGS[index],
         joints=(3 * index, 3 * index + 1, 3 * index + 2),
-        foot=f"{spec.LEGS[index]}_foot",
+        foot=f"{_LEGS[index]}_foot",
         phase=_PHASES[index],
-        thigh=spec.THIGH_LENGTH,
-        shank=spec.SHANK_LENGTH,
-        foot_radius=spec.FOOT_RADIUS,
-        rest=(round(float(forward), 9), spec.HIP_Y if index % 2 else -spec.HIP_Y),
+        thigh=_THIGH_LENGTH,
+        shank=_SHANK_LENGTH,
+        foot_radius=0.0095,
+        rest=(round(float(forward), 9), _HIP_Y if index % 2 else -_HIP_Y),
     )
 
 
-_LEGS = tuple(_leg(index) for index in range(len(spec.LEGS)))
+_NOMINAL = (0.0, _HIP, _KNEE) * 4
+_MADE_LEGS = tuple(map(_leg, range(4)))
 PUPPER_V2 = Robot(
-    name=spec.ROBOT_NAME,
+    name="pupper_v2",
     motor="DJI M2006 P36 + C610",
-    joints=tuple(_joint(index) for index in range(spec.NUM_JOINTS)),
+    joints=tuple(_joint(leg, kind) for leg in _LEGS for kind in _LIMITS),
     base="free",
     model=GeneratedModel((_FOLDER / "pupper_v2.xml").read_text, urdf),
-    num_links=1 + spec.NUM_JOINTS,
-    nominal=tuple(spec.NOMINAL_POSE.tolist()),
-    legs=_LEGS,
+    num_links=13,
+    nominal=_NOMINAL,
+    legs=_MADE_LEGS,
     gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
-    weight=round(GRAVITY * spec.MASS, 9),
-    standing_height=round(_LEGS[0].hip_height(spec.NOMINAL_POSE), 9),
+    weight=round(GRAVITY * _MASS, 9),
+    standing_height=round(_MADE_LEGS[0].hip_height(np.array(_NOMINAL)), 9),
     min_base_height=0.05,
     max_base_height=0.6,
     suspended_height=0.4,
     reference_torque=1.0,
-    foot_friction=spec.FOOT_FRICTION,
-    stated_classes=("M2006",) * spec.NUM_JOINTS,  # the same motor everywhere
+    foot_friction=0.45,  # push-up logs of the real robot identify 0.23-0.45
+    stated_classes=("M2006",) * 12,  # the same motor everywhere
     fleets=tuple((name, str(_FOLDER / "fleets" / f"{name}.toml")) for name in _FLEETS),
-    physics_dt=spec.PHYSICS_DT,
-    control_dt=spec.CONTROL_DT,
-    twin_physics_dt=spec.TWIN_PHYSICS_DT,
-    wire=Wire(
-        kp=spec.WIRE_KP,
-        kd=spec.WIRE_KD,
-        max_current=spec.MAX_CURRENT,
-        torque_constant=spec.TORQUE_CONSTANT,
-        joint_signs=spec.JOINT_SIGNS,
-        encoder_counts=spec.ENCODER_COUNTS,
-        crouch_pose=spec.CROUCH_POSE,
-        folded_pose=spec.FOLDED_POSE,
-        safety=SafetyLimits(),
-    ),
+    physics_dt=0.002,
+    control_dt=0.01,  # (puppersim: 100 Hz)
+    twin_physics_dt=0.001,  # rate of the firmware's current loop (Nate711/DJIPupperTests)
+    wire=_WIRE,
 )
