@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -38,7 +38,7 @@ def study_sections(summary: Summary) -> list[Section]:
         "the time."
     )
     drawn = picture(
-        forest_plot(summary),
+        forest_plot(summary, conditions_in(summary)),
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
     )
     sections = [
@@ -113,9 +113,8 @@ def with_interval(found: Estimate, factor: float, form: str) -> str:
     return f"{factor * found.value:{form}}{ends}"
 
 
-def forest_plot(summary: Summary) -> Figure:
+def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
-    conditions = conditions_in(summary)
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [place for place in ENVIRONMENTS if place in {place for place, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
@@ -136,7 +135,8 @@ def forest_plot(summary: Summary) -> Figure:
 
 
 def answer(summary: Summary, speed: float, film: Picture) -> Section:
-    """Question, result and uncertainty; the film; speed and time upright."""
+    """Question, result and uncertainty; the film; time upright, speed and transfer gap."""
+    conditions = conditions_in(summary)
     policies = max(each.shape[1] for each in summary.upright.values())
     asked = (
         f"Policies are trained in simulation on models of a robot's motors, and then walk robots that they have never "
@@ -146,8 +146,13 @@ def answer(summary: Summary, speed: float, film: Picture) -> Section:
         f"95 % intervals over the robots, of at most {policies} policies per condition, all for one bench of motors. "
         "They contain no differences between trainings or benches; those of the study do (docs/transfer.md)."
     )
-    drawn = picture(forest_plot(summary), "Time upright; hollow: in the training simulation.")
-    return Section("What came out", (headline(summary), asked, sure), (drawn, film), (headline_table(summary),))
+    table = Table(
+        ("trained on", *(f"{place}: {name}" for place in _PLACES for name in ("upright [%]", "speed [m/s]", "gap"))),
+        [(name, *(cell for place in _PLACES for cell in _cells(summary, place, name))) for name in conditions],
+        "Means with 95 % intervals; gap: time upright in the training simulation minus that on held-out robots [%].",
+    )
+    drawn = picture(forest_plot(summary, conditions), "Time upright; hollow: in the training simulation.")
+    return Section("What came out", (headline(summary), asked, sure), (drawn, film), (table,))
 
 
 def headline(summary: Summary) -> str:
@@ -167,6 +172,13 @@ def headline(summary: Summary) -> str:
         f"time on robots they have never seen; trained on an ideal PD for {percent('ideal_pd')}; on the best of the "
         f"baselines, the {model_label(best)}, for {percent(best)}."
     )
+
+
+def _cells(summary: Summary, place: str, condition: str) -> list[str]:
+    own = OWN if place == "fleet" or (OWN_FOREIGN, condition) not in summary.upright else OWN_FOREIGN
+    speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
+    gap = summary.estimates[own, condition, "upright"].value - upright.value
+    return [with_interval(upright, 100.0, ".0f"), with_interval(speed, 1.0, ".2f"), f"{100.0 * gap:+.0f}"]
 
 
 def robustness(maps: Mapping[str, np.ndarray]) -> Section:

@@ -106,6 +106,7 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
 class ResponseMotors:
     """One response model per joint."""
 
+    name: str  # of MODELS
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
@@ -166,7 +167,7 @@ def fit_responses(
         for dropped in optional:
             fit, prior = _without(problem, fit, prior, np.isin(free, dropped))
         simpler = problem.constants(fit.x, np.arange(problem.count))
-        found[name] = ResponseMotors(simpler)
+        found[name] = ResponseMotors(name, simpler)
     return found
 
 
