@@ -7,18 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from swinging_bars import INERTIA, swing, write_table
-from third_party_files import (
-    ANGLE,
-    JOINTS,
-    ROWS,
-    TIME,
-    write_bam,
-    write_csv,
-    write_lerobot,
-    write_parquet,
-    write_pt,
-    write_sage,
-)
+from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import ConfigError, LogError
@@ -65,14 +54,6 @@ def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
         time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER.joint_names, robot=PUPPER.name,
         motor=PUPPER.motor, source="a test", posture=posture,
     )  # fmt: skip
-
-
-def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
-    paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
-    import_logs(LogsImport(paths, tmp_path / "out", period=None))
-    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
-    assert names == [("pendulum",), JOINTS, JOINTS]
-    np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
 
 
 @pytest.mark.parametrize("write", [write_pt, write_csv])

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
-from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import EXTERNAL, POS, STIFFNESS, training_data
 from motorprior.logs.loads import with_loads
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.pupper_v2 import spec
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.world import World
-
-RECIPE = PRESETS["rollout"]
 
 
 def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> tuple[MotorLog, np.ndarray]:
@@ -71,20 +67,6 @@ def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
         torque = [with_loads(each, PUPPER_V2).external_torque[0, joint] for each in (ahead, behind)]  # pyright: ignore[reportOptionalSubscript]
         assert stiffness[0, joint] == pytest.approx((torque[0] - torque[1]) / (2 * tip), rel=1e-4, abs=1e-7)
     assert np.abs(stiffness[0]).min() > 1e-3
-
-
-def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is():
-    """What free runs give a joint 0.1 rad off the recording is the load of a recording 0.1 rad off."""
-    joint = 2
-    log, away = swaying(spec.NOMINAL_POSE), 0.1 * np.eye(12)[joint]
-    own, other = (
-        training_data(with_loads(each, PUPPER_V2), RECIPE, "test").series[joint]
-        for each in (log, replace(log, joint_pos=log.joint_pos + away, position_target=log.position_target + away))
-    )
-    where, there = own[:, POS] + 0.1, other[:, EXTERNAL] + other[:, STIFFNESS] * other[:, POS]
-    here = own[:, EXTERNAL] + own[:, STIFFNESS] * own[:, POS]
-    torque = own[:, EXTERNAL] + own[:, STIFFNESS] * where
-    assert np.abs(torque - there).max() < 0.15 * np.abs(here - there).max()
 
 
 def test_a_body_that_leans_is_refused_and_one_that_sways_is_not():
