@@ -134,19 +134,6 @@ def test_the_host_never_imports_the_virtual_robot():
         assert "virtual_robot" not in {part for what in found for part in what.split(".")}, file.name
 
 
-def test_only_tests_of_the_command_line_import_it():
-    root = SOURCE.parents[1]
-    files = [file for folder in ("benchmarks", "examples", "tests") for file in (root / folder).rglob("*.py")]
-    own = {*(root / "tests" / "cli").rglob("*.py"), root / "tests" / "test_readme.py"}
-    found = [
-        f"{file.relative_to(root)}:{line}"
-        for file in sorted(set(files) - own)
-        for line, name in imported(ast.parse(file.read_text("utf-8")), [])
-        if name.startswith("motorprior.cli")
-    ]
-    assert len(files) > 50 and found == []
-
-
 @pytest.mark.filterwarnings("default::UserWarning")
 def test_files_are_short():
     lengths = {file: len(file.read_text("utf-8").splitlines()) for file in SOURCE.rglob("*.py")}

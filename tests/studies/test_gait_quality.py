@@ -81,11 +81,7 @@ def commanded_heading(rate: float) -> np.ndarray:
 
 
 def trotting(lifts: np.ndarray, way: float) -> FootMotion:
-    """Feet that go back and forth, a step in 35 frames, each lifted by (feet, steps) of these heights [m] in its swing.
-
-    The second touches the ground in the middle of every swing, and the last stays where it is. A robot that goes
-    ``way`` 1 brings its feet back in the stance, one that goes -1 forward.
-    """
+    """Feet that lift by (feet, steps) heights [m], a step in 35 frames; the second touches the ground in its swings."""
     step, phase = np.divmod(np.arange(STEPS - 100), 35)
     turn = 2.0 * np.pi * phase / 35
     clearance = (lifts[:, step] * np.maximum(0.0, -np.cos(turn))).T
