@@ -78,7 +78,6 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
 
 
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
-    """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
     bars = swing(2.0)
     table, columns = write_table(bars, tmp_path)
     again = Path(shutil.copy(table, tmp_path / "again.csv"))

@@ -136,7 +136,6 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
 
 
 def test_a_gyroscope_s_bias_does_not_change_the_heading():
-    """Two robots stand still, one with a bias."""
     still = telemetry(pos=spec.NOMINAL_POSE)
     turning = telemetry(pos=spec.NOMINAL_POSE, yaw_rate=0.03, roll_rate=-0.02)
     motions = [PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]

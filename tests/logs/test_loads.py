@@ -58,7 +58,6 @@ def test_inertia_times_acceleration_is_torque_plus_load():
 
 
 def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
-    """At rest the load is gravity alone; tip every joint by itself and see."""
     log = swaying(spec.NOMINAL_POSE, 0.0, rows=2)
     stiffness, tip = with_loads(log, PUPPER_V2).load_stiffness, 1e-4
     assert stiffness is not None

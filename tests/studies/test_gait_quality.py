@@ -62,7 +62,6 @@ def test_lateral_share_is_relative_to_the_commanded_line_and_heading_drift_per_m
 
 
 def test_a_commanded_turn_is_no_error():
-    """The command comes into force over half a second, and a heading goes round."""
     yaw = commanded_heading(0.6)
     found = measured(gliding(0.3, yaw=yaw), yaw_rate=0.6)
     assert found["heading_deg_per_m"] == pytest.approx(0.0, abs=1e-6)
