@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from policies import ACTIONS
 
+import motorprior.environments  # noqa: F401  # registers the task
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.robots.pupper_v2 import spec
 from motorprior.simulation.randomization import Randomization
