@@ -71,11 +71,7 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def grey_box() -> Callable[..., GreyBox]:
-    """Make a grey box: `grey_box(spread=…, coulomb=…, …)`.
-
-    ``spread`` is the standard deviation of the logarithms of the constants per latent; named constants are those of the
-    central motor, in SI units. Others of ``terms`` are those at which a search begins; 0 stands for e^-50.
-    """
+    """`grey_box(spread=…, coulomb=…)`: deviation of logarithms per latent, constants of the central motor [SI]."""
 
     def make(
         spread: float = 0.2, latents: int = 3, seed: int = 0, terms: tuple[str, ...] = (), **constants: float

@@ -69,13 +69,7 @@ def runs_python(args: list[str]) -> None:
     assert args[:1] == ["-m"] or (ROOT / args[0]).is_file(), f"no file {args[0]}"
 
 
-CHECKS = {
-    "motorprior": parses,
-    "make": make_succeeds,
-    "pip": installs,
-    "python": runs_python,
-    "python3": runs_python,
-}
+CHECKS = {"motorprior": parses, "make": make_succeeds, "pip": installs, "python": runs_python, "python3": runs_python}
 
 
 def check(command: list[str]) -> None:

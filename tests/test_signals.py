@@ -3,17 +3,9 @@
 import numpy as np
 import pytest
 
-from motorprior.signals import high_frequency_rms, rmse, runs_of_true
+from motorprior.signals import high_frequency_rms, runs_of_true
 
 PERIOD = 0.002
-
-
-def test_rmse_of_a_constant_difference_is_its_size():
-    a = np.random.default_rng(0).normal(size=(5, 3))
-    offset = np.array([0.3, -0.4, 0.0])
-    np.testing.assert_allclose(rmse(a + offset, a, axis=0), np.abs(offset), atol=1e-15)
-    # sqrt((0.09 + 0.16 + 0) / 3) = 0.5 / sqrt(3)
-    assert rmse(a + offset, a) == pytest.approx(0.5 / np.sqrt(3))
 
 
 def test_runs_of_true_are_each_from_its_first_index_to_the_one_after_its_last():

@@ -2,12 +2,10 @@
 
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from motorprior.exceptions import ArtifactError
 from motorprior.progress import SILENT, in_parallel
 from motorprior.stage import MARKER, description, is_finished, locked, seconds_of, working
 
@@ -55,11 +53,6 @@ def test_another_process_cannot_write_to_a_locked_folder(tmp_path: Path):
         refused = subprocess.run(command, capture_output=True, text=True, check=False)
         assert refused.returncode == 1 and "another command writes there" in refused.stderr
     subprocess.run(command, check=True)
-
-
-def test_another_thread_cannot_write_to_a_locked_folder(tmp_path: Path):
-    with locked(tmp_path), ThreadPoolExecutor() as pool, pytest.raises(ArtifactError, match="another command"):
-        pool.submit(locked(tmp_path).__enter__).result()
 
 
 def test_results_of_parallel_work_are_in_order_and_errors_reach_the_caller():

@@ -6,12 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.actuator.constants import UNITS
-from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
@@ -21,10 +18,6 @@ def prior(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     box = grey_box(spread=0.2)
     z, metrics = np.zeros((2, 3)), {"identified_kp": 1.0, "identified_coulomb": 0.0, "replay_rmse": 0.004}
     return MotorPrior(box, z, z, "rollout", "pendulum", "a servo", {"text": "x" * 20_000}, metrics)
-
-
-def test_every_constant_has_a_unit():
-    assert {*PARAMETERS, *CONSTANTS} <= UNITS.keys()
 
 
 def test_a_prior_has_the_quantiles_of_its_samples(prior: MotorPrior):

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.actuator.ideal_pd import FULL_FRICTION_SPEED, IdealPd
-from motorprior.actuator.kernels import make_explicit, reset_actuator, step_actuator
+from motorprior.actuator.kernels import reset_actuator, step_actuator
 
 DT = 0.002
 
@@ -62,29 +62,21 @@ LIGHT = replace(PD, armature=np.full(4, 1e-4), kd=np.full(4, 0.1))
 SPEEDS = np.linspace(-3.0, 3.0, 61)[:, None] * np.array([1.0, 0.1, 0.01, 0.0])
 
 
-def effort(actuator: IdealPd, velocity: np.ndarray, explicit: bool = False) -> np.ndarray:
+def effort(actuator: IdealPd, velocity: np.ndarray) -> np.ndarray:
     """(steps, 4) what acts on a joint that keeps its velocity, where its target is [N·m]."""
     arrays, out = actuator.arrays(DT), np.zeros(velocity.shape)
     there = np.zeros(4)
     reset_actuator(arrays, there, there)
     for step, row in enumerate(velocity):
         step_actuator(arrays, DT, there, there, row.copy(), out[step])
-        if explicit:
-            make_explicit(arrays, row.copy(), out[step])
-            np.testing.assert_array_equal(arrays.damping, actuator.damping)
         out[step] -= arrays.damping * row
     return out
 
 
-def friction(pd: IdealPd, velocity: np.ndarray, explicit: bool = False) -> np.ndarray:
-    return effort(pd, velocity) - effort(replace(pd, coulomb=np.full(4, COULOMB)), velocity, explicit)
-
-
 @pytest.mark.parametrize("pd", [PD, LIGHT])
 def test_it_is_against_the_motion_whole_when_fast_and_linear_when_slow(pd: IdealPd):
-    np.testing.assert_allclose(
-        friction(pd, SPEEDS), COULOMB * np.clip(SPEEDS / FULL_FRICTION_SPEED, -1.0, 1.0), atol=1e-12
-    )
+    friction = effort(pd, SPEEDS) - effort(replace(pd, coulomb=np.full(4, COULOMB)), SPEEDS)
+    np.testing.assert_allclose(friction, COULOMB * np.clip(SPEEDS / FULL_FRICTION_SPEED, -1.0, 1.0), atol=1e-12)
 
 
 def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float):

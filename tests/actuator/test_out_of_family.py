@@ -54,13 +54,13 @@ def test_before_it_slides_friction_is_lu_gres_spring():
     assert moved == pytest.approx(-g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01)
 
 
-def friction_at(motors: OutOfFamilyMotors, speed: float, position: float = 0.0, twist: float = 0.0) -> float:
-    """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s], behind a gear of this twist [rad]."""
+def friction_at(motors: OutOfFamilyMotors, speed: float) -> float:
+    """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s]."""
     arrays, still, gear = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
-    reset_actuator(arrays, still, np.array([position]))
+    reset_actuator(arrays, still, still)
     for _ in range(1000):
-        arrays.memory[rows.ROTOR_POS, 0], arrays.memory[rows.ROTOR_VEL, 0] = position, speed
-        step_actuator(arrays, DT, still, np.array([position - twist]), np.array([speed]), gear)
+        arrays.memory[rows.ROTOR_POS, 0], arrays.memory[rows.ROTOR_VEL, 0] = 0.0, speed
+        step_actuator(arrays, DT, still, still, np.array([speed]), gear)
     return float((speed - arrays.memory[rows.ROTOR_VEL, 0]) * motors.armature[0] / DT - gear[0])
 
 

@@ -121,8 +121,3 @@ def test_files_that_do_not_fit_are_rejected(tmp_path: Path):
         LearnedExcitation.load(path)
     with pytest.raises(ConfigError, match="recorded"):
         replace(sample(), weights={}).playing("generated")
-
-
-def test_limits_of_a_bench_only_tighten():
-    limited = sample().within(Bounds(np.inf, 2.0, np.inf, 0.5))
-    assert limited.bounds.tolist() == [[0.15, 2.0, 100.0, 0.5], [0.5, 2.0, 400.0, 0.5]]

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_robot import record_log
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World
 from motorprior.studies.log_replay import with_posture
 
 SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
@@ -19,22 +17,11 @@ SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of one log per posture, 0.6 s each, of motors drawn from the shipped fleet."""
+    """A folder of one log per posture, of motors drawn from the shipped fleet."""
     folder = tmp_path_factory.mktemp("logs")
     motors = load_fleet("pupper_v2").sample(ROBOT.num_joints, 1).actuator()
-    time = 0.002 * np.arange(300)
-    targets = np.tile(ROBOT.nominal_pose, (len(time), 1))
-    for joint in ROBOT.legs[0].joints[1:]:
-        targets[:, joint] += 0.2 * np.sin(2.0 * np.pi * 2.0 * time)
-    for name, suspended in (("in_the_air", True), ("on_the_floor", False)):
-        world = World(ROBOT, physics_dt=0.001, control_dt=0.002, suspended=suspended)
-        lead_in = np.tile(ROBOT.nominal_pose, (300, 1))
-        measured = replay(world, motors, targets, ROBOT.nominal_pose, lead_in).measured_joint_pos
-        log = MotorLog(
-            time=time, position_target=targets, joint_pos=measured, joint_names=ROBOT.joint_names, robot=ROBOT.name,
-            motor=ROBOT.motor, source=name, encoder=ROBOT.encoder,
-        )  # fmt: skip
-        write_log(folder / f"{name}.parquet", with_posture(log, "suspended") if suspended else log)
+    write_log(folder / "in_the_air.parquet", with_posture(record_log(motors), "suspended"))
+    write_log(folder / "on_the_floor.parquet", record_log(motors, suspended=False))
     return folder
 
 

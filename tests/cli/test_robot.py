@@ -95,8 +95,7 @@ def test_bad_input_is_one_error(refused: Callable, tmp_path: Path, command: str,
 
 
 @pytest.mark.real_time
-def test_a_virtual_robot_ends_with_the_process_that_started_it():
-    """Also if that is killed."""
+def test_a_virtual_robot_ends_with_the_process_that_started_it_also_if_that_is_killed():
     code = (
         "import time\nfrom motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot\n"
         "with running_virtual_robot('pupper_v2', VirtualRobotSettings()) as port:\n"

@@ -7,18 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from swinging_bars import INERTIA, swing, write_table
-from third_party_files import (
-    ANGLE,
-    JOINTS,
-    ROWS,
-    TIME,
-    write_bam,
-    write_csv,
-    write_lerobot,
-    write_parquet,
-    write_pt,
-    write_sage,
-)
+from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import ConfigError, LogError
@@ -67,14 +56,6 @@ def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
     )  # fmt: skip
 
 
-def test_formats_that_name_their_joints_need_no_word_about_them(tmp_path: Path):
-    paths = (write_bam(tmp_path), write_sage(tmp_path), write_lerobot(tmp_path))
-    import_logs(LogsImport(paths, tmp_path / "out", period=None))
-    names = [read_parquet(tmp_path / "out" / f"{name}.parquet").joint_names for name in ("swing", "motion", "dataset")]
-    assert names == [("pendulum",), JOINTS, JOINTS]
-    np.testing.assert_array_equal(read_parquet(tmp_path / "out" / "motion.parquet").joint_pos, ANGLE)
-
-
 @pytest.mark.parametrize("write", [write_pt, write_csv])
 def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     columns = str(tmp_path / "columns.toml")
@@ -99,7 +80,6 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
 
 
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
-    """The fit itself: tests/identification/test_load_fit.py; here it finds what is given."""
     bars = swing(2.0)
     table, columns = write_table(bars, tmp_path)
     again = Path(shutil.copy(table, tmp_path / "again.csv"))

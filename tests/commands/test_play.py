@@ -21,8 +21,8 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(gai
     (first, results), (second, _) = run_play(config), run_play(replace(config, out=tmp_path / "b"))
     assert first.read_bytes() == second.read_bytes()
     with Image.open(first) as image:
-        found = image.n_frames, image.size  # pyright: ignore[reportAttributeAccessIssue]
-    assert found == (20, (480, 2 * 288))
+        found = image.n_frames, image.size, image.info["loop"]  # pyright: ignore[reportAttributeAccessIssue]
+    assert found == (20, (480, 2 * 288), 0)
     rows = [(row.model, row.quantity, row.value) for row in results]
     assert rows == [(name, "upright", 1.0) for name in ("gait_0", "gait_0 (2)")], "too short for the rest"
     assert (tmp_path / "a" / "figures.json").is_file()

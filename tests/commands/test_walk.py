@@ -1,5 +1,6 @@
 """A training in a folder: resumable, with one seed or several, validated on another fleet, and its page."""
 
+import json
 from contextlib import contextmanager
 from dataclasses import replace
 from html import unescape
@@ -127,6 +128,8 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
     run_walk(parts, Stops(99))
     for name in (POLICY, CURVE, METRICS):
         assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    lines = (tmp_path / "parts" / METRICS).read_text("utf-8").splitlines()
+    assert [json.loads(line) for line in lines] == read_json(tmp_path / "parts" / CURVE)
 
 
 def test_the_page_shows_each_training_once_by_the_name_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

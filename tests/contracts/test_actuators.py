@@ -147,11 +147,7 @@ def test_only_the_difference_of_target_and_joint_counts(make):
 
 
 def static_band(actuator):
-    """(low, high) of the torque [N·m] at which a stalled motor may stand still, pushing with all its LIMIT.
-
-    Dry friction F = breakaway + load_friction·torque can hide up to F of it, or hold a gear wound up by F more:
-    LIMIT - F <= torque <= LIMIT + F.
-    """
+    """(low, high) torque [N·m] of a stalled motor with dry friction F = breakaway + load_friction·torque: LIMIT ∓ F."""
     motors = getattr(actuator, "motors", None)
     if isinstance(motors, MotorParameters):
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction

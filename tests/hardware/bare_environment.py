@@ -1,7 +1,4 @@
-"""Run a module as on the robot's own computer: only the standard library and four packages can be imported.
-
-python bare_environment.py MODULE ARGS... or -c CODE; the limits of lateness are wide, for a busy computer.
-"""
+"""`bare_environment.py MODULE ARGS…` or `-c CODE`: only the standard library and four packages can be imported."""
 
 import dataclasses
 import importlib.abc

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import Event, Thread
 
 import pytest
 from policies import as_file_content
-from threads import in_thread
 
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
@@ -40,7 +40,11 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
 
         def start(**settings) -> VirtualRobot:
             robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
-            robot.unplug = stack.callback(in_thread(robot))  # pyright: ignore[reportAttributeAccessIssue]
+            unplugged = Event()
+            thread = Thread(target=robot.run, args=(unplugged.is_set,), daemon=True)
+            thread.start()
+            stack.callback(thread.join, timeout=60.0)
+            robot.unplug = stack.callback(unplugged.set)  # pyright: ignore[reportAttributeAccessIssue]
             return robot
 
         yield start

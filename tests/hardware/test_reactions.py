@@ -1,7 +1,4 @@
-"""Every fault of the table in docs/hardware.md, in simulated time: it is reported, and the safe state reached.
-
-The operating system's part, the port and the watchdog, is in test_watchdog.py.
-"""
+"""Every fault of the table in docs/hardware.md, in simulated time (the operating system's part: test_watchdog.py)."""
 
 import os
 import pty

@@ -116,10 +116,7 @@ def test_some_late_steps_are_allowed_and_many_or_long_ones_are_not(late, every, 
 
 @pytest.mark.parametrize(
     ("bad", "kind", "duration"),
-    [
-        ({"roll": 1.0}, "fall", LIMITS.tilt_time),
-        ({"cur": np.full(12, -9.5)}, "current", LIMITS.current_time),
-    ],
+    [({"roll": 1.0}, "fall", LIMITS.tilt_time), ({"cur": np.full(12, -9.5)}, "current", LIMITS.current_time)],
 )
 def test_one_damaged_frame_is_no_fault_and_several_in_a_row_are(bad: dict, kind: str, duration: float):
     sensors, good = Sensors(PUPPER_V2, LIMITS), telemetry(cur=np.full(12, 8.0))

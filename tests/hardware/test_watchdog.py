@@ -70,7 +70,6 @@ def test_a_fault_is_detected_and_its_reaction_possible(virtual: Callable, host: 
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path, when: Callable
 ):
-    """Its recording survives."""
     robot, log = virtual(), tmp_path / "run" / "run.csv"
     command = [*bare_command, "deploy", str(trot), "--port", robot.port, "--out", str(log.parent), "--yes"]
     walking = subprocess.Popen(command, stdin=subprocess.DEVNULL)
@@ -95,7 +94,6 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
 def test_a_robot_that_reads_nothing_is_idle_when_it_reads_again(
     virtual: Callable, host: Callable, when: Callable, full: bool
 ):
-    """What the host can no longer send, the watchdog does."""
     robot = virtual()
     link = host(robot.port)
     hold(link, 5)

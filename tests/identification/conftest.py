@@ -19,11 +19,7 @@ SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torqu
 
 @pytest.fixture(scope="session")
 def decoder_data() -> Callable[..., TrainingData]:
-    """Make the logs of a grey box's motors at latents z (M, Z): ``segments`` of ``rows``, without noise.
-
-    ``supply`` and ``temperature_rise`` are conditions of the segments, in turn. Velocities and torques are those of
-    half a step before already, as a rollout wants them.
-    """
+    """Logs of a grey box's motors at latents z (M, Z), without noise; segments take the conditions in turn."""
 
     def make(
         box: GreyBox,

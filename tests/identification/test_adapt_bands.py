@@ -1,6 +1,5 @@
 """A joint that did not move keeps its prior; bands are as wide as the misfit of the log, and of later rows."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +10,7 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification import adapt
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, misfits
-from motorprior.identification.latents.latent_fit import Outliers, Posterior
+from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.logs.operations import moved
 
 METRICS = {f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45 for level in LEVELS for speed in SPEEDS}
@@ -49,10 +48,3 @@ def test_misfit_is_the_width_of_a_motors_residuals_over_the_fleets():
     rng = np.random.default_rng(0)
     errors = rng.uniform(-1e-3, 1e-3, (20_000, 3)) * np.array([1.0, 3.0, 0.5])
     np.testing.assert_allclose(misfits(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03)
-
-
-def test_an_outlier_is_named_with_constant_and_distance():
-    far = Outliers(np.array([1e-6]), ("coulomb",), np.array([5.3]), np.array([np.log(2.1)]))
-    assert adapt._distance_text("calf", far, 0) == "coulomb 2.1 times that of the class calf (+5.3 standard deviations)"
-    zero = replace(far, latent=("encoder_zero",))
-    assert adapt._distance_text("", zero, 0) == "encoder_zero far from that of the fleet (+5.3 standard deviations)"

@@ -1,6 +1,5 @@
 """Excitations learned from logs: windows and classes, the generator's training, and the choice of windows."""
 
-import itertools
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.excitation.fit_excitation import fit_excitation
-from motorprior.identification.excitation.plan import active, greedy
+from motorprior.identification.excitation.plan import active
 from motorprior.identification.excitation.windows import windows_of
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
@@ -79,17 +78,6 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     assert [run["source"] for run in found.provenance["trained_on"]] == ["run 0", "run 1"]
     target, _ = found.frames(np.random.default_rng(0), 600, np.array([0, 1]))
     assert target[:, 1].std() > 1.5 * target[:, 0].std() > 0.0
-
-
-def test_greedy_finds_the_best_pair_of_diagonal_information():
-    rng = np.random.default_rng(0)
-    added = np.stack([np.diag(rng.exponential(size=3)) for _ in range(6)])
-
-    def gain(pair: tuple[int, ...]) -> float:
-        return float(np.linalg.slogdet(np.eye(3) + added[list(pair)].sum(axis=0))[1])
-
-    best = max(map(gain, itertools.combinations(range(6), 2)))
-    assert gain(tuple(greedy(added, 2))) >= (1 - 1 / np.e) * best
 
 
 def test_the_plan_prefers_motion_and_shrinks_every_constant():

@@ -1,7 +1,4 @@
-"""A hobby servo on a pendulum, from a table of its host to its constants.
-
-Steps keep it at its torque limit, its encoder is coarse, and the table has 100 rows per second.
-"""
+"""A hobby servo on a pendulum, at its torque limit, with a coarse encoder and 100 rows/s: from table to constants."""
 
 import io
 from pathlib import Path

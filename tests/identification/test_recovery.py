@@ -1,7 +1,4 @@
-"""In fleets where one constant varies, a prior and `fit_posterior` recover that constant of every motor.
-
-Four such fleets share one training, each a quarter of the motors, so that the constants must also be separated.
-"""
+"""In four fleets, in each of which one constant varies, a prior and `fit_posterior` recover that of every motor."""
 
 from dataclasses import replace
 

@@ -24,11 +24,8 @@ SMALL = replace(
 
 
 def bench_log(armature, segments=10, rows=400, seed=0):
-    """PD motors without friction, one per entry of ``armature``, gaits and blows on loads of 1-30 g·m².
-
-    Simulated with steps of 0.25 ms: the dynamometer's implicit damping acts like kd·step of extra armature,
-    0.1·0.25e-3 = 2.5e-5 kg·m² here.
-    """
+    """PD motors without friction, one per entry of ``armature``, gaits and blows on loads of 1-30 g·m²."""
+    # steps of 0.25 ms: implicit damping acts like kd·step of extra armature, 0.1·0.25e-3 = 2.5e-5 kg·m² here
     count, parts = len(armature), []
     limit = np.full(count, 3.0)
     motors = IdealPd(np.full(count, 2.0), np.full(count, 0.1), limit, np.asarray(armature), np.zeros(count))
@@ -54,11 +51,6 @@ def bench_log(armature, segments=10, rows=400, seed=0):
     )
 
 
-@pytest.fixture(scope="module")
-def small_data():
-    return training_data(bench_log([0.002, 0.004], segments=2, rows=100), SMALL, "log")
-
-
 def test_a_rollout_recovers_the_armature():
     armature = 0.006
     # One tap only: from two velocities a network reads the acceleration, and can trade armature for torque.
@@ -71,8 +63,9 @@ def test_a_rollout_recovers_the_armature():
     assert found.model.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
 
 
-def test_same_seed_same_bytes(small_data):
-    assert len({leaves(identify(small_data, replace(SMALL, objective="torque"), 3)) for _ in range(2)}) == 1
+def test_same_seed_same_bytes():
+    data = training_data(bench_log([0.002, 0.004], segments=2, rows=100), SMALL, "log")
+    assert len({leaves(identify(data, replace(SMALL, objective="torque"), 3)) for _ in range(2)}) == 1
 
 
 # Grey boxes.
@@ -80,20 +73,17 @@ def test_same_seed_same_bytes(small_data):
 MOTORS = replace(PRESETS["rollout"], warm_up=40, window=32)
 
 
-@pytest.fixture
-def two_motors(grey_box, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch):
-    """Logs of two grey boxes; one term is tried."""
-    monkeypatch.setattr(term_selection, "CANDIDATES", ("output_encoder",))
-    return decoder_data(grey_box(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
-
-
 def leaves(result) -> bytes:
     every = [*jax.tree.leaves(asdict(result.model)), result.mean, result.log_var, result.losses]
     return b"".join(np.asarray(leaf).tobytes() for leaf in every)
 
 
-def test_motors_are_fitted_without_a_term_that_they_do_not_have(two_motors):
-    found = identify(two_motors, MOTORS, 0)
+def test_motors_are_fitted_without_a_term_that_they_do_not_have(
+    grey_box, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(term_selection, "CANDIDATES", ("output_encoder",))
+    data = decoder_data(grey_box(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
+    found = identify(data, MOTORS, 0)
     assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.motor.terms == ()
     assert found.preset.num_latents == found.model.num_latents == found.mean.shape[1] == 14
     assert "saved_output_encoder" in found.metrics

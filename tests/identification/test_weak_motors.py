@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
@@ -23,11 +24,9 @@ def prior(box: GreyBox) -> MotorPrior:
 
 def latents(box: GreyBox, *shares: float) -> np.ndarray:
     """(M, Z) of motors with these shares of the central motor's kp."""
-    steepest = np.log(kp_ratio(box, 1e-3 * np.eye(3)))
-    way = np.linspace(-8.0, 8.0, 4001)[:, None] * steepest / np.linalg.norm(steepest)
-    found = kp_ratio(box, way)
-    z = way[[int(np.abs(found - share).argmin()) for share in shares]]
-    np.testing.assert_allclose(kp_ratio(box, z), shares, atol=0.01)
+    steepest = box.motor.slope[:, PARAMETERS.index("kp")]
+    z = np.log(shares)[:, None] * steepest / (steepest @ steepest)
+    np.testing.assert_allclose(kp_ratio(box, z), shares, rtol=1e-9)
     return z
 
 

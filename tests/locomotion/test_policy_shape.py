@@ -111,13 +111,6 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-@pytest.mark.parametrize("gait", GAITS)
-def test_a_mirror_image_of_a_mirror_image_is_the_original(gait: GaitName):
-    for swap in mirror_of(PUPPER_V2, gait):
-        np.testing.assert_array_equal(swap @ swap, np.eye(len(swap)))
-        np.testing.assert_array_equal(swap, swap.T)
-
-
 @pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
 @pytest.mark.parametrize("gait", GAITS)
 def test_a_mirrored_robot_observes_the_mirrored_observation(gait: GaitName, forward: float, yaw_rate: float, rng):

@@ -55,10 +55,10 @@ def feet():
     return places
 
 
-def stance_of(leg: int, ratio: float, count: int = 80) -> np.ndarray:
+def stance_of(leg: int, ratio: float) -> np.ndarray:
     """Phases of the gait in the stance of a leg."""
     share = 1.0 / (1.0 + ratio)
-    return (np.linspace(1e-6, share - 1e-6, count) - BODY.phases[leg]) % 1.0
+    return (np.linspace(1e-6, share - 1e-6, 80) - BODY.phases[leg]) % 1.0
 
 
 def velocities(feet, leg: int, phases: np.ndarray, **command) -> np.ndarray:
@@ -111,11 +111,11 @@ def test_a_swing_lifts_the_foot_by_the_stated_height(feet):
         assert np.ptp(stance) < 1e-9 and height.min() == pytest.approx(stance[0])
 
 
-def support(phase, share, ratio=1.0, body=BODY):
+def support(phase, share):
     """(legs, 3) torques of the support [N·m], by the gains of the robot's own motors."""
     out = np.zeros(PUPPER_V2.num_joints)
-    add_support(body, phase, ratio, share, targets(phase, body=body), out)
-    return (out / body.compliance).reshape(LEGS, 3)
+    add_support(BODY, phase, 1.0, share, targets(phase), out)
+    return (out / BODY.compliance).reshape(LEGS, 3)
 
 
 def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):

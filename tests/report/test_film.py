@@ -1,13 +1,12 @@
 """Films of a walk: rendered or as stick figures, in an endless GIF or an MP4."""
 
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from motorprior.report.film import can_write_mp4, film, gif_bytes, write_mp4
+from motorprior.report.film import can_write_mp4, film, write_mp4
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rendering import HEIGHT, WIDTH
 
@@ -31,16 +30,6 @@ def test_walks_are_stacked_labelled_and_move(library: str | None, monkeypatch: p
     upper, lower = frames[:, :HEIGHT], frames[:, HEIGHT:]
     assert np.abs(upper - lower)[:, 60:].max() < 10 < np.abs(upper - lower)[:, :60].max()
     assert np.abs(upper[0] - upper[1]).max() > 40 and np.abs(upper[1] - upper[2]).max() < 10
-
-
-def test_a_gif_takes_pictures_one_by_one_and_repeats_for_ever():
-    rows = np.arange(32)[:, None, None]
-    pictures = (
-        Image.fromarray(np.where(rows > 5 * i, 255, 0).repeat(32, 1).repeat(3, 2).astype("u1")) for i in range(5)
-    )
-    with Image.open(BytesIO(gif_bytes(pictures, 0.04))) as image:
-        assert image.n_frames == 5  # pyright: ignore[reportAttributeAccessIssue]
-        assert (image.info["duration"], image.info["loop"]) == (40, 0)
 
 
 def test_an_mp4_where_its_encoder_is_installed(tmp_path: Path):

@@ -67,7 +67,3 @@ def test_tables_and_settings_show_names_and_numbers():
     words = Reader(made()).words
     assert all(text in words for text in ("tuned PD", "0.45", "–", "speed", "0.75", "0, 1"))
     assert "not complete" not in words and "not complete" in Reader(made(complete=False)).words
-
-
-def test_the_same_report_gives_the_same_bytes():
-    assert made() == made()

@@ -3,18 +3,18 @@
 from pathlib import Path
 
 
-def quadruped(feet: bool = True) -> str:
+def quadruped() -> str:
     """Four legs of three joints, thigh 0.2 m and shank 0.2 m."""
     legs = ""
     for x, front in ((0.2, "F"), (-0.2, "R")):
         for y, side in ((-0.1, "R"), (0.1, "L")):
             leg = front + side
-            foot = f'<geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/>' if feet else ""
             legs += f"""
   <body pos="{x} {y} 0"><joint name="{leg}_a" axis="1 0 0" range="-50 50"/><geom size="0.03" mass="0.2"/>
     <body><joint name="{leg}_h" axis="0 1 0" range="-90 180"/><geom size="0.03" pos="0 0 -0.1" mass="0.4"/>
       <body pos="0 0 -0.2"><joint name="{leg}_k" axis="0 1 0" range="-160 0"/>
-        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/>{foot}</body></body></body>"""
+        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/>
+        <geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/></body></body></body>"""
     return f"""<mujoco><worldbody><body name="body" pos="0 0 1"><freejoint/>
   <geom type="box" size="0.2 0.1 0.05" mass="3"/>{legs}</body></worldbody></mujoco>"""
 

@@ -8,22 +8,23 @@ import numpy as np
 from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
+<<<<<<< HEAD
 from motorprior.robots.robot import Robot
+=======
+from motorprior.robots.pupper_v2 import spec
+>>>>>>> h_a
 from motorprior.robots.shipped import SHIPPED
 
 ROBOT = SHIPPED[0]
 OBSERVATIONS, ACTIONS = observation_size(ROBOT.num_joints), action_size(ROBOT.num_joints)
 
 
-def random_policy(
-    scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0, robot: Robot = ROBOT
-) -> PolicyArrays:
+def random_policy(scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0) -> PolicyArrays:
     """Normal weights of this standard deviation; those of hidden units have 1."""
     rng = np.random.default_rng(seed)
-    observations, actions = observation_size(robot.num_joints), action_size(robot.num_joints)
-    weights = scale * rng.standard_normal((actions, observations + 1))
-    hidden, readout = rng.standard_normal((units, observations + 1)), scale * rng.standard_normal((units, actions))
-    return PolicyArrays(weights, hidden, readout, np.full(observations, mean), np.full(observations, std))
+    weights = scale * rng.standard_normal((ACTIONS, OBSERVATIONS + 1))
+    hidden, readout = rng.standard_normal((units, OBSERVATIONS + 1)), scale * rng.standard_normal((units, ACTIONS))
+    return PolicyArrays(weights, hidden, readout, np.full(OBSERVATIONS, mean), np.full(OBSERVATIONS, std))
 
 
 def stats_of(observations: np.ndarray) -> RunningStats:

@@ -13,12 +13,7 @@ from simulated_port import SimulatedPort
 
 
 class FaultyPort(SimulatedPort):
-    """A simulated robot with faults.
-
-    Attributes:
-        events: (time [s], mode or "target"), in order.
-        pose_at_idle: (joints,) true angles [rad] when it lost its current.
-    """
+    """A simulated robot with faults; ``events`` are (time [s], mode or "target")."""
 
     def __init__(
         self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
@@ -68,11 +63,7 @@ class FaultyPort(SimulatedPort):
 
 
 class FaultyBody:
-    """A body whose motors (dead, stalled) and sensors break.
-
-    Sensors: frozen or jumping encoder, hot_current 9.5 A, surge 12 A, an IMU that is
-    tilted (1 rad), numb (constant) or blind (zeros).
-    """
+    """A body whose motors and sensors break; numb: a constant IMU, blind: zeros."""
 
     def __init__(self, body: SimulatedRobot, port: FaultyPort):
         self._body, self._port = body, port

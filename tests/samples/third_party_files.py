@@ -59,13 +59,13 @@ def write_sage(folder: Path, control_late: float = 0.0) -> Path:
     return path
 
 
-def write_lerobot(folder: Path, fps: Any = 50.0, **columns: Any) -> Path:
+def write_lerobot(folder: Path) -> Path:
     path = folder / "dataset"
     (path / "meta").mkdir(parents=True, exist_ok=True)
     (path / "data" / "chunk-000").mkdir(parents=True, exist_ok=True)
     feature = {"dtype": "float32", "shape": [2], "names": [f"{joint}.pos" for joint in JOINTS]}
     features = {"action": feature, "observation.state": feature}
-    info = {"codebase_version": "v3.0", "robot_type": "arm", "fps": fps, "features": features}
+    info = {"codebase_version": "v3.0", "robot_type": "arm", "fps": 50.0, "features": features}
     (path / "meta" / "info.json").write_text(json.dumps(info))
     half = ROWS // 2
     table = {
@@ -73,7 +73,7 @@ def write_lerobot(folder: Path, fps: Any = 50.0, **columns: Any) -> Path:
         "observation.state": list(np.rad2deg(ANGLE).astype(np.float32)),
         "timestamp": np.tile(TIME[:half], 2).astype(np.float32),
         "episode_index": np.repeat([0, 1], half),
-    } | columns
+    }
     for index, rows in enumerate((slice(0, half), slice(half, ROWS))):
         part = pa.table({name: values[rows] for name, values in table.items()})
         pq.write_table(part, path / "data" / "chunk-000" / f"file-{index:03d}.parquet")
@@ -111,12 +111,10 @@ class Name:
 
 
 class Tensor:
-    """Pickles as `_rebuild_tensor_v2` of torch; a ``state`` is set after it was made."""
+    """Pickles as `_rebuild_tensor_v2` of torch."""
 
-    def __init__(
-        self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...], state: Any = None
-    ):
-        self.call, self.state = (storage, offset, size, stride, False, {}), state
+    def __init__(self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]):
+        self.call = (storage, offset, size, stride, False, {})
 
 
 _PICKLER: Any = getattr(pickle, "_Pickler")  # noqa: B009  # the one written in Python can write any global
@@ -135,9 +133,6 @@ class TensorPickler(_PICKLER):
             self.write(b"ctorch._utils\n_rebuild_tensor_v2\n")
             super().save(obj.call)
             self.write(pickle.REDUCE)
-            if obj.state is not None:
-                super().save(obj.state)
-                self.write(pickle.BUILD)
         else:
             super().save(obj, save_persistent_id)
 

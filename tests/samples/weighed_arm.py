@@ -36,7 +36,7 @@ def write_arm(folder: Path) -> str:
     return str(folder / "arm.toml")
 
 
-def slow_motion(robot: str, kp: float = KP) -> MotorLog:
+def slow_motion(robot: str) -> MotorLog:
     """20 s at 100 Hz, both joints up to 0.3 rad/s."""
     time = 0.01 * np.arange(2000)
     rate, phase = 2.0 * np.pi * np.array([0.05, 0.07]), np.array([0.0, 1.0])
@@ -47,7 +47,7 @@ def slow_motion(robot: str, kp: float = KP) -> MotorLog:
     )  # fmt: skip
     gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
-    log.position_target[:] = angle - gravity(angle) / kp + FRICTION * np.sign(speed) + LAG * speed
+    log.position_target[:] = angle - gravity(angle) / KP + FRICTION * np.sign(speed) + LAG * speed
     return log
 
 

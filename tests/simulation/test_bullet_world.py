@@ -89,11 +89,7 @@ def test_a_limp_shank_is_a_pendulum(make, engine, armature):
     assert np.abs(np.delete(angles, np.s_[2::3], axis=1)).max() < 1e-3
 
 
-TOLERANCE = {
-    "physical": (1e-9, 1e-6),
-    "ideal_pd": (1e-5, 1e-3),
-    "grey_box": (0.004, 0.25),
-}
+TOLERANCE = {"physical": (1e-9, 1e-6), "ideal_pd": (1e-5, 1e-3), "grey_box": (0.004, 0.25)}
 """Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping,
 its own and that of its stiffness, which is explicit here: a blow through the play is another, and falls in another
 millisecond, so that torques differ by a fifth of their limit for as long."""

@@ -1,19 +1,15 @@
-"""Walks that diverged are no falls, a policy remembers its robot's weight, and a model's floor and lamp stay behind."""
+"""Walks that diverged are no falls, and a policy remembers its robot's weight."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
-import mujoco
 import pytest
-from dog import LEGS_TOML, quadruped, written
 
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.policy import Policy, zero_policy
-from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import require_walks
 from motorprior.simulation.training import WEIGHT, Training, WalkSettings, other_weight
@@ -48,10 +44,3 @@ def test_a_heavier_robot_than_the_trained_one_is_a_warning():
         trained, ROBOT
     )
     assert not other_weight(replace(policy, provenance={WEIGHT: 1.01 * ROBOT.weight}), ROBOT)
-
-
-def test_floor_and_lights_of_a_model_are_not_in_its_film(tmp_path: Path):
-    extra = '<worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>'
-    robot = load_robot(written(tmp_path, LEGS_TOML, "dog", quadruped().replace("<worldbody>", extra)))
-    model = build_model(robot)
-    assert model.nlight == 0 and list(model.geom_type).count(int(mujoco.mjtGeom.mjGEOM_PLANE)) == 1

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
@@ -42,11 +41,6 @@ class GlidingBackend:
             torque_squared_sum=2.0,
             fault=int(self.count >= self.fail_at),
         )
-
-
-@pytest.mark.filterwarnings("error")
-def test_gymnasium_contract():
-    check_env(WalkEnv(PUPPER_V2, GlidingBackend(), WalkConfig(20)), skip_render_check=True)
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():

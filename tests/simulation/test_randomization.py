@@ -1,7 +1,4 @@
-"""Other robots in every episode: off by default, each range has its stated effect, equal in both engines.
-
-Of friction only the number is compared, as contacts are what the engines differ in; sensors know no engine.
-"""
+"""Other robots in every episode: off by default, each range has its stated effect, equal in both engines."""
 
 from dataclasses import fields, replace
 

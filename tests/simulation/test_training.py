@@ -1,8 +1,5 @@
-"""`train_policy` is `walk` without files, which has a line per iteration, however often it was interrupted."""
+"""`train_policy` is `walk` without files."""
 
-import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +7,9 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.artifacts import read_json
-from motorprior.commands.walk import CURVE, POLICY, Walk, run_walk
+from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.training import METRICS
 
 SHORT: dict[str, Any] = {"iterations": 1, "episode_steps": 10, "workers": 1}
 
@@ -33,30 +28,3 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     for one, other in zip(found.arrays, walked.arrays, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found.provenance["own_return"] == walked.provenance["own_return"]
-
-
-class Stops:
-    """Progress that interrupts a training after two iterations."""
-
-    iterations = 0
-
-    @contextmanager
-    def start(self, name: str, total: int) -> Iterator["Stops"]:
-        yield self
-
-    def advance(self, count: int = 1, note: str = "") -> None:
-        self.iterations += bool(note)
-        if self.iterations == 2:
-            raise KeyboardInterrupt
-
-    def note(self, text: str) -> None:
-        pass
-
-
-def test_a_line_contains_the_point_of_the_learning_curve_after_an_interrupt_too(tmp_path: Path):
-    walk = Walk(out=tmp_path, motors="pd", iterations=4, episode_steps=20, workers=1)
-    with pytest.raises(KeyboardInterrupt):
-        run_walk(walk, Stops())
-    run_walk(walk)
-    lines = [json.loads(line) for line in (tmp_path / METRICS).read_text("utf-8").splitlines()]
-    assert lines == read_json(tmp_path / CURVE) and [line["iteration"] for line in lines] == [0, 1, 2, 3]

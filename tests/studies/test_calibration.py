@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded_robot import record_log
 
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
@@ -20,7 +21,7 @@ def actuator_of(fleet: Fleet, **values: np.ndarray):
     return FAMILIES[fleet.family].motors(center | values).actuator()
 
 
-def problem_of(fleet: Fleet, record_log, actuator, logs: int) -> FleetProblem:
+def problem_of(fleet: Fleet, actuator, logs: int) -> FleetProblem:
     found = {}
     for seed in range(logs):
         log = with_posture(record_log(actuator, suspended=True, seed=seed), "suspended")
@@ -34,9 +35,9 @@ def with_uncertain(fleet: Fleet, *names: str) -> Fleet:
     return replace(fleet, parameters=constants | {name: fleet.parameters[name] for name in names})
 
 
-def test_the_centre_of_two_logs_is_recovered(record_log, fleet):
+def test_the_centre_of_two_logs_is_recovered(fleet):
     true = {name: np.full(ROBOT.num_joints, value) for name, value in TRUE.items()}
-    problem = problem_of(with_uncertain(fleet, *TRUE), record_log, actuator_of(fleet, **true), logs=2)
+    problem = problem_of(with_uncertain(fleet, *TRUE), actuator_of(fleet, **true), logs=2)
     found = calibrate(problem, starts=2, iterations=5, seed=0)
     center = {each.name: each.value(x) for each, x in zip(problem.unknowns, found.center, strict=True)}
     assert center["kp"] == pytest.approx(TRUE["kp"], rel=0.01)
@@ -50,7 +51,7 @@ def test_the_centre_of_two_logs_is_recovered(record_log, fleet):
     assert fitted.parameters["kp"].values["spread"] < fleet.parameters["kp"].values["spread"], "all motors are alike"
 
 
-def test_a_constant_that_is_not_identifiable_keeps_its_prior(record_log, fleet):
+def test_a_constant_that_is_not_identifiable_keeps_its_prior(fleet):
     """Armature, in a slow motion with noise."""
     log = with_posture(record_log(actuator_of(fleet), speed=0.1), "suspended")
     noise = 0.005 * np.random.default_rng(0).standard_normal(log.joint_pos.shape)
@@ -64,11 +65,11 @@ def test_a_constant_that_is_not_identifiable_keeps_its_prior(record_log, fleet):
     assert found.center[1] == pytest.approx(problem.mean[1], abs=0.5 * problem.prior_std[1])
 
 
-def test_offsets_of_single_motors_are_recovered(record_log, fleet):
+def test_offsets_of_single_motors_are_recovered(fleet):
     kp = np.full(ROBOT.num_joints, fleet.parameters["kp"].center)
     strong, weak = ROBOT.legs[0].joints[2], ROBOT.legs[3].joints[1]
     kp[strong], kp[weak] = 1.3 * kp[strong], 0.75 * kp[weak]
-    problem = problem_of(with_uncertain(fleet, "kp"), record_log, actuator_of(fleet, kp=kp), logs=2)
+    problem = problem_of(with_uncertain(fleet, "kp"), actuator_of(fleet, kp=kp), logs=2)
     problem = problem.with_residual_deviation(problem.mean)
     center = problem.mean
     found, spread, left_out = single_motors(problem, center, dict.fromkeys(problem.replayers, center))

@@ -62,7 +62,6 @@ def test_lateral_share_is_relative_to_the_commanded_line_and_heading_drift_per_m
 
 
 def test_a_commanded_turn_is_no_error():
-    """The command comes into force over half a second, and a heading goes round."""
     yaw = commanded_heading(0.6)
     found = measured(gliding(0.3, yaw=yaw), yaw_rate=0.6)
     assert found["heading_deg_per_m"] == pytest.approx(0.0, abs=1e-6)
@@ -81,11 +80,7 @@ def commanded_heading(rate: float) -> np.ndarray:
 
 
 def trotting(lifts: np.ndarray, way: float) -> FootMotion:
-    """Feet that go back and forth, a step in 35 frames, each lifted by (feet, steps) of these heights [m] in its swing.
-
-    The second touches the ground in the middle of every swing, and the last stays where it is. A robot that goes
-    ``way`` 1 brings its feet back in the stance, one that goes -1 forward.
-    """
+    """Feet that lift by (feet, steps) heights [m], a step in 35 frames; the second touches the ground in its swings."""
     step, phase = np.divmod(np.arange(STEPS - 100), 35)
     turn = 2.0 * np.pi * phase / 35
     clearance = (lifts[:, step] * np.maximum(0.0, -np.cos(turn))).T

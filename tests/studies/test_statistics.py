@@ -48,7 +48,6 @@ def test_the_interval_of_a_single_bench_is_over_its_samples():
 
 
 def test_the_corrected_family_wise_error_is_at_its_level():
-    """Twelve correlated tests without a difference, in many studies."""
     rng = np.random.default_rng(5)
     normal = 0.6 * rng.standard_normal((4000, 1)) + 0.8 * rng.standard_normal((4000, 12))
     found = [min(holm(dict(enumerate(p_values))).values()) < 0.05 for p_values in ndtr(normal)]

@@ -55,7 +55,6 @@ def test_a_clear_difference_is_significant_and_none_is_not():
 
 
 def test_every_bench_and_every_policy_is_shown():
-    """One policy of one bench falls in its own simulation."""
     walks = invented({"sampled_prior": 1.0, "oracle": 1.0})
     for walk in walks:
         if (walk["bench"], walk["place"], walk["condition"], walk["seed"]) == (1, "own", "oracle", 2):

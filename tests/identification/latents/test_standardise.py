@@ -3,12 +3,7 @@
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.latents.standardise import (
-    shrunk_correlation,
-    standardised,
-    std_of_few,
-    with_scaled_spread,
-)
+from motorprior.identification.latents.standardise import shrunk_correlation, standardised, with_scaled_spread
 
 
 def boxed(motors: int, seed: int = 0) -> np.ndarray:
@@ -36,10 +31,6 @@ def test_correlation_is_kept_where_the_motors_show_it_and_not_where_it_is_chance
     shrunk, chance = shrunk_correlation(few) - np.eye(14), np.asarray(np.corrcoef(few.T)) - np.eye(14)
     assert np.abs(shrunk).max() < 0.35 * np.abs(chance).max()
     assert np.linalg.eigvalsh(shrunk + np.eye(14)).min() > 0
-
-
-def test_one_motor_locates_the_others_within_the_assumed_deviation():
-    np.testing.assert_allclose(std_of_few(np.array([[7.0, -2.0]]), np.array([0.1, 0.3])), [0.1 * 2**0.5, 0.3 * 2**0.5])
 
 
 def legs(units: int, seed: int = 0) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -73,16 +64,6 @@ def test_equal_classes_share_their_mean(grey_box):
     means = box.decoder_latents(classes.mean)
     raw = np.stack([outputs[each::3].mean(axis=0) for each in range(3)])
     assert np.ptp(means[:, 0]) < 0.5 * np.ptp(raw[:, 0]) and np.ptp(means[:, 2]) > 0.5 * np.ptp(raw[:, 2])
-
-
-def test_one_class_is_the_prior_without_classes(grey_box):
-    outputs = legs(4)[0]
-    plain, z, _ = standardised(grey_box(latents=3), outputs)
-    named, same, classes = standardised(grey_box(latents=3), outputs, None, ("motor",) * 12)
-    np.testing.assert_array_equal(z, same)
-    assert plain.copula is not None and named.copula is not None
-    np.testing.assert_array_equal(plain.copula.quantiles, named.copula.quantiles)
-    assert not classes.mean.any() and np.all(classes.unseen_std == 1.0)
 
 
 def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_box):

@@ -22,23 +22,23 @@ SPREAD = {"kp": 0.3, "kd_over_kp": 0.2, "delay": 0.4, "backlash": 0.4, "load_fri
 """Standard deviations of the logarithms."""
 
 
-def truth(terms: tuple[str, ...] = ()) -> np.ndarray:
+def truth() -> np.ndarray:
     """(MOTORS, P) decoder outputs relative to the initial motor's."""
-    rng, raw = np.random.default_rng(2), np.zeros((MOTORS, len(initial_center(terms))))
+    rng, raw = np.random.default_rng(2), np.zeros((MOTORS, len(PARAMETERS)))
     for name, spread in SPREAD.items():
         raw[:, PARAMETERS.index(name)] = spread * rng.standard_normal(MOTORS) + 0.2
     return raw
 
 
-def true_center(terms: tuple[str, ...] = ()) -> np.ndarray:
+def true_center() -> np.ndarray:
     """The initial motor, with a velocity filter of 3 ms, which is not its own."""
-    center = initial_center(terms)
+    center = initial_center(())
     center[PARAMETERS.index("velocity_filter")] = np.log(3e-3)
     return center
 
 
-def true_box(terms: tuple[str, ...] = ()) -> GreyBox:
-    return grey_box(true_center(terms), terms, PRESET)
+def true_box() -> GreyBox:
+    return grey_box(true_center(), (), PRESET)
 
 
 @pytest.fixture(scope="module")

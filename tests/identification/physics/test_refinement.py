@@ -7,44 +7,25 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.physics.motor_fit import longer_runs, refined
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData
 
-Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
 KP, LOAD_FRICTION = PARAMETERS.index("kp"), PARAMETERS.index("load_friction")
 
 
-@pytest.fixture(scope="module")
-def box() -> GreyBox:
+@pytest.mark.parametrize("together", [False, True])
+def test_constants_that_were_off_are_found(decoder_data: Callable[..., TrainingData], together: bool):
     center = initial_center(())
     center[PARAMETERS.index("velocity_filter")] = np.log(3e-3)
-    return grey_box(center, (), PRESET)
-
-
-@pytest.fixture(scope="module")
-def truth(box: GreyBox) -> np.ndarray:
-    z = np.zeros((2, box.num_latents))
-    z[:, KP], z[:, LOAD_FRICTION] = (0.2, -0.1), (-0.3, 0.4)
-    return z
-
-
-@pytest.fixture(scope="module")
-def data(box: GreyBox, truth: np.ndarray, decoder_data: Data) -> TrainingData:
-    return decoder_data(box, truth, segments=6, rows=700)
-
-
-@pytest.fixture(scope="module")
-def longer(data: TrainingData) -> WindowRuns:
-    return longer_runs(data, PRESET, WindowRuns(data, PRESET))
-
-
-@pytest.mark.parametrize("together", [False, True])
-def test_constants_that_were_off_are_found(box: GreyBox, truth: np.ndarray, longer: WindowRuns, together: bool):
+    box = grey_box(center, (), PRESET)
+    truth = np.zeros((2, box.num_latents))
+    truth[:, KP], truth[:, LOAD_FRICTION] = (0.2, -0.1), (-0.3, 0.4)
+    data = decoder_data(box, truth, segments=6, rows=700)
+    longer = longer_runs(data, PRESET, WindowRuns(data, PRESET))
     began = truth.copy()
     began[:, KP] += 0.1
     began[:, LOAD_FRICTION] -= 0.2

@@ -55,14 +55,10 @@ def test_a_term_is_selected_if_motors_have_it(
     assert_found(decoder_data, terms, 2)
 
 
-@pytest.mark.parametrize(("motors", "segments", "rows"), [(1, 4, 700)])
-def test_a_term_is_selected_with_few_motors_and_segments(
-    decoder_data: Data, motors: int, segments: int, rows: int, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))
     monkeypatch.setattr(term_selection, "SERVO", ("profile",))
-    runs = logs(decoder_data, ("profile",), segments, rows, motors)
-    assert select_terms(runs, 0).terms == ("profile",)
+    assert select_terms(logs(decoder_data, ("profile",), 4, 700, 1), 0).terms == ("profile",)
 
 
 @pytest.mark.slow

@@ -11,9 +11,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.physics.window_runs import WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import (
-    TrainingData,
-)
+from motorprior.identification.training_data.windows import TrainingData
 
 Networks = Callable[..., GreyBox]
 Data = Callable[..., TrainingData]
@@ -52,7 +50,6 @@ def test_windows_are_those_of_a_fit_and_do_not_cross_segments(grey_box: Networks
 
 
 def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data):
-    """Bytes of a motor's runs do not depend on how many are simulated together, or on how many threads."""
     box = grey_box(terms=("profile", "presliding"))
     runs, rng = WindowRuns(decoder_data(box, Z, segments=2, rows=200), PRESET), np.random.default_rng(0)
     z, motor = rng.standard_normal((600, 3)), rng.integers(0, 3, 600)

@@ -66,12 +66,7 @@ def test_velocities_and_torques_of_a_rollout_are_those_of_the_middle_of_its_step
 
 @pytest.mark.parametrize(
     ("objective", "missing"),
-    [
-        ("rollout", "load_inertia"),
-        ("rollout", "external_torque"),
-        ("torque", "joint_vel"),
-        ("torque", "joint_torque"),
-    ],
+    [("rollout", "load_inertia"), ("rollout", "external_torque"), ("torque", "joint_vel"), ("torque", "joint_torque")],
 )
 def test_a_missing_channel_is_named(objective, missing):
     gone: dict[str, Any] = {missing: None}
