@@ -177,7 +177,7 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
 def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
     """Largest difference between mjlab's worlds and the same motors here [rad]."""
     found, chosen, _ = mjlab_run(prior, count, steps)
-    bank = sampled(prior, count, 0, ("joint",), None).motors
+    bank = sampled(prior, count, 0, ("joint",), None)
     return largest(found, free_run(compiled(replace(bank, z=bank.z[chosen])), count, steps))
 
 

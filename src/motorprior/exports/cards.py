@@ -61,4 +61,4 @@ def _yaml(value: str | float) -> str:
     return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)
 
 
-CARD = Exporter("card", (), lambda request: write_card(request.sample.prior, request.out))
+CARD = Exporter("card", (), lambda request: write_card(request.prior, request.out))

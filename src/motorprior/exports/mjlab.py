@@ -71,7 +71,7 @@ class MotorPriorActuator(Actuator):
         super().initialize(mj_model, model, data, device)
         cfg, names = self.cfg, tuple(self.target_names)
         gains = None if cfg.gains is None else np.array(cfg.gains)
-        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains).motors
+        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains)
         self._model, self._worlds, self._device = model, data.nworld, device
         shape = self._worlds, len(names)
         self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)

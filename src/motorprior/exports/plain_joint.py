@@ -137,7 +137,7 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     variants = [original.copy() for _ in request.constants["kp"]]
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
-    about = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}; "
+    about = f"motors of {request.prior.motor}, seed {request.seed}; "
     about += described_loss(request.losses, request.not_expressed)
     about = re.sub("-{2,}", "-", about)  # XML allows no double hyphen in a comment
     files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]

@@ -67,7 +67,7 @@ def export(
     gains: np.ndarray | None = None,
     log: MotorLog | None = None,
 ) -> Exported:
-    """Write ``motors`` samples per joint for another simulator, and measure what the format loses.
+    """Write ``motors`` samples per joint for another simulator, and measure what the format loses in closed loop.
 
     Args:
         source: prior or posterior with physical constants.
@@ -79,9 +79,6 @@ def export(
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
         gains: (2, J) kp and kd, see `MotorPrior.sample`.
         log: of the J joints, with loads: the loss on it is measured, too.
-
-    Returns:
-        Files, and RMSE of the exported motors against ours, in closed loop on a leg and a shank.
 
     Raises:
         ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
@@ -98,17 +95,18 @@ def export(
     if not is_supported(exporter):
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
-    sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    decoder, values = sample.motors.model, sample.constants()
-    step, optional = min(MAX_STEP, decoder.period), constants_of(decoder.motor.terms)
+    joints = joints or source.joint_names or ("motor",)
+    bank = sampled(source, motors, seed, joints, gains)
+    step, values = min(MAX_STEP, bank.model.period), with_kd(bank.constants())
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     found: dict[str, float] = {}
     if exporter.replay is not None:
-        lost |= {name: float(np.median(values[name])) for name in optional}
-        recorded = None if log is None else log_trial(log, sample.joint_names, motors, step)
-        found = losses(exporter.replay, sample.motors, step, recorded)
-    values["carried"] = carried(sample.motors, step).reshape(motors, -1)
-    request = Request(sample, values, Path(out), None if model is None else Path(model), found, lost)
+        lost |= {name: float(np.median(values[name])) for name in constants_of(bank.model.motor.terms)}
+        recorded = None if log is None else log_trial(log, joints, motors, step)
+        found = losses(exporter.replay, bank, step, recorded)
+    table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
+    changed = None if model is None else Path(model)
+    request = Request(source, joints, seed, table, Path(out), changed, found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)
 
 
