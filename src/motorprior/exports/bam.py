@@ -10,8 +10,10 @@ torque of the motor and E that of the load on it [N·m]:
     encoder   reads q - q_offset, where q is the angle of the joint
     joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
 
-A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the torque
-in the gear, and the Stribeck velocity is our own. A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
+A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the
+torque in the gear, and the Stribeck velocity is our own.
+
+A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
 rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
 load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
 BAM's models: set them where the file is used.
@@ -56,7 +58,7 @@ RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved a
 class BamMotor:
     """One servo; its law in units of the joint."""
 
-    values: Mapping[str, float]  # parameters by BAM's names; those of other models are 0
+    values: Mapping[str, float]  # by BAM's names; those of other models are 0
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
     max_torque: float  # at standstill [N·m]
@@ -142,10 +144,7 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
         path: the file.
         kp: proportional gain in firmware units, or N·m/rad for unitree_go1; the file's or BAM's own if not given.
         vin: supply voltage [V]; the file's or BAM's own if not given.
-        count: number of equal motors.
-
-    Returns:
-        Motors with a stiff gear, for physics steps up to 2 ms.
+        count: number of equal motors, with a stiff gear, for physics steps up to 2 ms.
 
     Raises:
         ArtifactError: not such a file, or an actuator whose law is unknown here.

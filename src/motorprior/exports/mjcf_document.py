@@ -4,7 +4,6 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -28,11 +27,6 @@ class Mjcf:
     path: Path | None = None
 
     @classmethod
-    def parsed(cls, text: str) -> Mjcf:
-        """The document of a text without references to files."""
-        return cls(minidom.parseString(text.encode()), mujoco.MjModel.from_xml_string(text))
-
-    @classmethod
     def load(cls, path: Path) -> Mjcf:
         """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
         text = read_text(path)
@@ -42,13 +36,9 @@ class Mjcf:
             reason = " ".join(str(error).split())[:300]
             raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
 
-    def copy(self) -> Mjcf:
-        """A copy to change."""
-        return Mjcf(self.document.cloneNode(True), self.compiled, self.path)
-
     def joint(self, name: str) -> Element:
         """The joint of this name in the bodies; raises ConfigError if this file has none."""
-        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
+        joints = {each.getAttribute("name"): each for each in self._inside("worldbody", "joint")}
         if name not in joints:
             remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
             raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
@@ -68,16 +58,16 @@ class Mjcf:
         root = self.document.documentElement
         return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
 
-    def element(self, name: str, attributes: Mapping[str, str]) -> Element:
+    def element(self, tag: str, /, **attributes: str) -> Element:
         """A new element, not yet in the document."""
-        made = self.document.createElement(name)
+        made = self.document.createElement(tag)
         for key, value in attributes.items():
             made.setAttribute(key, value)
         return made
 
     def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
         """Add an element to another, before one of its children or at its end."""
-        made = parent.insertBefore(self.element(tag, attributes), before)
+        made = parent.insertBefore(self.element(tag, **attributes), before)
         parent.insertBefore(self.document.createTextNode("\n"), before)
         return made
 

@@ -48,7 +48,7 @@ def is_supported(exporter: Exporter) -> bool:
 
 @dataclass(frozen=True)
 class Exported:
-    """Result of `export`."""
+    """What `export` wrote and lost."""
 
     files: tuple[Path, ...]
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
@@ -81,7 +81,7 @@ def export(
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Raises:
-        ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
+        ConfigError: an unknown format or joint, no model, or a prior without physical constants.
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
         LogError: a log without loads.
     """
@@ -122,12 +122,7 @@ def trial(name: str, armature: np.ndarray, dt: float) -> Trial:
 
 
 def log_trial(log: MotorLog, joints: Sequence[str], robots: int, dt: float) -> Trial:
-    """Commands and loads of a log's longest segment for these joints, robot after robot, at rest at the first target.
-
-    Raises:
-        ConfigError: joints that are not in the log.
-        LogError: a log without loads.
-    """
+    """Commands and loads of a log's longest segment for these joints, robot after robot; errors as of `export`."""
     if log.load_inertia is None or log.external_torque is None:
         raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
     if missing := [name for name in joints if name not in log.joint_names]:
