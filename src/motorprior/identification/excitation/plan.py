@@ -15,8 +15,7 @@ import numpy as np
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, bench_names, run
-from motorprior.bench.learned_excitation import LearnedExcitation
-from motorprior.bench.stream_makers import SUB
+from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.exceptions import ConfigError
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
