@@ -16,9 +16,9 @@ from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.identification.excitation.plan import active
-from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import load_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 

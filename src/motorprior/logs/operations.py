@@ -23,12 +23,9 @@ _HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
 
 def gap_rows(log: MotorLog) -> np.ndarray:
     """(G,) rows before which more than 5 median time steps of their segment passed."""
-    found = [np.zeros(0, dtype=np.intp)]
-    for part in log.segment_slices():
-        steps = np.diff(log.time[part])
-        if len(steps):
-            found.append(part.start + 1 + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)))
-    return np.concatenate(found)
+    parts = [(part.start, np.diff(log.time[part])) for part in log.segment_slices()]
+    found = [1 + start + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) for start, steps in parts if len(steps)]
+    return np.concatenate([np.zeros(0, dtype=np.intp), *found])
 
 
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
@@ -182,11 +179,9 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     motors: their joints become columns of one log, cut to the shortest and with the times of the first.
 
     Raises:
-        LogError: no log; some joint names in common; different robots, channels, encoders, gain units or firmware; or,
-            for different motors, segments that begin at different rows.
+        LogError: some joint names in common; different robots, channels, encoders, gain units or firmware; or, for
+            different motors, segments that begin at different rows.
     """
-    if not logs:
-        raise LogError("no log given", remedy="give at least one")
     first, names = logs[0], [name for log in logs for name in log.joint_names]
     for log in logs[1:]:
         _require_equal_settings(first, log)
@@ -195,12 +190,10 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     source = "; ".join(dict.fromkeys(log.source for log in logs))
     if all(log.joint_names == first.joint_names for log in logs):
         parts = [part for log in logs for part in log.segments()]
-        values = {
-            name: np.concatenate([channels(part)[name] for part in parts])
-            for name in channels(parts[0]).keys() - {"segment"}
-        }
-        values["segment"] = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
-        whole = replace(first, **values)
+        segment = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
+        names = channels(first).keys() - {"segment"}
+        values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
+        whole = replace(first, **values, segment=segment)
     elif len(set(names)) == len(names):
         classes = tuple(each for log in logs for each in log.stated_classes)
         stated = classes if len(classes) == len(names) else ()
@@ -212,15 +205,14 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
 
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
-    problem = ""
-    for name in ("robot", "motor", "encoder", "gain_unit"):
-        if getattr(first, name) != getattr(log, name):
-            problem = problem or f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
+    problems = [
+        f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
+        for name in ("robot", "motor", "encoder", "gain_unit") if getattr(first, name) != getattr(log, name)
+    ]  # fmt: skip
     registers = sorted(f"firmware.{name}" for name in first.firmware.keys() ^ log.firmware.keys())
-    unequal = registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"})
-    if unequal:
-        problem = problem or f"only some of the logs have {', '.join(unequal)}"
-    if problem := problem or other_firmware(log.firmware, first.firmware) or "":
+    if unequal := registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"}):
+        problems.append(f"only some of the logs have {', '.join(unequal)}")
+    if problem := next(filter(None, [*problems, other_firmware(log.firmware, first.firmware)]), None):
         remedy = "import all with the same channels and registers, or fit one at a time"
         raise LogError(problem, where=log.source, remedy=remedy)
 
