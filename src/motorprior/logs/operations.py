@@ -64,8 +64,7 @@ def resample(log: MotorLog, period: float) -> MotorLog:
     alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
     interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
-    Raises:
-        LogError: a period that is longer than a segment, or gives more than 50 million rows.
+    Raises LogError for a period that is longer than a segment, or gives more than 50 million rows.
     """
     if log.duration / period > _MAX_ROWS:  # after a jump of the clock
         rows, steps = time_steps(log)
@@ -150,25 +149,20 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
     pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
     for old, new in zip(parts, grid.segment_slices(), strict=True):
-        smooth, raw = (CubicSpline(log.time[old], each[old], axis=0) for each in (angles, log.joint_pos))
+        smooth, raw = (CubicSpline(log.time[old], each[old]) for each in (angles, log.joint_pos))
         pos[new], vel[new], reading[new] = smooth(grid.time[new]), smooth(grid.time[new], 1), raw(grid.time[new])
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:
     """Mask (T,) of rows whose measured angles all equal those of the previous row of the same segment."""
-    repeated = np.zeros(log.num_rows, dtype=bool)
-    for part in log.segment_slices():
-        repeated[part.start + 1 : part.stop] = np.all(np.diff(log.joint_pos[part], axis=0) == 0.0, axis=1)
+    repeated = np.all(np.diff(log.joint_pos, axis=0, prepend=np.nan) == 0.0, axis=1)
+    repeated[[part.start for part in log.segment_slices()]] = False
     return repeated
 
 
 def drop_repeats(log: MotorLog) -> MotorLog:
-    """Keep the first row of every run of equal measurements.
-
-    A host that polls faster than the robot answers logs the same angles several times, which makes velocities zero.
-    Only for logs of hardware: exact repeats in simulation are real.
-    """
+    """Keep the first row of every run of equal angles of a robot that answers more slowly than its host polls."""
     return checked(log.rows(~repeated_rows(log)))
 
 
@@ -244,5 +238,4 @@ def moved(log: MotorLog) -> np.ndarray:
 
 def static_joints(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
-    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
-    return tuple(log.joint_names[column] for column in at_rest)
+    return tuple(np.array(log.joint_names)[np.std(log.joint_pos, axis=0) <= EXCITED_STD].tolist())

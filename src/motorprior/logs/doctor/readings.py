@@ -117,15 +117,14 @@ def failed_reads(log: MotorLog) -> np.ndarray:
     is a spike (`velocity_spikes`).
     """
     failed, period = np.zeros(log.joint_pos.shape, dtype=bool), _reading_period(log)
-    parts = log.segment_slices()
     for column in range(log.num_joints):
-        for channel, kind, row in _jumps(log, column, period):
-            part = next(part for part in parts if part.start <= row < part.stop)
+        for _, kind, row in _jumps(log, column, period):
+            part = next(part for part in log.segment_slices() if part.start <= row < part.stop)
             if kind == FAILED:
                 failed[row, column] = True
-            elif channel == "joint_pos" and kind == STAYS and row - part.start <= READINGS:
+            elif kind == STAYS and row - part.start <= READINGS:
                 failed[part.start : row, column] = True
-            elif channel == "joint_pos" and kind == STAYS and part.stop - row <= READINGS:
+            elif kind == STAYS and part.stop - row <= READINGS:
                 failed[row : part.stop, column] = True
     return failed if log.joint_vel is None else failed | velocity_spikes(log.joint_vel)
 
