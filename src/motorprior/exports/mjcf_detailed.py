@@ -24,8 +24,7 @@ from functools import partial
 import mujoco
 
 from motorprior.exports.exporter import Exporter
-from motorprior.exports.mjcf_document import Mjcf
-from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_plain, write_variants
+from motorprior.exports.plain_joint import Mjcf, drive, friction, number, replayed, servo, write_plain, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
@@ -72,7 +71,7 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
     mjcf.add(
         body, "joint", name=rotor, type="hinge", pos=number(*found.pos), axis=number(*found.axis),
         armature=number(values["armature"]), damping=number(values["viscous_damping"]),
-        frictionloss=number(dry_friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
+        frictionloss=number(friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
 

@@ -10,13 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError, listed
-from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware, time_steps
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MAX_SMOOTHING = 0.5  # of commands [rad]
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
 _MAX_NAMED = 5  # gaps that the message lists
-_MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
 
@@ -64,13 +63,8 @@ def resample(log: MotorLog, period: float) -> MotorLog:
     alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
     interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
-    Raises LogError for a period that is longer than a segment, or gives more than 50 million rows.
+    Raises LogError for a period that is longer than a segment.
     """
-    if log.duration / period > _MAX_ROWS:  # after a jump of the clock
-        rows, steps = time_steps(log)
-        gap = int(np.argmax(steps))
-        problem = f"more than {_MAX_ROWS} rows of {period:g} s; a time step is {steps[gap]:g} s, before row {rows[gap]}"
-        raise LogError(problem, where=log.source, remedy="begin a segment after the gap, or choose a longer period")
     parts = [_resample_segment(segment, period) for segment in log.segments()]
     return checked(replace(log, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}))
 
