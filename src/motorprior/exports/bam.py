@@ -84,7 +84,7 @@ class BamMotor:
         if actuator == TORQUE:
             kp = v["kp"] if kp is None else kp
             return cls(v, v["ratio"] * kp, v["damping"], v["max_torque"], True)
-        supply, gain, max_pwm, usual = VOLTAGE[actuator]
+        supply, gain, max_pwm, usual = VOLTAGE[str(actuator)]
         kp, vin = v.get("kp", usual) if kp is None else kp, v.get("vin", supply) if vin is None else vin
         gain, per_volt = gain * v.get("error_gain_ratio", 1.0), v["kt"] / v["R"] if v["R"] else 0.0
         return cls(v, gain * kp * vin * per_volt, v["kt"] * per_volt, vin * max_pwm * per_volt, False)

@@ -56,7 +56,7 @@ class Mjcf:
 
     def joint(self, name: str) -> Element:
         """The joint of this name in the bodies; raises ConfigError if this file has none."""
-        joints = {each.getAttribute("name"): each for each in self._inside("worldbody", "joint")}
+        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
         if name not in joints:
             remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
             raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
