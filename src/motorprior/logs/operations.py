@@ -37,8 +37,7 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     gaps = gap_rows(log)
     if not gaps.size:
         return log, ""
-    after = set(gaps.tolist())
-    pieces = []
+    after, pieces = set(gaps.tolist()), []
     for first, last in pairwise(sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})):
         short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
         if not (short and after & {first, last}):
@@ -71,19 +70,16 @@ def resample(log: MotorLog, period: float) -> MotorLog:
 
 def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
     start, end = float(segment.time[0]), float(segment.time[-1])
-    count = math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1
-    if count < 2:
+    grid = start + period * np.arange(math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1)
+    if len(grid) < 2:
         problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
         raise LogError(problem, where=segment.source, remedy="choose a shorter period")
-    grid = start + period * np.arange(count)
     held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
-    result = {"time": grid}
+    result = {"position_target": _mean_command(segment.time, segment.position_target, grid, period), "time": grid}
     for name, value in channels(segment).items():
         if name in _HELD:
             result[name] = value[held]
-        elif name == "position_target":
-            result[name] = _mean_command(segment.time, value, grid, period)
-        elif name != "time":
+        elif name not in result:
             result[name] = np.stack([np.interp(grid, segment.time, column) for column in value.T], axis=1)
     return result
 
