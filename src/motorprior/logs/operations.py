@@ -163,9 +163,11 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     motors: their joints become columns of one log, cut to the shortest and with the times of the first.
 
     Raises:
-        LogError: some joint names in common; different robots, channels, encoders, gain units or firmware; or, for
-            different motors, segments that begin at different rows.
+        LogError: no log; some joint names in common; different robots, channels, encoders, gain units or firmware; or,
+            for different motors, segments that begin at different rows.
     """
+    if not logs:
+        raise LogError("no log given", remedy="give at least one")
     first, names = logs[0], [name for log in logs for name in log.joint_names]
     for log in logs[1:]:
         _require_equal_settings(first, log)
