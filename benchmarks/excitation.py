@@ -33,10 +33,10 @@ from motorprior.identification.excitation.fit_excitation import fit_excitation
 from motorprior.identification.excitation.plan import active
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import identification_preset, network_steps
-from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
+from motorprior.logs.read_log import load_log
 from motorprior.progress import Lines
 from motorprior.report.plots_style import png_bytes
 from motorprior.results import Results

@@ -8,9 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.bench.excitation import EXCITATIONS
-from motorprior.bench.learned_excitation import LearnedExcitation
+from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.bench.recording import PRESETS
-from motorprior.bench.stream_makers import SUB
 from motorprior.identification.held_out import standardise, two_sample_auc
 from motorprior.results import Result, Results
 

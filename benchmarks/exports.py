@@ -25,17 +25,16 @@ import tyro
 
 from figures import report
 from motorprior.actuator import kernels
-from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import PARAMETERS, ZERO_SCALE
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
+from motorprior.exports.bam import motors_of
 from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, MAX_STEP, is_supported, losses
-from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
 SPREAD = 0.15  # of the logarithms of the constants [-]
@@ -44,12 +43,9 @@ MIN_CONSTANT = 1e-6
 
 def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
     """Grey boxes with these constants, one latent per constant."""
-    values = {name: getattr(motors, name) for name in PARAMETERS if name != "kd_over_kp"}
-    values["kd_over_kp"] = motors.kd / motors.kp
-    raw = np.stack([np.log(np.maximum(values[name], MIN_CONSTANT)) for name in PARAMETERS], axis=1)
-    raw[:, -1] = motors.encoder_zero / ZERO_SCALE
-    box = GreyBox(GearedMotor(raw.mean(axis=0), np.eye(len(PARAMETERS))), PUPPER_V2.physics_dt)
-    return GreyBoxActuator(box, raw - raw.mean(axis=0))
+    positive = (*(name for name in PARAMETERS if name not in ("kd_over_kp", "encoder_zero")), "kd")
+    values = {name: np.maximum(getattr(motors, name), MIN_CONSTANT) for name in positive}
+    return motors_of(values | {"encoder_zero": motors.encoder_zero})
 
 
 def targets(step: int, count: int) -> np.ndarray:
@@ -177,7 +173,7 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
 def mjlab_parity(prior: MotorPrior, count: int, steps: int) -> float:
     """Largest difference between mjlab's worlds and the same motors here [rad]."""
     found, chosen, _ = mjlab_run(prior, count, steps)
-    bank = sampled(prior, count, 0, ("joint",), None).motors
+    bank = sampled(prior, count, 0, ("joint",), None)
     return largest(found, free_run(compiled(replace(bank, z=bank.z[chosen])), count, steps))
 
 

@@ -106,7 +106,7 @@ def test_the_motors_of_a_posterior_are_exported_by_name(prior: MotorPrior):
     mean = np.outer(np.arange(3.0), np.ones(prior.mean.shape[1]))
     covariance = np.tile(1e-12 * np.eye(prior.mean.shape[1]), (3, 1, 1))
     found = MotorPosterior(prior, mean, covariance, ("a", "b", "c"), 10.0, (0.5,) * 3)
-    chosen = sampled(found, 1, 0, ("c", "a"), None).motors
+    chosen = sampled(found, 1, 0, ("c", "a"), None)
     np.testing.assert_allclose(chosen.z[:, 0], [2.0, 0.0], atol=1e-4)
 
 

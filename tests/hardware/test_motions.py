@@ -135,14 +135,8 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
 
 
 def test_a_gyroscope_s_bias_does_not_change_the_heading():
-<<<<<<< HEAD
-    """Two robots stand still, one with a bias."""
     still = telemetry(pos=PUPPER_V2.nominal_pose)
     turning = telemetry(pos=PUPPER_V2.nominal_pose, yaw_rate=0.03, roll_rate=-0.02)
-=======
-    still = telemetry(pos=spec.NOMINAL_POSE)
-    turning = telemetry(pos=spec.NOMINAL_POSE, yaw_rate=0.03, roll_rate=-0.02)
->>>>>>> h_a
     motions = [PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]
     motions[1].gyro_bias = np.array([-0.02, 0.0, 0.03])
     for motion, seen in zip(motions, (still, turning, turning), strict=True):

@@ -10,8 +10,8 @@ from third_party_files import write_bam
 import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
-from motorprior.logs.load_log import without_gaps
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import without_gaps
 
 TIME = 0.01 * np.arange(1500)
 

@@ -57,12 +57,7 @@ def test_inertia_times_acceleration_is_torque_plus_load():
 
 
 def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
-<<<<<<< HEAD
-    """At rest the load is gravity alone; tip every joint by itself and see."""
     log = swaying(PUPPER_V2.nominal_pose, 0.0, rows=2)
-=======
-    log = swaying(spec.NOMINAL_POSE, 0.0, rows=2)
->>>>>>> h_a
     stiffness, tip = with_loads(log, PUPPER_V2).load_stiffness, 1e-4
     assert stiffness is not None
     for joint in range(log.num_joints):
@@ -72,23 +67,6 @@ def test_stiffness_is_what_gravity_gains_by_each_joint_s_own_angle():
     assert np.abs(stiffness[0]).min() > 1e-3
 
 
-<<<<<<< HEAD
-def test_a_fit_s_joint_that_left_the_recording_feels_gravity_where_it_is():
-    """What free runs give a joint 0.1 rad off the recording is the load of a recording 0.1 rad off."""
-    joint = 2
-    log, away = swaying(PUPPER_V2.nominal_pose), 0.1 * np.eye(12)[joint]
-    own, other = (
-        training_data(with_loads(each, PUPPER_V2), RECIPE, "test").series[joint]
-        for each in (log, replace(log, joint_pos=log.joint_pos + away, position_target=log.position_target + away))
-    )
-    where, there = own[:, POS] + 0.1, other[:, EXTERNAL] + other[:, STIFFNESS] * other[:, POS]
-    here = own[:, EXTERNAL] + own[:, STIFFNESS] * own[:, POS]
-    torque = own[:, EXTERNAL] + own[:, STIFFNESS] * where
-    assert np.abs(torque - there).max() < 0.15 * np.abs(here - there).max()
-
-
-=======
->>>>>>> h_a
 def test_a_body_that_leans_is_refused_and_one_that_sways_is_not():
     log, _ = moved(0.0, 0.01)
     sway = 0.1 * np.sin(np.linspace(0.0, 20.0, log.num_rows))[:, None]

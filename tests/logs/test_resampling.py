@@ -69,12 +69,3 @@ def test_dropping_repeats_restores_the_log_that_was_polled(make_log):
     assert repeated_rows(faster).sum() == repeats.sum() == 67
     for name, values in channels(log).items():
         np.testing.assert_array_equal(getattr(drop_repeats(faster), name), values)
-
-
-def test_a_gap_too_long_to_fill_is_named_with_its_row_and_its_file(make_log):
-    log = make_log(source="somewhere/mine.csv")
-    log.time[120:] += 1e9
-    with pytest.raises(LogError) as error:
-        resample(log, 0.002)
-    assert str(error.value.where) == "somewhere/mine.csv"
-    assert "1e+09 s, before row 120" in error.value.problem and "segment" in str(error.value.remedy)

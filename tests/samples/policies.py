@@ -8,11 +8,6 @@ import numpy as np
 from motorprior.locomotion.ars import RunningStats
 from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
-<<<<<<< HEAD
-from motorprior.robots.robot import Robot
-=======
-from motorprior.robots.pupper_v2 import spec
->>>>>>> h_a
 from motorprior.robots.shipped import SHIPPED
 
 ROBOT = SHIPPED[0]

@@ -1,10 +1,16 @@
-"""Excitations learned from runs of a robot, and the one look-up of all excitations."""
+"""Excitations learned from runs of a robot: windows that are played, surrogates with their spectrum, or generated.
+
+A frame is one control period: a position target, and SUB external torques. Makers give raw streams (frames, n,
+CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. Here is also the one look-up of all
+excitations.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,14 +18,119 @@ import numpy as np
 from motorprior.artifacts import write_tensors
 from motorprior.bench.bounded_stream import Bounds, bounded, soft
 from motorprior.bench.excitation import Excitation, Rng, Streams, excitation_named
-from motorprior.bench.stream_makers import CHANNELS, DILATIONS, MAKERS, SUB, TAPS, num_inputs
 from motorprior.bounds import TABLE, TEXT, many, number, one_of
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ConfigError
 from motorprior.schema import Header, Tensor, check_tensors
 
+SUB = 5  # external torques per frame
+CHANNELS = 1 + SUB
 BURN_IN = 50  # frames before a stream, in which it gets up to speed
-NUM_HIDDEN = 32  # of the generator
+FADE = 10  # frames of a cross-fade between two windows
+NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
+STYLE_FRAMES = 250  # after which the slow inputs have changed
+HARMONICS = 2  # of the gait's phase that the generator gets
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # of the generator's convolutions
+RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
+LEAK = 0.2  # slope of the activations for negative inputs
+_MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
 _REMEDY = "write it again with `motorprior excite`"
+
+
+def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
+    """Random windows of each joint's class, one after the other, with cross-faded seams."""
+    length = runs.windows.shape[1] - FADE
+    rising = 0.5 - 0.5 * np.cos(np.pi * (np.arange(FADE) + 0.5) / FADE)
+    weight = np.concatenate([rising, np.ones(length - FADE), rising[::-1]])[:, None]
+    count = -(-(frames + FADE) // length)
+    out = np.zeros((count * length + FADE, len(which), CHANNELS))
+    for joint, kind in enumerate(which):
+        for slot, window in enumerate(rng.choice(np.flatnonzero(runs.window_class == kind), count)):
+            out[slot * length : (slot + 1) * length + FADE, joint] += weight * runs.windows[window]
+    return out[FADE : FADE + frames]
+
+
+def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
+    """Gaussian processes with the cross-spectra of each joint's class, then its marginals.
+
+    Phase-randomised surrogates (Theiler et al., Physica D 58, 1992) of the mean cross-spectrum of the windows,
+    mapped by rank to the windows' values, channel by channel.
+    """
+    total, out = max(frames, _MIN_SURROGATE), np.empty((frames, len(which), CHANNELS))
+    for kind in np.unique(which):
+        windows = runs.windows[runs.window_class == kind]
+        spectra = np.fft.rfft(np.hanning(windows.shape[1])[:, None] * windows, axis=1)
+        cross = np.einsum("wfi,wfj->fij", spectra, spectra.conj()) / len(windows)
+        at = np.linspace(0.0, len(cross) - 1.0, total // 2 + 1)
+        low = np.minimum(at.astype(int), len(cross) - 2)
+        share = (at - low)[:, None, None]
+        dense = (1.0 - share) * cross[low] + share * cross[low + 1]
+        scale = np.einsum("fii->fi", dense).real.max(axis=0)
+        factor = np.linalg.cholesky(dense + 1e-6 * np.diag(scale + 1e-12))
+        values = np.sort(windows.reshape(-1, CHANNELS), axis=0)
+        levels = np.linspace(0, len(values) - 1, total).astype(int)
+        for joint in np.flatnonzero(which == kind):
+            noise = rng.standard_normal((2, total // 2 + 1, CHANNELS))
+            process = np.fft.irfft(np.einsum("fij,fj->fi", factor, noise[0] + 1j * noise[1]), n=total, axis=0)
+            ranks = process.argsort(axis=0).argsort(axis=0)
+            out[:, joint] = np.take_along_axis(values[levels], ranks, axis=0)[:frames]
+    return out
+
+
+def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
+    """Streams of the generator: convolutions of endless random inputs, hence without seams."""
+    inputs, _ = generator_inputs(runs, rng, frames + RECEPTIVE - 1, which)
+    return np.moveaxis(generator(runs.weights, inputs) * runs.scales[which][:, None], 0, 1)
+
+
+def generator_inputs(
+    runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray, style_frames: int = STYLE_FRAMES
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n, frames, inputs) random inputs and conditions, and the (n,) windows whose commands the streams begin with.
+
+    Every ``style_frames`` a window of the class gives commanded speed and gait frequency, and the slow inputs change.
+    """
+    knots, joints = frames // style_frames + 2, len(which)
+    chosen = np.stack([rng.choice(np.flatnonzero(runs.window_class == kind), knots) for kind in which])
+    levels = rng.standard_normal((joints, knots, STYLE))
+    at = np.arange(frames) // style_frames
+    share = (np.arange(frames) / style_frames - at)[:, None]
+    style = (1.0 - share) * levels[:, at] + share * levels[:, at + 1]
+    style /= np.sqrt((1.0 - share) ** 2 + share**2)
+    phase = 2 * np.pi * (rng.random((joints, 1)) + runs.period * np.cumsum(runs.frequency[chosen][:, at], axis=1))
+    waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
+    kinds = np.broadcast_to(np.eye(len(runs.classes))[which][:, None], (joints, frames, len(runs.classes)))
+    noise = rng.standard_normal((joints, frames, NOISE))
+    parts = [noise, style, *waves, kinds, runs.commands[chosen][:, at][..., None]]
+    return np.concatenate(parts, axis=2), chosen[:, 0]
+
+
+def generator(weights: Mapping[str, Any], inputs: Any, xp: ModuleType = np) -> Any:
+    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams of inputs (n, frames, inputs); also for JAX."""
+    hidden = inputs
+    for layer, dilation in enumerate(DILATIONS):
+        found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
+        found = xp.where(found > 0.0, found, LEAK * found)
+        reach = dilation * (TAPS - 1) // 2
+        hidden = found + hidden[:, reach:-reach] if layer else found
+    return hidden @ weights["w_out"] + weights["b_out"]
+
+
+def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
+    """Convolution of (n, frames, inputs) with (taps, inputs, outputs), without padding."""
+    count = signal.shape[1] - dilation * (len(kernel) - 1)
+    return sum(signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel)))
+
+
+def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of the generator's weights."""
+    sizes = (NOISE + STYLE + 2 * HARMONICS + num_classes + 1, *(NUM_HIDDEN for _ in DILATIONS))
+    shapes: dict[str, tuple[int, ...]] = {"w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,)}
+    for layer in range(len(DILATIONS)):
+        shapes |= {f"w{layer}": (TAPS, sizes[layer], sizes[layer + 1]), f"b{layer}": (sizes[layer + 1],)}
+    return shapes
+
+
+MAKERS = {"generated": generated, "surrogate": surrogate, "recorded": recorded}
 _HEADER = Header(
     "excitation", 1,
     {"play": one_of(*MAKERS), "classes": many(TEXT, 1), "period": number(above=0.0, unit="s"), "provenance": TABLE},
@@ -34,15 +145,6 @@ _TENSORS = {
 }
 
 
-def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of the generator's weights."""
-    sizes = (num_inputs(num_classes), *(NUM_HIDDEN for _ in DILATIONS))
-    shapes: dict[str, tuple[int, ...]] = {"w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,)}
-    for layer in range(len(DILATIONS)):
-        shapes |= {f"w{layer}": (TAPS, sizes[layer], sizes[layer + 1]), f"b{layer}": (sizes[layer + 1],)}
-    return shapes
-
-
 @dataclass(frozen=True, eq=False)
 class LearnedExcitation:
     """Windows of runs, and a generator of more of them.
@@ -50,7 +152,7 @@ class LearnedExcitation:
     Targets are relative to the joint's mean target in its run [rad], external torques in N·m.
     """
 
-    play: str  # how streams are made: one of `stream_makers.MAKERS`
+    play: str  # how streams are made: one of MAKERS
     classes: tuple[str, ...]  # C joint classes
     period: float  # control period, of a frame [s]
     windows: np.ndarray  # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
@@ -66,10 +168,9 @@ class LearnedExcitation:
     is_bounded: ClassVar[bool] = True
 
     def playing(self, play: str) -> LearnedExcitation:
-        """The same runs, played another way; raises `ConfigError` for an unknown one or without a generator."""
-        if play not in MAKERS or (play == "generated" and not self.weights):
-            ways = ", ".join(way for way in MAKERS if way != "generated" or self.weights)
-            raise ConfigError(f"play {play!r}", remedy=f"use one of {ways}", argument="play")
+        """The same runs, played in another way of MAKERS; raises `ConfigError` without a generator."""
+        if play == "generated" and not self.weights:
+            raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="play")
         return replace(self, play=play)
 
     def within(self, limits: Bounds) -> LearnedExcitation:
@@ -81,12 +182,11 @@ class LearnedExcitation:
 
         Raises ConfigError for a period longer than the runs' control period.
         """
-        del unit
         if dt > 1.001 * self.period:
             problem = f"a period of {dt:g} s, the runs were controlled every {self.period:g} s"
             raise ConfigError(problem, remedy="fit it with this period", argument="period")
-        others = rng.integers(len(self.classes), size=len(joint_names))
-        which = np.array([class_of(n, self.classes, int(k)) for n, k in zip(joint_names, others, strict=True)])
+        others = rng.integers(len(self.classes), size=len(joint_names)).tolist()
+        which = np.array([self._class_of(*each) for each in zip(joint_names, others, strict=True)])
         target, torque = self.frames(rng, int(np.ceil(steps * dt / self.period)) + 1, which)
         time = np.arange(steps + 1) * dt
         frame = np.floor(time[:-1] / self.period + 1e-6).astype(int)
@@ -95,6 +195,11 @@ class LearnedExcitation:
         means = np.stack([np.diff(np.interp(time, at, column)) for column in sums.T], axis=1) / dt
         low, high = np.log(self.load_inertia[which]).T
         return Streams(target[frame], means, np.exp(rng.uniform(low, high)))
+
+    def _class_of(self, name: str, other: int) -> int:
+        """Index of the class that is the joint's name or its end, as knee of FR_knee; ``other`` if none is."""
+        ends = [index for index, kind in enumerate(self.classes) if f"_{name}".endswith(f"_{kind}")]
+        return max(ends, key=lambda index: len(self.classes[index]), default=other)
 
     def frames(self, rng: Rng, frames: int, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Targets (frames, n) [rad] and external torques (frames·SUB, n) [N·m] of joints of classes ``which`` (n,)."""
@@ -107,34 +212,22 @@ class LearnedExcitation:
     def save(self, path: Path) -> None:
         """Write it as one safetensors file."""
         tensors = {name: getattr(self, name) for name in _TENSORS} | dict(self.weights)
-        header = _HEADER.write(
-            play=self.play, classes=list(self.classes), period=self.period, provenance=dict(self.provenance)
-        )
+        entries = {"play": self.play, "classes": list(self.classes), "period": self.period}
+        header = _HEADER.write(**entries, provenance=dict(self.provenance))
         write_tensors(path, {name: np.asarray(value, np.float64) for name, value in tensors.items()}, header)
 
     @classmethod
     def load(cls, path: str | Path) -> LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
-        count = len(header["classes"])
-        weights = {name: Tensor(shape) for name, shape in weight_shapes(count).items()}
-        has_weights = header["play"] == "generated" or bool(weights.keys() & tensors.keys())
-        wanted = _TENSORS | (weights if has_weights else {})
-        check_tensors(tensors, wanted, path, _REMEDY, {"classes": count})
-        which = tensors["window_class"]
-        if set(np.unique(which)) != set(range(count)):
-            raise ArtifactError("window_class is not the index of a class", where=path, remedy=_REMEDY)
+        count, has_weights = len(header["classes"]), header["play"] == "generated" or "w_out" in tensors
+        weights = {name: Tensor(shape) for name, shape in weight_shapes(count).items()} if has_weights else {}
+        check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(
             header["play"], tuple(header["classes"]), float(header["period"]),
-            **{name: tensors[name] for name in _TENSORS} | {"window_class": which.astype(int)},
-            weights={name: tensors[name] for name in weights} if has_weights else {}, provenance=header["provenance"],
+            **{name: tensors[name] for name in _TENSORS} | {"window_class": tensors["window_class"].astype(int)},
+            weights={name: tensors[name] for name in weights}, provenance=header["provenance"],
         )  # fmt: skip
-
-
-def class_of(name: str, classes: Sequence[str], other: int) -> int:
-    """Index of the class that is the joint's name or its end, as knee of FR_knee; ``other`` if none is."""
-    ends = [index for index, kind in enumerate(classes) if f"_{name}".endswith(f"_{kind}")]
-    return max(ends, key=lambda index: len(classes[index]), default=other)
 
 
 def excitation_of(name: str, others: tuple[str, ...] = ()) -> Excitation | LearnedExcitation:

@@ -8,6 +8,7 @@ shank to a standing robot, sampled every 2 ms, half of the commands held at 100 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -154,7 +155,7 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
         true = response.joint_pos, response.joint_vel, response.joint_torque
         pos, vel, torque = motors.logged(instruments, preset.period, *true)
         parts.append((part, replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)))
-    return _as_log(parts, preset, fleet, seed)
+    return as_log(parts, fleet.motor, f"virtual dynamometer, fleet {fleet.name}, seed {seed}")
 
 
 def _with_limited_pushes(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
@@ -185,11 +186,12 @@ def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Respons
     return response
 
 
-def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorLog:
+def as_log(parts: Sequence[tuple[Trial, Response]], motor: str, source: str) -> MotorLog:
+    """The log of a bench with a segment per trial."""
     target = np.concatenate([part.position_target for part, _ in parts])
     lengths = [len(part.position_target) for part, _ in parts]
     return MotorLog(
-        time=np.arange(sum(lengths)) * preset.period,
+        time=np.arange(sum(lengths)) * parts[0][0].dt,
         position_target=target,
         joint_pos=np.concatenate([response.joint_pos for _, response in parts]),
         joint_vel=np.concatenate([response.joint_vel for _, response in parts]),
@@ -199,6 +201,6 @@ def _as_log(parts: list, preset: BenchPreset, fleet: Fleet, seed: int) -> MotorL
         segment=np.repeat(np.arange(len(parts)), lengths),
         joint_names=bench_names(target.shape[1]),
         robot=BENCH,
-        motor=fleet.motor,
-        source=f"virtual dynamometer, fleet {fleet.name}, seed {seed}",
+        motor=motor,
+        source=source,
     )

@@ -16,9 +16,9 @@ from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.identification.excitation.plan import active
-from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.read_log import load_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 
@@ -42,9 +42,9 @@ class Excite:
     """The robot was suspended or has a fixed base: compute the loads from its model."""
     commands: tuple[float, ...] = ()
     """Commanded speed of each run [m/s], if known."""
-    max_speed: float | None = None
+    max_speed: float = inf
     """Bound of the targets' speed [rad/s]; 1.25 times the runs' if not given. The robot's own limit holds as well."""
-    max_torque: float | None = None
+    max_torque: float = inf
     """Bound of external torques [N·m], for a bench; 1.25 times the runs' if not given."""
     steps: int = STEPS
     """Training steps of the network."""
@@ -60,8 +60,7 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     """Fit, plan, write; errors for a setting or file that cannot be used."""
     require_number("csv", config.csv)
     for name in ("max_speed", "max_torque"):
-        if getattr(config, name) is not None:
-            require_number(name, getattr(config, name), positive=True)
+        require_number(name, getattr(config, name), positive=True, maximum=inf)
     robot = load_robot(config.robot) if config.robot else None
     logs = [_with_loads(config, path, progress) for path in config.runs]
     period = robot.control_dt if robot else 0.01
@@ -70,7 +69,7 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         out=config.out, progress=progress,
     )  # fmt: skip
     speed = robot.wire.safety.target_speed if robot and robot.wire else inf
-    found = found.within(Bounds(inf, min(speed, config.max_speed or inf), inf, config.max_torque or inf))
+    found = found.within(Bounds(inf, min(speed, config.max_speed), inf, config.max_torque))
     if config.plan is not None:
         found, plans = active(found, MotorPrior.load(config.plan), config.seed)
         for plan in plans:

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.load_log import PERIOD, without_gaps
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
-from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
+from motorprior.logs.read_log import PERIOD, LogFolder, read_log_folder, reader_of, without_gaps
 from motorprior.logs.splits import long_segments, moving_joints, split
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results

@@ -10,8 +10,8 @@ torque of the motor and E that of the load on it [N·m]:
     encoder   reads q - q_offset, where q is the angle of the joint
     joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
 
-A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction, which BAM takes
-from E and M, acts on the torque in the gear, and the Stribeck velocity is our own.
+A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the
+torque in the gear, and the Stribeck velocity is our own.
 
 A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
 rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
@@ -31,14 +31,15 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import SIGNED, STRIBECK_VELOCITY, parameters_of
+from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import COLD
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial
-from motorprior.bounds import is_number
-from motorprior.exceptions import ArtifactError, ConfigError, quoted
+from motorprior.bounds import TABLE, number, one_of, require
+from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import Constants, Exporter, Request, one_motor
+from motorprior.identification.physics.motor_problem import encoded
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
 VOLTAGE = {
@@ -50,7 +51,6 @@ _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
-MIN_CONSTANT = 1e-9  # in place of 0: decoders have the logarithm
 RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
@@ -58,7 +58,7 @@ RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved a
 class BamMotor:
     """One servo; its law in units of the joint."""
 
-    values: Mapping[str, float]  # parameters by BAM's names; those of other models are 0
+    values: Mapping[str, float]  # by BAM's names; those of other models are 0
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
     max_torque: float  # at standstill [N·m]
@@ -68,21 +68,19 @@ class BamMotor:
     def of(
         cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None, where: Path | None = None
     ) -> BamMotor:
-        """The servo of a table of parameters; kp (as in `read_motor`) and vin of the table, or BAM's own, if not given.
+        """The servo of a table of parameters from the file ``where``; kp and vin as in `read_motor`.
 
         Raises:
-            ArtifactError: an unknown model or actuator, or a value that is not a number; names the file ``where``.
+            ArtifactError: no table, an unknown model or actuator, or a value that is not a number.
         """
-        model, actuator = table.get("model"), table.get("actuator")
-        if model not in _MODELS or (actuator not in VOLTAGE and actuator != TORQUE):
-            known = f"models {', '.join(_MODELS)}, actuators {', '.join((*VOLTAGE, TORQUE))}"
-            problem = f"model {quoted(model)}, actuator {quoted(actuator)}"
-            raise ArtifactError(problem, where=where, remedy=f"known are {known}")
-        v = {name: value for name, value in table.items() if name not in ("model", "actuator", "motorprior")}
+        require("content", table, TABLE, where, _REMEDY)
+        v = defaultdict(float, table)
+        actuator = v.pop("actuator", None)
+        require("model", v.pop("model", None), one_of(*_MODELS), where, _REMEDY)
+        require("actuator", actuator, one_of(*VOLTAGE, TORQUE), where, _REMEDY)
+        v.pop("motorprior", None)
         for name, value in v.items():
-            if not is_number(value):
-                raise ArtifactError(f"{name} {quoted(value)} is not a number", where=where, remedy=_REMEDY)
-        v = defaultdict(float, v)
+            require(name, value, number(), where, _REMEDY)
         if actuator == TORQUE:
             kp = v["kp"] if kp is None else kp
             return cls(v, v["ratio"] * kp, v["damping"], v["max_torque"], True)
@@ -125,19 +123,10 @@ class BamMotor:
 
 
 def motors_of(values: Constants, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
-    """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms.
-
-    A constant that is 0 becomes MIN_CONSTANT.
-    """
-    values = {**values, "kd_over_kp": values["kd"] / values["kp"]}
-    columns = [
-        np.asarray(values[name]) / SIGNED[name] if name in SIGNED else np.log(np.maximum(values[name], MIN_CONSTANT))
-        for name in parameters_of(terms)
-    ]
-    raw = np.stack(np.broadcast_arrays(*columns), axis=-1).reshape(-1, len(columns))
+    """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms."""
+    raw = encoded({**values, "kd_over_kp": values["kd"] / values["kp"]}, terms).T
     center = raw.mean(axis=0)
-    model = GreyBox(GearedMotor(center, np.eye(len(columns)), terms), 0.002)
-    return GreyBoxActuator(model, raw - center, COLD)
+    return GreyBoxActuator(GreyBox(GearedMotor(center, np.eye(len(center)), terms), 0.002), raw - center, COLD)
 
 
 def rigid_gear(armature: float) -> dict[str, float]:
@@ -155,22 +144,15 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
         path: the file.
         kp: proportional gain in firmware units, or N·m/rad for unitree_go1; the file's or BAM's own if not given.
         vin: supply voltage [V]; the file's or BAM's own if not given.
-        count: number of equal motors.
-
-    Returns:
-        Motors with a stiff gear, for physics steps up to 2 ms.
+        count: number of equal motors, with a stiff gear, for physics steps up to 2 ms.
 
     Raises:
         ArtifactError: not such a file, or an actuator whose law is unknown here.
         ConfigError: kp, vin or another constant makes no motor.
     """
     path = Path(path)
-    table = read_json(path)
-    if not isinstance(table, dict):
-        raise ArtifactError("not a table", where=path, remedy=_REMEDY)
-    servo = BamMotor.of(table, kp, vin, path)
-    v, limit = servo.values, servo.max_torque
-    armature = v["armature"]
+    servo = BamMotor.of(read_json(path), kp, vin, path)
+    v, limit, armature = servo.values, servo.max_torque, servo.values["armature"]
     if not (servo.kp > 0.0 and limit > 0.0 and armature > 0.0):
         problem = f"kp {servo.kp:.3g} N·m/rad, torque limit {limit:.3g} N·m, armature {armature:.3g} kg·m²"
         raise ConfigError(problem, where=path, remedy="give kp and vin above 0, and a file with kt, R and armature")

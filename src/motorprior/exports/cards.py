@@ -11,8 +11,6 @@ from motorprior.artifacts import write_text
 from motorprior.exceptions import ArtifactError
 from motorprior.exports.exporter import Exporter
 
-PAGE = "README.md"
-
 
 def from_pretrained(name: str | Path) -> MotorPrior:
     """The prior of a motor card: a shipped one by name (`shipped_cards`), or your folder.
@@ -28,16 +26,10 @@ def from_pretrained(name: str | Path) -> MotorPrior:
 
 
 def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
-    """Write a card.
-
-    Args:
-        prior: the prior.
-        folder: for prior.safetensors and README.md.
-        about: more lines of the front matter, such as licence, data, held-out error and limits.
-    """
+    """Write prior.safetensors and README.md; ``about`` are more lines of the front matter, such as the licence."""
     prior.save(folder / CARD_PRIOR)
-    write_text(folder / PAGE, _page(prior, folder.name, about or {}))
-    return [folder / CARD_PRIOR, folder / PAGE]
+    write_text(folder / "README.md", _page(prior, folder.name, about or {}))
+    return [folder / CARD_PRIOR, folder / "README.md"]
 
 
 def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:
@@ -61,4 +53,4 @@ def _yaml(value: str | float) -> str:
     return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)
 
 
-CARD = Exporter("card", (), lambda request: write_card(request.sample.prior, request.out))
+CARD = Exporter("card", (), lambda request: write_card(request.prior, request.out))

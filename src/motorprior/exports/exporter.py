@@ -23,50 +23,35 @@ Replay: TypeAlias = Callable[[Constants, Trial], np.ndarray]
 
 
 @dataclass(frozen=True)
-class MotorSample:
-    """K robots of J sampled motors."""
+class Request:
+    """K robots of J sampled motors to write."""
 
     source: MotorPrior | MotorPosterior
-    motors: GreyBoxActuator  # K·J, robot after robot
     joint_names: tuple[str, ...]  # J
     seed: int
+    constants: Constants  # (K, J), and `registry.carried`
+    out: Path
+    model: Path | None  # the user's MJCF
+    losses: Mapping[str, float]  # `registry.losses` by load [rad]
+    not_expressed: Mapping[str, float]  # median value by constant
 
     @property
     def prior(self) -> MotorPrior:
         """The prior of the motors."""
         return self.source.prior if isinstance(self.source, MotorPosterior) else self.source
 
-    def constants(self) -> dict[str, np.ndarray]:
-        """(K, J) constants by name, kd [N·m·s/rad] in place of kd_over_kp."""
-        values = with_kd(self.motors.constants())
-        return {name: value.reshape(-1, len(self.joint_names)) for name, value in values.items()}
-
-
-@dataclass(frozen=True)
-class Request:
-    """What to write, and where."""
-
-    sample: MotorSample
-    constants: Constants  # (K, J) of the sample, and `carried`
-    out: Path
-    model: Path | None  # the user's MJCF
-    losses: Mapping[str, float]  # `registry.losses` by load [rad]
-    not_expressed: Mapping[str, float]  # median value by constant
-
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
-        """Sample, joint and constants of every motor."""
-        joints = self.sample.joint_names
-        for index in range(self.sample.motors.num_motors):
-            robot, joint = divmod(index, len(joints))
-            yield robot, joints[joint], one_motor(self.constants, (robot, joint))
+        """Robot, joint and constants of every motor."""
+        for robot, column in np.ndindex(self.constants["kp"].shape):
+            yield robot, self.joint_names[column], one_motor(self.constants, (robot, column))
 
     def provenance(self) -> dict[str, object]:
         """Origin and loss of the motors, for the files of every format."""
-        prior, source = self.sample.prior, self.sample.source
+        prior = self.prior
         return {
             "version": __version__, "prior_sha256": prior.sha256(), "robot": prior.robot, "motor": prior.motor,
-            "seed": self.sample.seed, "joint_names": list(self.sample.joint_names), "spread": prior.spread_notes(),
-            "distribution": "posterior" if isinstance(source, MotorPosterior) else "prior",
+            "seed": self.seed, "joint_names": list(self.joint_names), "spread": prior.spread_notes(),
+            "distribution": "posterior" if isinstance(self.source, MotorPosterior) else "prior",
             "loss_rad": dict(self.losses), "not_expressed": dict(self.not_expressed),
         }  # fmt: skip
 
@@ -85,8 +70,8 @@ class Exporter:
 
 def sampled(
     source: MotorPrior | MotorPosterior, motors: int, seed: int, joint_names: tuple[str, ...], gains: np.ndarray | None
-) -> MotorSample:
-    """K robots of motors at these joints.
+) -> GreyBoxActuator:
+    """Motors at these joints of K = ``motors`` robots, robot after robot.
 
     Raises:
         ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
@@ -103,8 +88,7 @@ def sampled(
         remedy = "identify with preset rollout"
         raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
     every = None if first.gains is None else np.tile(first.gains, motors)  # the same for all robots
-    together = replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
-    return MotorSample(source, together, joint_names, seed)
+    return replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
 
 
 def with_kd(values: Constants) -> dict[str, np.ndarray]:

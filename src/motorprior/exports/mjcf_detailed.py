@@ -24,8 +24,7 @@ from functools import partial
 import mujoco
 
 from motorprior.exports.exporter import Exporter
-from motorprior.exports.mjcf_document import Mjcf
-from motorprior.exports.plain_joint import drive, dry_friction, number, replayed, servo, write_plain, write_variants
+from motorprior.exports.plain_joint import Mjcf, drive, friction, number, replayed, servo, write_plain, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
@@ -39,9 +38,9 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     if values["gear_stiffness"] * option.timestep**2 > MAX_STIFFNESS * values["armature"]:
         write_plain(mjcf, joint, values)
         return
-    tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
+    rotor = f"{joint}_rotor"
     for name in ("armature", "damping", "frictionloss"):
-        tag.setAttribute(name, "0")
+        mjcf.joint(joint).setAttribute(name, "0")
     _add_rotor(mjcf, joint, rotor, values)
     ends = (values["encoder_zero"] + side * 0.5 * values["backlash"] for side in (-1.0, 1.0))
     gear = mjcf.add(
@@ -72,7 +71,7 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
     mjcf.add(
         body, "joint", name=rotor, type="hinge", pos=number(*found.pos), axis=number(*found.axis),
         armature=number(values["armature"]), damping=number(values["viscous_damping"]),
-        frictionloss=number(dry_friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
+        frictionloss=number(friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
 

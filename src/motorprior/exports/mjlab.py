@@ -48,9 +48,6 @@ class MotorPriorActuatorCfg(ActuatorCfg):
     """Seed of these motors."""
     gains: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """kp and kd per joint, for priors of logged gains; see `MotorPrior.sample`."""
-    armature: float | None = 0.0
-    frictionloss: float | None = 0.0
-    viscous_damping: float | None = 0.0
 
     def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> MotorPriorActuator:
         """The actuator of one entity; mjlab calls it."""
@@ -62,7 +59,7 @@ class MotorPriorActuator(Actuator):
 
     def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
         """Add a torque actuator per joint, without limit: the motors have theirs."""
-        passive = {name: getattr(self.cfg, name) for name in ("armature", "frictionloss", "viscous_damping")}
+        passive = {"armature": 0.0, "frictionloss": 0.0, "viscous_damping": 0.0}  # the motors have theirs
         for name in target_names:
             self._mjs_actuators.append(create_motor_actuator(spec, name, effort_limit=1e6, **passive))
 
@@ -71,7 +68,7 @@ class MotorPriorActuator(Actuator):
         super().initialize(mj_model, model, data, device)
         cfg, names = self.cfg, tuple(self.target_names)
         gains = None if cfg.gains is None else np.array(cfg.gains)
-        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains).motors
+        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains)
         self._model, self._worlds, self._device = model, data.nworld, device
         shape = self._worlds, len(names)
         self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)

@@ -11,6 +11,7 @@ reset restarts, at the angles of their next step.
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # Newton and Warp are optional dependencies; no `annotations` from the future, as Warp reads these.
+# ruff: noqa: D102 (most methods are those of DriveBase)
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,23 +89,18 @@ class MotorPriorDrive(DriveBase):
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
-        """The arguments as they are: motors and dt."""
         return args
 
     def is_stateful(self) -> bool:
-        """True."""
         return True
 
     def is_graphable(self) -> bool:
-        """True: nothing is read back to the host."""
-        return True
+        return True  # nothing is read back to the host
 
     def state(self, num_actuators: int, device: Any) -> "MotorPriorDrive.State":
-        """A state in which all motors restart."""
         return MotorPriorDrive.State(wp.full(num_actuators, True, dtype=wp.bool, device=device))
 
     def update_state(self, current_state: Any, next_state: Any) -> None:
-        """Nothing restarts after a step."""
         current_state.waiting.fill_(False)
         next_state.waiting.fill_(False)
 

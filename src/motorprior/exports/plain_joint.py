@@ -1,4 +1,7 @@
-"""A motor as what every engine has: armature, damping, dry friction and a position servo with delay and force limit."""
+"""A motor as what every engine has: armature, damping, dry friction and a position servo with delay and force limit.
+
+It is written into the user's MJCF, of which comments and the order of elements stay.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -8,18 +11,20 @@ import math
 import re
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError
 
 import mujoco
 import numpy as np
 
-from motorprior.artifacts import write_json, write_text
+from motorprior.artifacts import read_text, write_json, write_text
 from motorprior.bench.dynamometer import Trial
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.exporter import Constants, Exporter, Request, described_loss, one_motor
-from motorprior.exports.mjcf_document import Mjcf
 from motorprior.robots.model_source import model_files
 
 _DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -28,6 +33,67 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
+Element: TypeAlias = Any  # of minidom, whose types let every parent be None
+
+
+@dataclass
+class Mjcf:
+    """A document, and the model that it was before any change."""
+
+    document: Any  # of minidom
+    compiled: mujoco.MjModel
+    path: Path | None = None
+
+    @classmethod
+    def load(cls, path: Path) -> Mjcf:
+        """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
+        text = read_text(path)
+        try:
+            return cls(minidom.parseString(text.encode()), mujoco.MjModel.from_xml_path(str(path)), path)
+        except (ExpatError, ValueError) as error:
+            reason = " ".join(str(error).split())[:300]
+            raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
+
+    def joint(self, name: str) -> Element:
+        """The joint of this name in the bodies; raises ConfigError if this file has none."""
+        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
+        if name not in joints:
+            remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
+            raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
+        return joints[name]
+
+    def actuator_of(self, joint: str) -> Element | None:
+        """The first actuator that names the joint."""
+        every = self._inside("actuator", "*")
+        return next((each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))), None)
+
+    def _inside(self, section: str, element: str) -> list[Element]:
+        sections = self.document.getElementsByTagName(section)
+        return [found for each in sections for found in each.getElementsByTagName(element)]
+
+    def section(self, name: str) -> Element:
+        """The first section of this name, which is added if there is none."""
+        root = self.document.documentElement
+        return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
+
+    def element(self, tag: str, /, **attributes: str) -> Element:
+        """A new element, not yet in the document."""
+        made = self.document.createElement(tag)
+        for key, value in attributes.items():
+            made.setAttribute(key, value)
+        return made
+
+    def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
+        """Add an element to another, before one of its children or at its end."""
+        made = parent.insertBefore(self.element(tag, **attributes), before)
+        parent.insertBefore(self.document.createTextNode("\n"), before)
+        return made
+
+    def text(self) -> str:
+        """The document as text."""
+        return "\n".join(each.toxml() for each in self.document.childNodes)
+
+
 # writes one motor, of its constants by name, at a joint
 WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 
@@ -35,13 +101,13 @@ WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters by name of UNITS, in the shape of the constants."""
     return {
-        "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": dry_friction(values),
+        "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": friction(values),
         "kp": values["kp"], "kv": values["kd"], "forcerange": values["torque_limit"], "delay": values["delay"],
         "offset": values["encoder_zero"],
     }  # fmt: skip
 
 
-def dry_friction(values: Mapping[str, Any]) -> Any:
+def friction(values: Mapping[str, Any]) -> Any:
     """Dry friction [N·m] with its load-dependent part at the mean torque on a leg."""
     return values["coulomb"] + values["load_friction"] * values["carried"]
 
@@ -68,9 +134,8 @@ def number(*values: float) -> str:
 
 def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
-    found, tag = plain(values), mjcf.joint(joint)
     for name in ("armature", "damping", "frictionloss"):
-        tag.setAttribute(name, number(found[name]))
+        mjcf.joint(joint).setAttribute(name, number(plain(values)[name]))
     drive(mjcf, joint, joint, servo(values, values["kd"], mjcf.compiled.opt.timestep))
 
 
@@ -79,8 +144,8 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     if (old := mjcf.actuator_of(joint)) is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
     else:
-        named = {"name": old.getAttribute("name") or joint, "joint": driven}
-        old.parentNode.replaceChild(mjcf.element("general", named | attributes), old)
+        name = old.getAttribute("name") or joint
+        old.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), old)
 
 
 RIG = """<mujoco>
@@ -95,29 +160,25 @@ RIG = """<mujoco>
 
 def replayed(values: Constants, given: Trial, write: WriteMotor) -> np.ndarray:
     """(steps, n) joint angles [rad] of motors that ``write`` has written into RIG."""
-    columns = []
-    for motor, inertia in enumerate(given.load_inertia.tolist()):
-        mjcf = Mjcf.parsed(RIG.format(dt=given.dt, inertia=inertia))
-        write(mjcf, "joint", one_motor(values, motor))
-        columns.append(_replayed(mujoco.MjModel.from_xml_string(mjcf.text()), given, motor))
-    return np.stack(columns, axis=1)
-
-
-def _replayed(model: mujoco.MjModel, given: Trial, motor: int) -> np.ndarray:
-    """(steps,) angles [rad] of the joint under the commands and loads of one motor."""
     assert given.load_stiffness is not None
-    data, targets, out = mujoco.MjData(model), given.position_target[:, motor], np.zeros(len(given.position_target))
-    data.qpos[:] = targets[0]
-    for actuator, samples in enumerate(model.actuator_history[:, 0].tolist()):
-        if samples:  # fill the delay line with a control that has never changed
-            times = model.opt.timestep * np.arange(-samples, 0.0)
-            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, targets[0]))
-    joint = data.joint("joint")
-    for step in range(len(out)):
-        out[step] = joint.qpos[0]
-        data.ctrl[0] = targets[step]
-        joint.qfrc_applied[0] = given.external_torque[step, motor] + given.load_stiffness[step, motor] * out[step]
-        mujoco.mj_step(model, data)
+    out = np.zeros_like(given.position_target)
+    for motor, inertia in enumerate(given.load_inertia.tolist()):
+        rig = RIG.format(dt=given.dt, inertia=inertia)
+        mjcf = Mjcf(minidom.parseString(rig), mujoco.MjModel.from_xml_string(rig))
+        write(mjcf, "joint", one_motor(values, motor))
+        model = mujoco.MjModel.from_xml_string(mjcf.text())
+        data, targets = mujoco.MjData(model), given.position_target[:, motor]
+        data.qpos[:] = targets[0]
+        for actuator, samples in enumerate(model.actuator_history[:, 0].tolist()):
+            if samples:  # fill the delay line with a control that has never changed
+                times = model.opt.timestep * np.arange(-samples, 0.0)
+                mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, targets[0]))
+        joint = data.joint("joint")
+        for step, angle in enumerate(out):
+            angle[motor], data.ctrl[0] = joint.qpos[0], targets[step]
+            load = given.external_torque[step, motor] + given.load_stiffness[step, motor] * angle[motor]
+            joint.qfrc_applied[0] = load
+            mujoco.mj_step(model, data)
     return out
 
 
@@ -130,16 +191,15 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
             problem = f"it names {file}, outside its folder"
             raise ArtifactError(problem, where=model, remedy="give an MJCF whose files are in its folder")
         target = request.out / file.relative_to(model.parent)
-        target.parent.mkdir(parents=True, exist_ok=True)
         if target.resolve() != file:
+            target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
     original = Mjcf.load(model)
-    variants = [original.copy() for _ in request.constants["kp"]]
+    variants = [replace(original, document=original.document.cloneNode(True)) for _ in request.constants["kp"]]
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
-    about = f"motors of {request.sample.prior.motor}, seed {request.sample.seed}; "
-    about += described_loss(request.losses, request.not_expressed)
-    about = re.sub("-{2,}", "-", about)  # XML allows no double hyphen in a comment
+    loss = described_loss(request.losses, request.not_expressed)
+    about = re.sub("-{2,}", "-", f"motors of {request.prior.motor}, seed {request.seed}; {loss}")  # no -- in comments
     files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
         write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
@@ -151,18 +211,18 @@ def write_table(request: Request) -> list[Path]:
 
     Correlations are those between units: of the deviations from the mean of each joint.
     """
-    found = plain(request.constants)
+    found = plain(request.constants)  # (K, J)
     positive = [name for name in found if name != "offset"]
     logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
     columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
     spread = columns.std(axis=1, keepdims=True)
     scaled = columns / np.where(spread > 0.0, spread, 1.0)
     matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
-    quantiles = {name: np.quantile(value, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, value in found.items()}
-    samples = {name: value.tolist() for name, value in found.items()}  # (K, J)
-    content = {**request.provenance(), "units": UNITS, "samples": samples, "quantiles_5_50_95": quantiles}
-    content["correlation_of_logarithms"] = {"order": positive, "matrix": matrix}
-    write_json(request.out / "motors.json", content)
+    write_json(request.out / "motors.json", {
+        **request.provenance(), "units": UNITS, "samples": {name: value.tolist() for name, value in found.items()},
+        "quantiles_5_50_95": {name: np.quantile(x, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, x in found.items()},
+        "correlation_of_logarithms": {"order": positive, "matrix": matrix},
+    })  # fmt: skip
     return [request.out / "motors.json"]
 
 

@@ -48,7 +48,7 @@ def is_supported(exporter: Exporter) -> bool:
 
 @dataclass(frozen=True)
 class Exported:
-    """Result of `export`."""
+    """What `export` wrote and lost."""
 
     files: tuple[Path, ...]
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
@@ -67,7 +67,7 @@ def export(
     gains: np.ndarray | None = None,
     log: MotorLog | None = None,
 ) -> Exported:
-    """Write ``motors`` samples per joint for another simulator, and measure what the format loses.
+    """Write ``motors`` samples per joint for another simulator, and measure what the format loses in closed loop.
 
     Args:
         source: prior or posterior with physical constants.
@@ -80,11 +80,8 @@ def export(
         gains: (2, J) kp and kd, see `MotorPrior.sample`.
         log: of the J joints, with loads: the loss on it is measured, too.
 
-    Returns:
-        Files, and RMSE of the exported motors against ours, in closed loop on a leg and a shank.
-
     Raises:
-        ConfigError: an unknown format or joint, a model missing, or a prior without physical constants.
+        ConfigError: an unknown format or joint, no model, or a prior without physical constants.
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
         LogError: a log without loads.
     """
@@ -98,17 +95,18 @@ def export(
     if not is_supported(exporter):
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
-    sample = sampled(source, motors, seed, joints or source.joint_names or ("motor",), gains)
-    decoder, values = sample.motors.model, sample.constants()
-    step, optional = min(MAX_STEP, decoder.period), constants_of(decoder.motor.terms)
+    joints = joints or source.joint_names or ("motor",)
+    bank = sampled(source, motors, seed, joints, gains)
+    step, values = min(MAX_STEP, bank.model.period), with_kd(bank.constants())
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     found: dict[str, float] = {}
     if exporter.replay is not None:
-        lost |= {name: float(np.median(values[name])) for name in optional}
-        recorded = None if log is None else log_trial(log, sample.joint_names, motors, step)
-        found = losses(exporter.replay, sample.motors, step, recorded)
-    values["carried"] = carried(sample.motors, step).reshape(motors, -1)
-    request = Request(sample, values, Path(out), None if model is None else Path(model), found, lost)
+        lost |= {name: float(np.median(values[name])) for name in constants_of(bank.model.motor.terms)}
+        recorded = None if log is None else log_trial(log, joints, motors, step)
+        found = losses(exporter.replay, bank, step, recorded)
+    table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
+    changed = None if model is None else Path(model)
+    request = Request(source, joints, seed, table, Path(out), changed, found, lost)
     return Exported(tuple(exporter.write(request)), found, lost)
 
 
@@ -124,12 +122,7 @@ def trial(name: str, armature: np.ndarray, dt: float) -> Trial:
 
 
 def log_trial(log: MotorLog, joints: Sequence[str], robots: int, dt: float) -> Trial:
-    """Commands and loads of a log's longest segment for these joints, robot after robot, at rest at the first target.
-
-    Raises:
-        ConfigError: joints that are not in the log.
-        LogError: a log without loads.
-    """
+    """Commands and loads of a log's longest segment for these joints, robot after robot; errors as of `export`."""
     if log.load_inertia is None or log.external_torque is None:
         raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
     if missing := [name for name in joints if name not in log.joint_names]:

@@ -36,37 +36,29 @@ _TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of
 Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
 
 
-def _operator(sign: str, kind: str = "float", swapped: bool = False) -> "Callable[[Symbol, Any], Symbol]":
-    def write(own: "Symbol", other: Any) -> "Symbol":
-        left, right = (other, own) if swapped else (own, other)
-        return own.new(f"{_text(left)} {sign} {_text(right)}", kind)
+def _operator(sign: str) -> "Callable[[Symbol, Any], Symbol]":
+    return lambda own, other: own.new(f"{_text(own)} {sign} {_text(other)}")
 
-    return write
+
+def _swapped(sign: str) -> "Callable[[Symbol, Any], Symbol]":
+    return lambda own, other: own.new(f"{_text(other)} {sign} {_text(own)}")
 
 
 class Symbol:
-    """A float of generated code; every operation writes a line."""
+    """A value of generated code; every operation writes a line."""
 
     def __init__(self, code: list[str], text: str):
         self.code, self.text = code, text
 
-    def new(self, text: str, kind: str = "float") -> "Symbol":
+    def new(self, text: str) -> "Symbol":
         """A variable with this value."""
-        name = f"t{len(self.code)}"
-        self.code.append(f"{kind} {name} = {text};")
-        return Symbol(self.code, name)
+        self.code.append(f"const auto t{len(self.code)} = {text};")
+        return Symbol(self.code, f"t{len(self.code) - 1}")
 
-    __add__, __radd__ = _operator("+"), _operator("+", swapped=True)
-    __sub__, __rsub__ = _operator("-"), _operator("-", swapped=True)
-    __mul__, __rmul__ = _operator("*"), _operator("*", swapped=True)
-    __truediv__, __rtruediv__ = _operator("/"), _operator("/", swapped=True)
-    __gt__, __lt__, __or__ = _operator(">", "bool"), _operator("<", "bool"), _operator("||", "bool")
-
-    def __neg__(self) -> "Symbol":
-        return self.new(f"-{self.text}")
-
-    def __abs__(self) -> "Symbol":
-        return self.new(f"wp::abs({self.text})")
+    __add__, __sub__, __mul__, __truediv__ = map(_operator, "+-*/")
+    __radd__, __rsub__, __rmul__, __rtruediv__ = map(_swapped, "+-*/")
+    __gt__, __lt__, __or__ = map(_operator, (">", "<", "||"))
+    __neg__, __abs__ = (lambda own: own.new(f"-{own.text}")), (lambda own: own.new(f"wp::abs({own.text})"))
 
 
 def _text(value: Any) -> str:
@@ -88,11 +80,11 @@ def traced_step(terms: tuple[str, ...]) -> str:
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
     states = len(MotorState._fields) if terms else BASE_STATE
     code: list[str] = []
-    root = Symbol(code, "")
-    p = StepConstants(*(root.new(f"table.data[{row} * n + i]") for row in range(constants)))
-    state = MotorState(*(root.new(f"memory.data[{row} * n + i]") for row in range(states)))
-    inputs = [Symbol(code, name) for name in ("target", "q", "dq", "h")]
-    state, torque, damping = step(p, state, inputs[0], inputs[1], inputs[2], inputs[3], SYMBOLS, terms)
+    new = Symbol(code, "").new
+    p = StepConstants(*(new(f"table.data[{row} * n + i]") for row in range(constants)))
+    state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(states)))
+    target, q, dq, h = (Symbol(code, name) for name in ("target", "q", "dq", "h"))
+    state, torque, damping = step(p, state, target, q, dq, h, SYMBOLS, terms)
     code += [f"memory.data[{row} * n + i] = {_text(value)};" for row, value in enumerate(state[:states])]
     return "\n".join([*code, f"torque.data[i] = {_text(torque)};", f"damping.data[i] = {_text(damping)};"])
 

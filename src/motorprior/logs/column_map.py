@@ -140,19 +140,20 @@ def shipped_maps() -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(".toml") for file in _MAPS.iterdir()))
 
 
-def load_column_map(name_or_path: str | Path) -> ColumnMap:
-    """Load a shipped map by name, or a .toml file by path.
+def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
+    """A map itself, a shipped one by name, or a .toml file by path.
 
     Raises:
         ArtifactError: no such map or file, not TOML, or an unknown or bad entry; names the key and its value.
     """
-    path = Path(name_or_path)
-    if path.suffix == ".toml":
-        return _from_table(read_toml(path, REMEDY), str(path))
-    if str(name_or_path) not in shipped_maps():
+    if isinstance(columns, ColumnMap):
+        return columns
+    if Path(columns).suffix == ".toml":
+        return _from_table(read_toml(Path(columns), REMEDY), str(columns))
+    if str(columns) not in shipped_maps():
         remedy = f"use one of {', '.join(shipped_maps())}, or the path of a .toml file"
-        raise ArtifactError(f"no column map {str(name_or_path)!r}", remedy=remedy)
-    return _from_table(tomllib.loads((_MAPS / f"{name_or_path}.toml").read_text("utf-8")), str(name_or_path))
+        raise ArtifactError(f"no column map {str(columns)!r}", remedy=remedy)
+    return _from_table(tomllib.loads((_MAPS / f"{columns}.toml").read_text("utf-8")), str(columns))
 
 
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:

@@ -69,8 +69,7 @@ def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
     """The log of a robot in any posture with load_inertia [kg·m²] and external_torque [N·m], from its joint_torque.
 
     external_torque = load_inertia·q̈ - joint_torque, with load_inertia the joint's own element of the mass matrix at the
-    median angles: a bench with this inertia and torque moves the same motor in the same way, whatever the feet touch.
-    Raises `LogError` without joint_torque or velocities, or for other joints.
+    median angles. Raises `LogError` without joint_torque or velocities, or for other joints.
     """
     if log.joint_torque is None or log.joint_vel is None or log.joint_names != robot.joint_names:
         problem = "no torques, no velocities, or not the joints of the robot"
@@ -87,8 +86,7 @@ def with_some_load(log: MotorLog) -> MotorLog:
     """The log, with a placeholder load if it has none: responses do not read it."""
     if log.external_torque is not None and log.load_inertia is not None:
         return log
-    shape = log.joint_pos.shape
-    return replace(log, external_torque=np.zeros(shape), load_inertia=np.ones(shape))
+    return replace(log, external_torque=np.zeros_like(log.joint_pos), load_inertia=np.ones_like(log.joint_pos))
 
 
 def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
@@ -115,8 +113,7 @@ def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path) -> None:
     wanted = _posture(robot)
     if log.posture is None or not (others := np.flatnonzero(log.posture != POSTURES.index(wanted))).size:
         return
-    problem = f"row {others[0]} has the posture {POSTURES[log.posture[others[0]]]}; loads of {robot.name}, whose base "
-    problem += f"is {robot.base}, need {wanted} in every row"
+    problem = f"row {others[0]} has the posture {POSTURES[log.posture[others[0]]]}; loads need {wanted} in every row"
     remedy = "correct the posture, cut those rows from the file, or import without suspended"
     raise LogError(problem, where=where, remedy=remedy, argument="suspended")
 

@@ -265,16 +265,12 @@ _BOUNDS = {  # lowest and highest value, and what it is
 
 
 def checked(log: MotorLog, where: Where = None) -> MotorLog:
-    """Return the log with float64 arrays and sorted firmware registers, or raise.
-
-    Args:
-        log: channels may be any array-like; rows count from 0.
-        where: file to name in the error, by default the log's source.
+    """The log with float64 arrays, from any array-likes, and sorted firmware registers.
 
     Raises:
         LogError: wrong shape, a value that is not finite or out of its bounds, time that does not increase within a
             segment, a segment of fewer than 2 rows or in two places, gains that change within a segment, or an unknown
-            encoder, gain unit, posture or register; names row, column and value.
+            encoder, gain unit, posture or register; names ``where`` or the log's source, row, column and value.
     """
     where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):

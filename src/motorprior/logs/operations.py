@@ -10,25 +10,21 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError, listed
-from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware, time_steps
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MAX_SMOOTHING = 0.5  # of commands [rad]
 MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
 _MAX_NAMED = 5  # gaps that the message lists
-_MAX_ROWS = 50_000_000  # of a grid
 # Channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
 
 
 def gap_rows(log: MotorLog) -> np.ndarray:
     """(G,) rows before which more than 5 median time steps of their segment passed."""
-    found = [np.zeros(0, dtype=np.intp)]
-    for part in log.segment_slices():
-        steps = np.diff(log.time[part])
-        if len(steps):
-            found.append(part.start + 1 + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)))
-    return np.concatenate(found)
+    parts = [(part.start, np.diff(log.time[part])) for part in log.segment_slices()]
+    found = [1 + start + np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) for start, steps in parts if len(steps)]
+    return np.concatenate([np.zeros(0, dtype=np.intp), *found])
 
 
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
@@ -41,8 +37,7 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     gaps = gap_rows(log)
     if not gaps.size:
         return log, ""
-    after = set(gaps.tolist())
-    pieces = []
+    after, pieces = set(gaps.tolist()), []
     for first, last in pairwise(sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})):
         short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
         if not (short and after & {first, last}):
@@ -67,33 +62,24 @@ def resample(log: MotorLog, period: float) -> MotorLog:
     alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
     interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
-    Raises:
-        LogError: a period that is longer than a segment, or gives more than 50 million rows.
+    Raises LogError for a period that is longer than a segment.
     """
-    if log.duration / period > _MAX_ROWS:  # after a jump of the clock
-        rows, steps = time_steps(log)
-        gap = int(np.argmax(steps))
-        problem = f"more than {_MAX_ROWS} rows of {period:g} s; a time step is {steps[gap]:g} s, before row {rows[gap]}"
-        raise LogError(problem, where=log.source, remedy="begin a segment after the gap, or choose a longer period")
     parts = [_resample_segment(segment, period) for segment in log.segments()]
     return checked(replace(log, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]}))
 
 
 def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
     start, end = float(segment.time[0]), float(segment.time[-1])
-    count = math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1
-    if count < 2:
+    grid = start + period * np.arange(math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1)
+    if len(grid) < 2:
         problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
         raise LogError(problem, where=segment.source, remedy="choose a shorter period")
-    grid = start + period * np.arange(count)
     held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
-    result = {"time": grid}
+    result = {"position_target": _mean_command(segment.time, segment.position_target, grid, period), "time": grid}
     for name, value in channels(segment).items():
         if name in _HELD:
             result[name] = value[held]
-        elif name == "position_target":
-            result[name] = _mean_command(segment.time, value, grid, period)
-        elif name != "time":
+        elif name not in result:
             result[name] = np.stack([np.interp(grid, segment.time, column) for column in value.T], axis=1)
     return result
 
@@ -153,25 +139,20 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         grid = replace(grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target))
     pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
     for old, new in zip(parts, grid.segment_slices(), strict=True):
-        smooth, raw = (CubicSpline(log.time[old], each[old], axis=0) for each in (angles, log.joint_pos))
+        smooth, raw = (CubicSpline(log.time[old], each[old]) for each in (angles, log.joint_pos))
         pos[new], vel[new], reading[new] = smooth(grid.time[new]), smooth(grid.time[new], 1), raw(grid.time[new])
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:
     """Mask (T,) of rows whose measured angles all equal those of the previous row of the same segment."""
-    repeated = np.zeros(log.num_rows, dtype=bool)
-    for part in log.segment_slices():
-        repeated[part.start + 1 : part.stop] = np.all(np.diff(log.joint_pos[part], axis=0) == 0.0, axis=1)
+    repeated = np.all(np.diff(log.joint_pos, axis=0, prepend=np.nan) == 0.0, axis=1)
+    repeated[[part.start for part in log.segment_slices()]] = False
     return repeated
 
 
 def drop_repeats(log: MotorLog) -> MotorLog:
-    """Keep the first row of every run of equal measurements.
-
-    A host that polls faster than the robot answers logs the same angles several times, which makes velocities zero.
-    Only for logs of hardware: exact repeats in simulation are real.
-    """
+    """Keep the first row of every run of equal angles of a robot that answers more slowly than its host polls."""
     return checked(log.rows(~repeated_rows(log)))
 
 
@@ -195,12 +176,10 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     source = "; ".join(dict.fromkeys(log.source for log in logs))
     if all(log.joint_names == first.joint_names for log in logs):
         parts = [part for log in logs for part in log.segments()]
-        values = {
-            name: np.concatenate([channels(part)[name] for part in parts])
-            for name in channels(parts[0]).keys() - {"segment"}
-        }
-        values["segment"] = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
-        whole = replace(first, **values)
+        segment = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
+        names = channels(first).keys() - {"segment"}
+        values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
+        whole = replace(first, **values, segment=segment)
     elif len(set(names)) == len(names):
         classes = tuple(each for log in logs for each in log.stated_classes)
         stated = classes if len(classes) == len(names) else ()
@@ -212,15 +191,14 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 
 
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
-    problem = ""
-    for name in ("robot", "motor", "encoder", "gain_unit"):
-        if getattr(first, name) != getattr(log, name):
-            problem = problem or f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
+    problems = [
+        f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
+        for name in ("robot", "motor", "encoder", "gain_unit") if getattr(first, name) != getattr(log, name)
+    ]  # fmt: skip
     registers = sorted(f"firmware.{name}" for name in first.firmware.keys() ^ log.firmware.keys())
-    unequal = registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"})
-    if unequal:
-        problem = problem or f"only some of the logs have {', '.join(unequal)}"
-    if problem := problem or other_firmware(log.firmware, first.firmware) or "":
+    if unequal := registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"}):
+        problems.append(f"only some of the logs have {', '.join(unequal)}")
+    if problem := next(filter(None, [*problems, other_firmware(log.firmware, first.firmware)]), None):
         remedy = "import all with the same channels and registers, or fit one at a time"
         raise LogError(problem, where=log.source, remedy=remedy)
 
@@ -252,5 +230,4 @@ def moved(log: MotorLog) -> np.ndarray:
 
 def static_joints(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
-    at_rest = np.flatnonzero(np.std(log.joint_pos, axis=0) <= EXCITED_STD)
-    return tuple(log.joint_names[column] for column in at_rest)
+    return tuple(np.array(log.joint_names)[np.std(log.joint_pos, axis=0) <= EXCITED_STD].tolist())

@@ -1,4 +1,4 @@
-"""Read a log in any format, or every log of a folder.
+"""Read a log in any format or every log of a folder, and prepare it: settings, gaps, grid, loads.
 
 A new format is a file in `logs.readers` with its `LogReader` as READER.
 """
@@ -6,18 +6,30 @@ A new format is a file in `logs.readers` with its `LogReader` as READER.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 
-from motorprior.exceptions import ArtifactError, ConfigError, LogError
+import numpy as np
+
+from motorprior.bounds import require_number
+from motorprior.exceptions import ConfigError, LogError, MotorPriorError, listed
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.doctor.readings import failed_reads
+from motorprior.logs.doctor.signs import gravity_signs
+from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import CONDITIONS, MotorLog, checked
+from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
+from motorprior.progress import WARNED, WARNING, Progress
+from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
+PERIOD = 0.002  # of the presets of identification for real motors [s]
 READERS: tuple[LogReader, ...] = tuple(
     import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
 )
@@ -44,7 +56,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
     if columns is None:
         assert reader.read is not None
         return reader.read(path, robot)
-    column_map = columns if isinstance(columns, ColumnMap) else load_column_map(columns)
+    column_map = load_column_map(columns)
     if robot is not None and column_map.robot not in ("", robot.name):
         problem = f"robot {robot.name!r}, but the column map {column_map.source} is for {column_map.robot!r}"
         remedy = f"give {column_map.robot!r} as robot, or correct robot in the map"
@@ -126,7 +138,7 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
                 raise LogError(f"there is another log {name!r}")
             logs[name] = read_log(entry, robot, column_map)
             taken.append(entry)
-        except (LogError, ConfigError, ArtifactError) as error:
+        except MotorPriorError as error:
             unreadable.append(f"{entry.name}: {error.problem}")
     if not logs:
         problem = "; ".join(["no log in it can be read", *unreadable[:1]])
@@ -140,3 +152,131 @@ def short_name(path: Path) -> str:
     found = re.fullmatch(r"env_(.+?)(\.csv\.gz|\.csv|\.txt)", path.name)
     words = found[1].split("_") if found else []
     return "_".join(word for word in words if word not in ("log", "real")) if "real" in words else ""
+
+
+def load_log(
+    path: str | Path,
+    *,
+    columns: ColumnMap | str | Path | None = None,
+    robot: Robot | str | Path | None = None,
+    suspended: bool = False,
+    period: float | None = PERIOD,
+    kp: float | Sequence[float] = (),
+    kd: float | Sequence[float] = (),
+    firmware: Mapping[str, float] | None = None,
+    conditions: Mapping[str, float] | None = None,
+    as_joint: Sequence[str] = (),
+    progress: Progress = WARNED,
+) -> MotorLog:
+    """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
+
+    Rows in which a read failed are left out. A segment begins after every gap. Both, assumptions of the format, and
+    joint signs that contradict gravity are reported.
+
+    Args:
+        path: as in `read_log`.
+        columns: as in `read_log`.
+        robot: the recorded robot, its name or its .toml file; gives the loads, and the joints of formats that do not
+            name them.
+        suspended: the robot was suspended with a level body, or has a fixed base: smooth the readings and compute the
+            loads of the motors from the model of ``robot``. Otherwise loads are those of the log, if it has any.
+        period: time step of the result [s]; None keeps the recorded rows.
+        kp: proportional gain during the log, in its unit of gains: one for all joints, or one per joint in the order of
+            the robot, or of ``columns`` without one. Overrides the log and ``columns``.
+        kd: derivative gain, likewise.
+        firmware: registers of `motor_log.FIRMWARE`, in SI units; they override those of the log.
+        conditions: some of `motor_log.CONDITIONS`, for all joints and rows; they override those of the log.
+        as_joint: names of the joints of ``robot`` for those of the log, in its order: the log, for example of a bench,
+            is then one of motors of this robot.
+        progress: where to report to; by default warnings are Python warnings.
+
+    Raises:
+        ConfigError: a period out of range, another number of gains, or loads without a robot or period, or for a log
+            that has loads; joints that are none of the robot's, without ``as_joint``.
+        LogError: the log cannot be read, lacks what loads need, or a given value is out of its bounds.
+        ArtifactError: a bad column map or robot.
+    """
+    robot, path = None if robot is None else as_robot(robot), Path(path)
+    reader, model = reader_of(path, columns is not None), robot if suspended else None
+    if period is not None:
+        require_number("period", period, 1e-6, 1.0)
+    if suspended and (robot is None or period is None):
+        problem, remedy = "suspended: no model for the loads", "give robot, its .toml file (docs/your-robot.md)"
+        raise ConfigError(problem, where=path, remedy=f"{remedy}, and a period", argument="robot")
+    on_grid = None if period is None or columns else reader.on_grid
+    log = on_grid(path, robot, period or 0.0, suspended) if on_grid else read_log(path, robot, columns)
+    log = _of_robot(log, robot, tuple(as_joint), path)
+    log = _with_settings(log, kp, kd, firmware, conditions, progress)
+    if robot is not None and set(log.joint_names) <= set(robot.joint_names):
+        classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
+        log = replace(log, stated_classes=tuple(classes[name] for name in log.joint_names))
+    if on_grid is None:
+        if model is not None:
+            if present := [name for name in LOADS if getattr(log, name) is not None]:
+                problem = f"suspended: the log already contains its load ({present[0]})"
+                raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
+            require_fixed_base(log, model, path)
+        log, lines = without_gaps(log, period or 0.0)
+        for message in [*lines, *([reader.assumption] if reader.assumption and not columns else [])]:
+            progress.note(f"{path}: {message}")
+        if period is not None:
+            log = resample(log, period) if model is None else smooth_on_grid(log, period)
+    if model is not None:
+        log = with_loads(log, model)
+        for finding in gravity_signs(log, model):
+            progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
+    return log
+
+
+def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], path: Path) -> MotorLog:
+    """The log with joints of the robot, if their names are given."""
+    if as_joint and robot is None:
+        raise ConfigError("as_joint without a robot", remedy="give robot", argument="as_joint")
+    known = robot is not None and (log.robot == robot.name or set(log.joint_names) & set(robot.joint_names))
+    if robot is None or (known and not as_joint):
+        return log
+    if len(as_joint) == log.num_joints and len(set(as_joint) & set(robot.joint_names)) == len(as_joint):
+        return checked(replace(log, joint_names=as_joint, robot=robot.name))
+    problem = f"its joints {listed(log.joint_names, 8)} are none of {robot.name}'s"
+    if as_joint:
+        problem = f"as_joint {', '.join(as_joint)} does not name {log.num_joints} different joints of {robot.name}"
+    remedy = f"state which they are by as_joint, such as {robot.joint_names[0]}, of {', '.join(robot.joint_names)}"
+    raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
+
+
+def without_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
+    """The log without rows in which a read failed, with a segment after every gap; and sentences about both.
+
+    Raises LogError as `begin_at_gaps`, or if a segment has fewer than 2 rows without failed reads.
+    """
+    failed = failed_reads(log)
+    counts, rows = failed.sum(axis=0), np.asarray(failed.any(axis=1))
+    named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
+    lines = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
+    log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)
+    return log, lines + ([gaps] if gaps else [])
+
+
+def _with_settings(
+    log: MotorLog,
+    kp: float | Sequence[float],
+    kd: float | Sequence[float],
+    firmware: Mapping[str, float] | None,
+    conditions: Mapping[str, float] | None,
+    progress: Progress,
+) -> MotorLog:
+    values: dict[str, Any] = {"firmware": {**log.firmware, **(firmware or {})}}
+    for name, given in (("kp", np.ravel(kp)), ("kd", np.ravel(kd))):
+        if given.size not in (0, 1, log.num_joints):
+            problem = f"{name}: {given.size} gains for {log.num_joints} joints"
+            raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
+        if given.size > 1:
+            pairs = zip(log.joint_names, given.tolist(), strict=True)
+            progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")
+        if given.size:
+            values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
+    for name, value in (conditions or {}).items():
+        if name not in CONDITIONS:
+            raise ConfigError(f"condition {name!r}", remedy=f"give {' or '.join(CONDITIONS)}", argument="conditions")
+        values[name] = np.full(log.joint_pos.shape, value)
+    return checked(replace(log, **values))

@@ -33,20 +33,12 @@ class Split:
         return Split(train, test, self.rule)
 
 
-def first_seconds(log: MotorLog, seconds: float | None) -> MotorLog:
-    """The first rows of a log, without a last segment of a single row."""
-    if seconds is None:
-        return log
-    period = float(np.median(np.diff(log.time)))
-    kept = log.rows(slice(0, max(2, round(seconds / period))))
-    last = kept.segment_slices()[-1]
-    return kept.rows(slice(0, last.start)) if last.stop - last.start < 2 else kept
-
-
 def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
-    """`first_seconds`, and the remaining rows, without a first segment of a single row; ConfigError if none remain."""
+    """The first seconds of a log and the rest, without segments of a single row; ConfigError if no rest remains."""
     require_number("seconds", seconds, 0.0, log.duration)
-    first = first_seconds(log, seconds)
+    first = log.rows(slice(0, max(2, round(seconds / float(np.median(np.diff(log.time)))))))
+    last = first.segment_slices()[-1]
+    first = first.rows(slice(0, last.start)) if last.stop - last.start < 2 else first
     rest = log.rows(slice(first.num_rows, None))
     starts = [part.start for part in rest.segment_slices() if part.stop - part.start > 1]
     if not starts:

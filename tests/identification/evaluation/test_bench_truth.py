@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Closed-loop fidelity of models that diverge on the bench."""
-=======
 """Errors of models that diverge on the bench."""
->>>>>>> h_a
 
 import numpy as np
 
@@ -12,18 +8,7 @@ from motorprior.identification.evaluation.bench_truth import bench_errors
 from motorprior.identification.evaluation.errors import MAX_ERROR
 
 
-<<<<<<< HEAD
-
-@pytest.fixture(scope="module")
-def motors():
-    return load_fleet("mixed").sample(COUNT, np.random.default_rng(4))
-
-
-def test_a_model_that_diverges_is_one_turn_off(motors):
-    unstable = IdealPd.uniform(COUNT, -50.0, 0.0, 1e9)
-=======
 def test_a_model_that_diverges_is_one_turn_off():
     motors, unstable = load_fleet("mixed").sample(12, np.random.default_rng(4)), IdealPd.uniform(12, -50.0, 0.0, 1e9)
->>>>>>> h_a
     errors = bench_errors(motors, {"unstable": lambda index: unstable}, 0)["impacts"]
     assert np.all(errors["unstable"] == MAX_ERROR) and np.all(errors["physical"] < 0.1)

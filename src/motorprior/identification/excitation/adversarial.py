@@ -18,10 +18,9 @@ import numpy as np
 import optax
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench import bounded_stream
+from motorprior.bench import bounded_stream, learned_excitation
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import BURN_IN, LearnedExcitation, weight_shapes
-from motorprior.bench.stream_makers import CHANNELS, LEAK, RECEPTIVE, convolved, generator, generator_inputs
+from motorprior.bench.learned_excitation import BURN_IN, CHANNELS, LEAK, LearnedExcitation, convolved, weight_shapes
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
 RATES = {"critic": 1e-3, "generator": 3e-4}  # of Adam with b1 = 0
@@ -42,8 +41,7 @@ def train_generator(
 ) -> dict[str, np.ndarray]:
     """Weights of a generator of windows like those of ``runs``; same arguments, same bytes.
 
-    After every CHUNK steps the state is kept in the file ``checkpoint``, from which a later call with the same
-    ``identity``, the description of runs and settings, continues.
+    The state after every CHUNK steps is in the file ``checkpoint``; a call with the same ``identity`` continues there.
     """
     optimisers = {name: optax.adam(rate, b1=0.0, b2=0.9) for name, rate in RATES.items()}
     state, first = _initial(runs, seed, optimisers), 0
@@ -77,8 +75,8 @@ def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) 
     given = 1 + CHANNELS + len(runs.classes) + 1
     sizes = (given, *(HIDDEN for _ in range(_LAYERS)))
     shapes: dict[str, tuple[int, ...]] = {"out": (2 * HIDDEN, 1)}
-    for layer in range(_LAYERS):
-        shapes |= {f"k{layer}": (_TAPS, *sizes[layer : layer + 2]), f"c{layer}": (sizes[layer + 1],)}
+    for layer, size in enumerate(sizes[:-1]):
+        shapes |= {f"k{layer}": (_TAPS, size, HIDDEN), f"c{layer}": (HIDDEN,)}
     making, critic = weights(weight_shapes(len(runs.classes))), weights(shapes)
     directions = {n: jnp.asarray(rng.standard_normal(s[-1]), jnp.float32) for n, s in shapes.items() if len(s) > 1}
     return {
@@ -90,12 +88,11 @@ def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) 
 def _batches(runs: LearnedExcitation, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
     """For ``count`` steps and twice a BATCH: inputs of the generator, classes, commands, and real windows."""
     which = rng.integers(len(runs.classes), size=count * 2 * BATCH)
-    frames = runs.windows.shape[1] + BURN_IN + RECEPTIVE
-    inputs, chosen = generator_inputs(runs, rng, frames, which, style_frames=frames)
+    frames = runs.windows.shape[1] + BURN_IN + learned_excitation.RECEPTIVE
+    inputs, chosen = learned_excitation.generator_inputs(runs, rng, frames, which, style_frames=frames)
     parts = inputs, which, runs.commands[chosen], runs.windows[chosen] / runs.scales[which][:, None]
-    shape = (count, 2, BATCH)
-    kinds = np.float32, np.int32, np.float32, np.float32
-    return tuple(part.astype(kind).reshape(*shape, *part.shape[1:]) for part, kind in zip(parts, kinds, strict=True))
+    # JAX makes them float32 and int32
+    return tuple(part.reshape(count, 2, BATCH, *part.shape[1:]) for part in parts)
 
 
 def _constants(runs: LearnedExcitation) -> tuple[jnp.ndarray, ...]:
@@ -110,15 +107,12 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
     def made(weights: Weights, inputs: jnp.ndarray, which: jnp.ndarray, constants: Any) -> jnp.ndarray:
         """(B, frames, CHANNELS) bounded windows, scaled."""
         limits, scales, _ = constants
-        raw = generator(weights, inputs, jnp) * scales[which][:, None]
         bounds = Bounds(*limits[which].T)
+        raw = learned_excitation.generator(weights, inputs, jnp) * scales[which][:, None]
         targets = jnp.swapaxes(raw[..., 0], 0, 1)
 
-        def follow(state: Any, pair: Any) -> Any:
-            return bounded_stream.step(state, pair[0], pair[1], bounds, period, jnp)
-
-        start = (targets[0], jnp.zeros_like(targets[0]))
-        _, target = jax.lax.scan(follow, start, (targets[:-1], targets[1:]))
+        rest, pairs = (targets[0], jnp.zeros_like(targets[0])), (targets[:-1], targets[1:])
+        _, target = jax.lax.scan(lambda at, pair: bounded_stream.step(at, *pair, bounds, period, jnp), rest, pairs)
         torque = bounded_stream.soft(raw[:, 1:, 1:], bounds.torque[:, None, None], jnp)
         whole = jnp.concatenate([jnp.swapaxes(target, 0, 1)[..., None], torque], axis=2)
         return (whole / scales[which][:, None])[:, BURN_IN:]
@@ -126,8 +120,7 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
     def scores(weights: Weights, norms: Weights, windows: jnp.ndarray, which: Any, command: Any, changes: Any) -> Any:
         """(B,) of the critic: large for windows of runs."""
         change = jnp.diff(windows[..., :1], axis=1) / changes[which][:, None, None]
-        kinds = jax.nn.one_hot(which, num_classes)
-        given = jnp.concatenate([kinds, command[:, None]], axis=1)[:, None]
+        given = jnp.concatenate([jax.nn.one_hot(which, num_classes), command[:, None]], axis=1)[:, None]
         given = jnp.broadcast_to(given, (*change.shape[:2], given.shape[2]))
         hidden = jnp.concatenate([windows[:, 1:], change, given], axis=2)
         for layer in range(_LAYERS):

@@ -14,15 +14,14 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.dynamometer import Trial, bench_names, run
-from motorprior.bench.learned_excitation import LearnedExcitation
-from motorprior.bench.stream_makers import SUB
+from motorprior.bench.dynamometer import Trial, run
+from motorprior.bench.learned_excitation import SUB, LearnedExcitation
+from motorprior.bench.recording import as_log
 from motorprior.exceptions import ConfigError
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.training_data.windows import training_data, with_window_that_fits
-from motorprior.logs.motor_log import MotorLog
 
 CANDIDATES = 64  # windows of each class to choose from
 ENOUGH = 1.1  # standard deviations, over those after all candidates, at which more seconds do not pay
@@ -58,17 +57,14 @@ def active(
         raise ConfigError(f"a {prior.preset} prior", remedy="identify one with preset rollout", argument="plan")
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
-        which = np.full(candidates, index)
-        target, torque = excitation.frames(rng, frames, which)
+        target, torque = excitation.frames(rng, frames, np.full(candidates, index))
         low, high = np.log(excitation.load_inertia[index])
         inertia = np.exp(rng.uniform(low, high, candidates))
         trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
-        added = information(prior, model, trial, name)
-        plans.append(_plan(name, model, added, frames * excitation.period))
+        plans.append(_plan(name, model, information(prior, model, trial, name), frames * excitation.period))
         windows = np.concatenate([target.T[..., None], torque.T.reshape(candidates, frames, SUB)], axis=2)
         kept.append(windows[plans[-1].windows])
-    of_class = np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
-    chosen = np.concatenate(kept)
+    chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
     rest = np.zeros(len(chosen))
     made = replace(excitation, play="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
     return made, plans
@@ -76,17 +72,11 @@ def active(
 
 def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: str) -> np.ndarray:
     """(n, K, K) information about z of the mean motor of a class of joints from each joint of a bench trial."""
-    count, rows = len(trial.load_inertia), len(trial.position_target)
+    count = len(trial.load_inertia)
     motors = prior.sample((joint_class,) * count, 0, spread=0.0)
-    response, gains = run(motors, trial), motors.gains if isinstance(motors, GreyBoxActuator) else None
-    log = MotorLog(
-        time=np.arange(rows) * trial.dt, position_target=trial.position_target, joint_pos=response.joint_pos,
-        joint_vel=response.joint_vel, joint_torque=response.joint_torque, external_torque=trial.external_torque,
-        load_inertia=np.tile(trial.load_inertia, (rows, 1)), joint_names=bench_names(count), robot=prior.robot,
-        motor=prior.motor, source="candidates",
-    )  # fmt: skip
-    if gains is not None:
-        kp, kd = np.repeat(gains[:, None], rows, axis=1)
+    log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
+    if isinstance(motors, GreyBoxActuator) and motors.gains is not None:
+        kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
         log = replace(log, stated_kp=kp, stated_kd=kd, gain_unit=model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
     search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -184,10 +185,10 @@ def logs_kd(runs: WindowRuns) -> bool:
     return bool(np.any(runs.gains[1] != runs.gains[0]))
 
 
-def encoded(values: Mapping[str, float], terms: tuple[str, ...]) -> np.ndarray:
-    """(P,) decoder outputs of a motor with these constants; outputs of constants that are not given are 0."""
+def encoded(values: Mapping[str, Any], terms: tuple[str, ...]) -> np.ndarray:
+    """(P,) or (P, n) decoder outputs of motors with these constants; 0 for constants that are not given."""
     return np.array([
-        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(values.get(name, 1.0))
+        values.get(name, 0.0) / SIGNED[name] if name in SIGNED else np.log(np.maximum(values.get(name, 1.0), 1e-9))
         for name in parameters_of(terms)
     ])  # fmt: skip
 

@@ -117,15 +117,14 @@ def failed_reads(log: MotorLog) -> np.ndarray:
     is a spike (`velocity_spikes`).
     """
     failed, period = np.zeros(log.joint_pos.shape, dtype=bool), _reading_period(log)
-    parts = log.segment_slices()
     for column in range(log.num_joints):
-        for channel, kind, row in _jumps(log, column, period):
-            part = next(part for part in parts if part.start <= row < part.stop)
+        for _, kind, row in _jumps(log, column, period):
+            part = next(part for part in log.segment_slices() if part.start <= row < part.stop)
             if kind == FAILED:
                 failed[row, column] = True
-            elif channel == "joint_pos" and kind == STAYS and row - part.start <= READINGS:
+            elif kind == STAYS and row - part.start <= READINGS:
                 failed[part.start : row, column] = True
-            elif channel == "joint_pos" and kind == STAYS and part.stop - row <= READINGS:
+            elif kind == STAYS and part.stop - row <= READINGS:
                 failed[row : part.stop, column] = True
     return failed if log.joint_vel is None else failed | velocity_spikes(log.joint_vel)
 
@@ -269,9 +268,9 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
 
 def ranges(log: MotorLog) -> Iterator[Finding]:
     """For comparison with the robot (info): ranges of the angles in degrees, and logged gains and registers."""
-    low, high = (np.rad2deg(bound(log.joint_pos, axis=0)).tolist() for bound in (np.min, np.max))
-    spans = [f"{joint} {a:.4g}..{b:.4g}" for joint, a, b in zip(log.joint_names, low, high, strict=True)]
-    yield Finding("info", "angles", max(map(abs, low + high)), f"angles in degrees: {', '.join(spans)}")
+    degrees = np.rad2deg([log.joint_pos.min(axis=0), log.joint_pos.max(axis=0)])
+    spans = [f"{joint} {low:.4g}..{high:.4g}" for joint, (low, high) in zip(log.joint_names, degrees.T, strict=True)]
+    yield Finding("info", "angles", float(np.abs(degrees).max()), f"angles in degrees: {', '.join(spans)}")
     yield Finding("info", "settings", 0.0, f"the log states {settings_text(log) or 'no gain, register or posture'}")
 
 

@@ -61,14 +61,11 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     if gravity is None or steady.sum(axis=0).max(initial=0) < MIN_ROWS:
         return
 
-    def residual(*joints: int) -> float:
-        sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
-        return _residual(sign * gravity(sign * angle), error, speed, steady)
-
-    def exchanged(one: int, other: int) -> float:
+    def residual(*joints: int, exchanged: bool = False) -> float:
         order = np.arange(log.num_joints)
-        order[[one, other]] = other, one
-        return _residual(gravity(angle[:, order])[:, order], error, speed, steady)
+        sign = np.where(np.isin(order, joints) & (not exchanged), -1.0, 1.0)
+        order[list(joints)] = joints[::-1] if exchanged else joints
+        return _residual(sign * gravity(sign * angle[:, order])[:, order], error, speed, steady)
 
     given = residual()
     if given < MIN_RMS**2:
@@ -77,7 +74,7 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
     squares = {joints: residual(*joints) for joints in [*((each,) for each in range(log.num_joints)), *pairs]}
     enough = min(squares.values()) + 0.05 * max(0.0, given - min(squares.values()))
     joints, square = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
-    others = {pair: exchanged(*pair) for pair in pairs}
+    others = {pair: residual(*pair, exchanged=True) for pair in pairs}
     pair = min(others, key=others.__getitem__, default=joints)
     best = min(square, others.get(pair, np.inf))
     before, after = np.sqrt([given, best])

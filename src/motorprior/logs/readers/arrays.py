@@ -7,14 +7,13 @@ per step is stacked. Nothing in a file is executed. The array of a .npy is ``dat
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import read_bytes, require_file, require_size
+from motorprior.artifacts import read_bytes, require_file
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
@@ -89,9 +88,6 @@ def _same_keys(tables: Sequence[Any]) -> bool:
 
 
 def _numpy(path: Path) -> Any:
-    if path.suffix == ".npz":
-        with zipfile.ZipFile(path) as archive:
-            require_size(sum(each.file_size for each in archive.infolist()), path, LogError)
     loaded = np.load(path, allow_pickle=False)
     return dict(loaded) if path.suffix == ".npz" else loaded
 

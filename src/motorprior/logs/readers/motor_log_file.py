@@ -46,17 +46,11 @@ _HEADER = Schema(
 
 
 def write_log(path: str | Path, log: MotorLog) -> None:
-    """Check a log in SI units and write it to a .parquet file, atomically.
-
-    Raises:
-        LogError: as `checked`.
-        ArtifactError: the file cannot be written.
-    """
+    """Write a log to a .parquet file, atomically; raises LogError as `checked`, ArtifactError if it cannot write."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    path = Path(path)
-    log = checked(log, where=path)
+    path, log = Path(path), checked(log, where=path)
     header = {
         "schema_version": SCHEMA_VERSION,
         "units": _UNITS,

@@ -47,9 +47,7 @@ def read_robot_run(
     ``period`` [s], every segment is put on this grid: angles by cubic splines, velocities as their derivatives, and as
     command the mean of the targets in force during each step.
 
-    Raises:
-        LogError: not a recording, damaged before its last line, no row of these activities, time that does not
-            increase, or numbers that are not finite.
+    Raises LogError for another or damaged file, no row of these activities, or a period longer than a segment.
     """
     columns = run_columns(robot.joint_names, any(name.startswith("joint_current/") for name in csv_names(path)))
     table = np.column_stack(list(table_columns(path, columns, may_be_cut=True).values()))
@@ -64,7 +62,7 @@ def read_robot_run(
         raise LogError(f"no row of mode {wanted}", where=path, remedy="give a recording of at least a second of it")
     parts = [table[rows & (segment == index)] for index in np.unique(segment[rows])]
     if period is not None:
-        parts = [_on_grid(part, period, robot.num_joints, path) for part in parts]
+        parts = [_on_grid(part, period, robot.num_joints) for part in parts]
     table, joints = np.concatenate(parts), robot.num_joints
     *series, body = np.split(table[:, 3:], range(joints, len(columns) - 3, joints), axis=1)
     current = series[3] if len(series) > 3 else None
@@ -78,13 +76,11 @@ def read_robot_run(
     return checked(log)
 
 
-def _on_grid(part: np.ndarray, period: float, joints: int, path: Path) -> np.ndarray:
+def _on_grid(part: np.ndarray, period: float, joints: int) -> np.ndarray:
     """One segment on a grid of ``period`` [s]."""
     from scipy.interpolate import CubicSpline  # takes half a second
 
     time = part[:, 0]
-    if period > time[-1] - time[0]:
-        raise LogError(f"period {period:g} s is longer than a segment of {time[-1] - time[0]:g} s", where=path)
     grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
     since = np.maximum.accumulate(part[:, 2])
     since[0] = min(since[0], time[0])  # the first target is assumed to hold before, too

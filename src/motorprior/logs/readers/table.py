@@ -185,11 +185,9 @@ def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
     """(rows,) timedelta64[ns] since the first row, of time stamps, durations or ISO 8601 texts."""
     import pyarrow as pa
 
-    is_duration = pa.types.is_duration(column.type)
-    if is_duration or pa.types.is_timestamp(column.type):
-        to = pa.duration("ns") if is_duration else pa.timestamp("ns", column.type.tz)
-        counts = np.asarray(column.cast(to).cast(pa.int64()).to_numpy(zero_copy_only=False))
-        return (counts - counts[:1]).astype("timedelta64[ns]")
+    if pa.types.is_duration(column.type) or pa.types.is_timestamp(column.type):
+        moments = column.to_numpy(zero_copy_only=False)
+        return (moments - moments[0]).astype("timedelta64[ns]")
     texts, since = column.to_pylist(), []
     for row, text in enumerate(texts):
         try:
