@@ -13,8 +13,8 @@ def quadruped() -> str:
   <body pos="{x} {y} 0"><joint name="{leg}_a" axis="1 0 0" range="-50 50"/><geom size="0.03" mass="0.2"/>
     <body><joint name="{leg}_h" axis="0 1 0" range="-90 180"/><geom size="0.03" pos="0 0 -0.1" mass="0.4"/>
       <body pos="0 0 -0.2"><joint name="{leg}_k" axis="0 1 0" range="-160 0"/>
-        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/>
-        <geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/></body></body></body>"""
+        <geom size="0.02" pos="0 0 -0.1" mass="0.1"/><geom name="{leg}" size="0.02" pos="0 0 -0.2" mass="0.02"/>
+        </body></body></body>"""
     return f"""<mujoco><worldbody><body name="body" pos="0 0 1"><freejoint/>
   <geom type="box" size="0.2 0.1 0.05" mass="3"/>{legs}</body></worldbody></mujoco>"""
 
