@@ -314,30 +314,33 @@ def _without_unidentified_limits(
         if name in names and largest.max():
             row = names.index(name)
             off = np.log(OFF * largest.max()) - center[row]
-            x = _unless_shown(search, x, fixed, {row: np.clip(off, x[:, row], LOG_REACH)}, RIGID_STEPS[1:], cost=SAVING)
+            x = _unless_shown(
+                search, x, fixed, {row: np.clip(off, x[:, row], LOG_REACH)}, RIGID_STEPS[1:], search.everyone, SAVING
+            )
     return x
 
 
 def simplified(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
-    """(M, K) latents with stiff gears without backlash, and with short velocity filters, where this lowers the loss.
+    """(M, K) latents with stiff gears without backlash, and short velocity filters, in classes that fit better so.
 
-    Else a compliance or a filter that the logs do not show takes a part of the delay, which is then too short.
+    Else a compliance or a filter that the logs do not show takes a part of the delay, which is then too short. The
+    motors of a class decide together: the mean of stiff and compliant gears is neither.
     """
     search, terms = motor_search(model, runs), model.motor.terms
     names, away = parameters_of(terms), initial_center(terms, runs) - model.motor.center
     for factors in SIMPLER:
         off = {names.index(name): np.log(factor) for name, factor in factors.items()}
         off = {row: np.clip(away[row] + factor, -_WITHIN, _WITHIN) for row, factor in off.items()}
-        x = _unless_shown(search, x, fixed_constants(terms, runs), off, STEPS[1:], cost=0.0)
+        x = _unless_shown(search, x, fixed_constants(terms, runs), off, STEPS[1:], runs.classes, cost=0.0)
     return x
 
 
 def _unless_shown(
-    search: Search, x: np.ndarray, fixed: np.ndarray, off: dict[int, Any], steps: Steps, cost: float
+    search: Search, x: np.ndarray, fixed: np.ndarray, off: dict[int, Any], steps: Steps, groups: np.ndarray, cost: float
 ) -> np.ndarray:
-    """(M, K) unknowns with ``off`` (M,) in these rows, and a descent of the others, where the loss grows by ``cost``.
+    """(M, K) unknowns with ``off`` (M,) in these rows and a descent of the others, in groups where it costs little.
 
-    ``cost`` is the largest share of the loss; fixed rows stay.
+    ``groups`` (M,) are those of the motors, ``cost`` the largest share of the loss; fixed rows stay.
     """
     if fixed[list(off)].any():
         return x
@@ -346,7 +349,9 @@ def _unless_shown(
         free[:, row], held[row] = values, True
     prior = GaussianPrior(free, np.broadcast_to(np.where(held, FIXED, WEAK), x.shape))
     changed = search.descend(free, prior, steps)
-    return np.where((changed.loss * (1.0 - cost) <= search.at(x, prior).loss)[:, None], changed.x, x)
+    growth = np.log(changed.loss / search.at(x, prior).loss)
+    allowed = [growth[groups == group].mean() <= -np.log(1.0 - cost) for group in groups]
+    return np.where(np.array(allowed)[:, None], changed.x, x)
 
 
 def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
