@@ -40,7 +40,7 @@ from motorprior.actuator.optional_terms import (
     STATE_ROWS,
     STEP_ROWS,
     TERMS,
-    Conditions,
+    OperatingConditions,
     at_conditions,
     constants_of,
     profiled,
@@ -90,7 +90,7 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return PARAMETERS + constants_of(terms)
 
 
-def decode(raw: np.ndarray, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, np.ndarray]:
+def decode(raw: np.ndarray, terms: tuple[str, ...] = (), conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
     """Constants by name, each (…), from decoder outputs (…, P).
 
     exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY. ``conditions`` are

@@ -26,7 +26,7 @@ class JointClasses:
         """One class: z ~ N(0, I) for every joint."""
         return cls((name,), (name,) * motors, np.zeros((1, latents)), np.ones(latents))
 
-    def moments(self, classes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    def mean_and_std(self, classes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation of z, (J, Z) each, of new units of these classes; a single class serves all."""
         rows = [self.names.index(name) if name in self.names else -1 for name in classes]
         if len(self.names) == 1:

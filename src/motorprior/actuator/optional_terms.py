@@ -38,7 +38,7 @@ import numpy as np
 MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
 
 
-class Constant(NamedTuple):
+class TermConstant(NamedTuple):
     """A constant of a term."""
 
     name: str
@@ -63,7 +63,7 @@ class Constant(NamedTuple):
 class Term(NamedTuple):
     """An optional term; one without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0."""
 
-    constants: tuple[Constant, ...] = ()
+    constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
     is_usual: bool = False  # in hobby servos
     # (constants, torque of the law [N·m], rotor velocity [rad/s], arithmetic) -> another torque of the law
@@ -74,28 +74,28 @@ REFERENCE = "reference"
 TERMS = {
     "profile": Term(
         (
-            Constant("profile_speed", "rad/s", 6.0, 40.0, 1e9, unlimited=1e3),
-            Constant("profile_acceleration", "rad/s²", 100.0, 4000.0, 1e12, unlimited=1e5),
+            TermConstant("profile_speed", "rad/s", 6.0, 40.0, 1e9, unlimited=1e3),
+            TermConstant("profile_acceleration", "rad/s²", 100.0, 4000.0, 1e12, unlimited=1e5),
         ),
         (REFERENCE, "reference_vel"),
         is_usual=True,
     ),
     "output_encoder": Term(is_usual=True),
-    "dead_zone": Term((Constant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
+    "dead_zone": Term((TermConstant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
     "integral": Term(
-        (Constant("integral_rate", "1/s", 2.0, 0.05, 0.0), Constant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
+        (TermConstant("integral_rate", "1/s", 2.0, 0.05, 0.0), TermConstant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
         ("integral",),
     ),
     "torque_speed": Term(
-        (Constant("stall_torque", "N·m", 3.0, 20.0, 1e9), Constant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
+        (TermConstant("stall_torque", "N·m", 3.0, 20.0, 1e9), TermConstant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
     ),
-    "current": Term((Constant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
-    "asymmetry": Term((Constant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
-    "presliding": Term((Constant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
-    "output_damping": Term((Constant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
-    "heat": Term((Constant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), Constant("heat_time", "s", 10.0, 10.0))),
-    "supply": Term((Constant("supply_share", "1", 0.7, 0.1),)),
-    "temperature": Term((Constant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
+    "current": Term((TermConstant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
+    "asymmetry": Term((TermConstant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
+    "presliding": Term((TermConstant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
+    "output_damping": Term((TermConstant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
+    "heat": Term((TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), TermConstant("heat_time", "s", 10.0, 10.0))),
+    "supply": Term((TermConstant("supply_share", "1", 0.7, 0.1),)),
+    "temperature": Term((TermConstant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
 }
 
 
@@ -121,7 +121,7 @@ _OF_VOLTAGE = ("stall_torque", "no_load_speed")
 TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_loss [K]
 
 
-class Conditions(NamedTuple):
+class OperatingConditions(NamedTuple):
     """Operating conditions, per motor or the same for all."""
 
     warmth: Any = 0.0  # of the term heat, from 0 (cold) to 1
@@ -130,10 +130,10 @@ class Conditions(NamedTuple):
 
 
 # at nominal voltage and temperature, at the start of operation and at an unknown time
-COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
+COLD, HALF_WARM = OperatingConditions(), OperatingConditions(warmth=0.5)
 
 
-def at_conditions(conditions: Conditions, values: dict[str, Any]) -> dict[str, Any]:
+def at_conditions(conditions: OperatingConditions, values: dict[str, Any]) -> dict[str, Any]:
     """Constants by name at these conditions."""
     if "heat_loss" in values:
         values = _scaled(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)

@@ -246,6 +246,6 @@ class Report:
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
-    from motorprior.report.chapters import write_training_page  # here: it imports matplotlib
+    from motorprior.report.sections import write_training_page  # here: it imports matplotlib
 
     print(write_training_page(config.run, config.robot, command_line()))

@@ -57,7 +57,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _write_page(config: ValidateLog, traces: list[Trace], lines: list[str]) -> None:
-    from motorprior.report.chapters import models_of_logs, samples, write_traces  # here: they import matplotlib
+    from motorprior.report.sections import models_of_logs, samples, write_traces  # here: they import matplotlib
     from motorprior.report.page import page
 
     write_traces(config.out, traces, lines)

@@ -174,7 +174,7 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
     return indices
 
 
-def excitation_targets(
+def hardware_targets(
     robot: Robot, kind: str, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
