@@ -7,24 +7,25 @@ All quantities are at the output shaft; h is the step. In the order in which the
                    profile_acceleration·h, with d = target - reference, c = h·profile_acceleration/2. The reference
                    replaces the target. (Dynamixel, Feetech: profile velocity, profile acceleration, goal speed)
     output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is assumed to accelerate
-                   like the rotor, so that the law is as implicit as with an encoder on the rotor.
+                   like the rotor, so that the control law is as implicit as with an encoder on the rotor.
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
-    integral       the law gets an additional torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
-    torque_speed   |torque of the law| <= stall_torque·(1 - v/no_load_speed) in the driving direction (voltage limit)
-    current        the law's torque reaches the rotor through a lag:  τ' = τ + (1 - exp(-h/current_time))·(law - τ)
+    integral       the control law adds the torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
+    torque_speed   |torque of the control law| <= stall_torque·(1 - v/no_load_speed) when driving (voltage limit)
+    current        torque of the control law reaches the rotor through a lag:
+                   τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
     presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
-    heat           torques of the law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at time t of
-                   the log, and 0.5 where the time is unknown
-    supply         torques of the law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque by s =
-                   supply voltage / nominal voltage. supply_share is 1 if the law commands the duty cycle of the
-                   bridge (most hobby servos), 0 if it commands the current.
-    temperature    torques of the law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
+    heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at time
+                   t of the log, and 0.5 where the time is unknown
+    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque by
+                   s = supply voltage / nominal voltage. supply_share is 1 if the control law commands the duty cycle of
+                   the bridge (most hobby servos), 0 if it commands the current.
+    temperature    torques of the control law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
 Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of
-TERMS: with ``law`` it changes the torque of the law; others have a line in `geared_motor_step.step` or
+TERMS: with ``law`` it changes the torque of the control law; others have a line in `geared_motor_step.step` or
 `at_conditions`.
 """
 
@@ -66,7 +67,7 @@ class Term(NamedTuple):
     constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
     is_usual: bool = False  # in hobby servos
-    # (constants, torque of the law [N·m], rotor velocity [rad/s], arithmetic) -> another torque of the law
+    # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
 
 
@@ -93,7 +94,9 @@ TERMS = {
     "asymmetry": Term((TermConstant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
     "presliding": Term((TermConstant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
     "output_damping": Term((TermConstant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
-    "heat": Term((TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), TermConstant("heat_time", "s", 10.0, 10.0))),
+    "heat": Term(
+        (TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), TermConstant("heat_time", "s", 10.0, 10.0))
+    ),
     "supply": Term((TermConstant("supply_share", "1", 0.7, 0.1),)),
     "temperature": Term((TermConstant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
 }
@@ -114,7 +117,7 @@ STEP_ROWS = tuple(row for name in TERMS for row in rows_of(name))
 STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
 # constants that may be negative, and their value per unit of decoder output
 SIGNED = {"encoder_zero": 0.05} | {name: constant.signed for name, constant in CONSTANTS.items() if constant.signed}
-# constants that scale with torques of the law, with the field of the magnets, with the voltage
+# constants that scale with torques of the control law, with the field of the magnets, with the voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
@@ -202,7 +205,7 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
 
 
 def within_voltage(p: Any, law: Any, v: Any, arithmetic: Any) -> Any:
-    """The law's torque within the voltage limit at rotor velocity v."""
+    """Torque of the control law within the voltage limit at rotor velocity v."""
     share = v / p.no_load_speed
     upper = arithmetic.positive_part(p.stall_torque * (1.0 - share))
     lower = arithmetic.positive_part(p.stall_torque * (1.0 + share))

@@ -42,7 +42,7 @@ class Calibrate:
     starts: int = 3
     """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
     iterations: int = 6
-    """Maximum of each search."""
+    """Maximum iterations of each search."""
     draws: int = 20
     """Samples of the robot's motors from the fitted fleet, for the bands."""
     seed: int = 0

@@ -39,7 +39,7 @@ class Replay:
     draws: int = 20
     """Samples of the robot's motors from the prior."""
     seed: int = 0
-    """Draws the motors."""
+    """Seed of the motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     posture: PostureName = "auto"

@@ -98,8 +98,8 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
                 )
             walks = [walk for walk in walk_table(config, policies, progress) if walk["place"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
-        least = max(upright for upright, _ in found.values()) - _AS_GOOD
-        chosen[setting] = max(found, key=lambda value: (min(found[value][0], least), found[value][1]))
+        max_needed = max(upright for upright, _ in found.values()) - _AS_GOOD
+        chosen[setting] = max(found, key=lambda value: (min(found[value][0], max_needed), found[value][1]))
         write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
         progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")
     return replace(config, **chosen)
@@ -139,7 +139,7 @@ def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, p
     walks = read_walks(folder / WALKS)
     if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
         name = f"bench {bench.seed}, {condition.folder}"
-        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: no figure contains them")
+        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: excluded from all figures")
     task.advance(1, f"bench {bench.seed}, {condition.folder}")
     return walks
 

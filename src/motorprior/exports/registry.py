@@ -146,5 +146,6 @@ def carried(motors: GreyBoxActuator, dt: float) -> np.ndarray:
 def losses(replay: Replay, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
     """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
     values = with_kd(motors.constants()) | {"carried": carried(motors, dt)}
-    trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS} | ({} if log is None else {"log": log})
+    trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS}
+    trials |= {} if log is None else {"log": log}
     return {name: float(rmse(replay(values, given), run(motors, given).joint_pos)) for name, given in trials.items()}

@@ -140,7 +140,9 @@ def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, f
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
-        progress.note(f"warning: the prior was trained on {log.source}: errors, losses and p-values on it are no test")
+        progress.note(
+            f"warning: the prior was trained on {log.source}: errors, losses and p-values on it do not validate the prior"
+        )
 
 
 def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:

@@ -156,7 +156,7 @@ def answer(summary: StudyStatistics, speed: float, film: Picture) -> Section:
 
 
 def headline(summary: StudyStatistics) -> str:
-    """Time upright on held-out robots; says first if a baseline is as good as the prior."""
+    """Time upright on held-out robots; starts with a baseline that is as good as the prior, if any."""
 
     def upright(place: str, name: str) -> float:
         return summary.estimates[place, name, "upright"].value

@@ -14,7 +14,15 @@ from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.ideal_pd import FRICTION_PD, IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, robot_gains
-from motorprior.actuator.registry import DrawMotors, EpisodeMotors, motors_from_text, file_options, motor_text, parsed, register
+from motorprior.actuator.registry import (
+    DrawMotors,
+    EpisodeMotors,
+    motors_from_text,
+    file_options,
+    motor_text,
+    parsed,
+    register,
+)
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number

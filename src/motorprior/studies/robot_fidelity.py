@@ -84,7 +84,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
-    """(3, DRAWS) results of `compare_playbacks` for every model, and the floor; a simulation that diverges has the largest."""
+    """(3, DRAWS) results of `compare_playbacks` for every model, and the floor; a diverged simulation has the largest."""
     fast = World(robot, suspended=suspended)
     fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
@@ -94,7 +94,8 @@ def robot_fidelity(
         targets, physical = trot_targets(robot, rng, STEPS), motors.take(index).actuator()
         truth = replay(fine, physical, targets)
         start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
-        rows.setdefault("physical", []).append(compare_playbacks(replay(fine, physical, targets, start), truth, robot.control_dt))
+        floor = replay(fine, physical, targets, start)
+        rows.setdefault("physical", []).append(compare_playbacks(floor, truth, robot.control_dt))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
     limits = np.array([[MAX_ERROR], [DIVERGED], [DIVERGED]])

@@ -119,7 +119,7 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
 
 
 def residual_scale(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
-    """(M,) how wide the residuals of M motors are: the 90 % quantile of |error| over half the pool's 90 % band.
+    """(M,) scale of the residuals of M motors: the 90 % quantile of |error| over half the pool's 90 % band.
 
     ``errors`` [rad] and simulated ``joint_vel`` [rad/s], which chooses the pool, are (T, M), as from `replay_errors`.
     """

@@ -20,14 +20,14 @@ units that is pooled over the classes (random effects; C classes of n motors, de
     w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)      between the units of a class
 
 where a motor's latent with an error of variance e counts as w/(w + e) motors, since a constant that a log does not
-identify says nothing of the spread, and
+identify does not inform the spread, and
 
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 
 u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a
 constant without effect, such as a very small friction, must not become that of other classes.
 
-The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
+The covariance w keeps directions in which logs do not separate constants, such as delay and damping.
 """
 
 from __future__ import annotations
