@@ -36,7 +36,8 @@ study.require_valid()
 assert [each.motors for each in conditions_of(study, 0)] == ["soft:kp=2"]
 """
 TERM = """    "weak": Term(
-        (TermConstant("weakness", "1", 0.1, 1e-6, 0.0),), law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness)
+        (TermConstant("weakness", "1", 0.1, 1e-6, 0.0),),
+        law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness),
     ),
 """
 USE_TERM = """

@@ -21,9 +21,9 @@ from motorprior.studies.log_replay import (
     Replayer,
     initial_targets,
     logged_constants,
+    motors_with_logged_gains,
     replayers_of,
     with_found_posture,
-    motors_with_logged_gains,
     with_posture,
 )
 

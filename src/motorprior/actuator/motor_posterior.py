@@ -18,7 +18,7 @@ from motorprior.bounds import TEXT, generator_of, many, number, require_count, r
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Tensor, check_tensors
-from motorprior.texts import Printable, Overview
+from motorprior.texts import Overview, Printable
 
 _REMEDY = "write it with `motorprior adapt`"
 NARROWER = 0.8  # standard deviation of a constant that the log narrows, over the prior's

@@ -41,7 +41,7 @@ from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
 from motorprior.robots.joint_classes import classes_by_name, kind_of
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Schema, Tensor, check_tensors
-from motorprior.texts import Printable, Overview
+from motorprior.texts import Overview, Printable
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"

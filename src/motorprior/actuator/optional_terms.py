@@ -17,11 +17,11 @@ All quantities are at the output shaft; h is the step. In the order in which the
     presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
-    heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at time
-                   t of the log, and 0.5 where the time is unknown
-    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque by
-                   s = supply voltage / nominal voltage. supply_share is 1 if the control law commands the duty cycle of
-                   the bridge (most hobby servos), 0 if it commands the current.
+    heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at
+                   time t of the log, and 0.5 where the time is unknown
+    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque
+                   by s = supply voltage / nominal voltage. supply_share is 1 if the control law commands the duty cycle
+                   of the bridge (most hobby servos), 0 if it commands the current.
     temperature    torques of the control law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
 Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of

@@ -2,9 +2,9 @@
 
     KIND[:VALUE][,OPTION=VALUE][,FLAG]        VALUE without a name is that of the first option
 
-A kind is a function with `register`, (robot, options) -> `EpisodeMotors`. Its parameters after the robot are the options:
-numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this folder: its
-kernels, its `Actuator`, and its kind.
+A kind is a function with `register`, (robot, options) -> `EpisodeMotors`. Its parameters after the robot are the
+options: numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this
+folder: its kernels, its `Actuator`, and its kind.
 """
 
 from __future__ import annotations

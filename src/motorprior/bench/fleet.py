@@ -21,7 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
-from motorprior.texts import Printable, Overview
+from motorprior.texts import Overview, Printable
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"

@@ -21,7 +21,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, motors_with_logged_gains
+from motorprior.studies.log_replay import PostureName, Replayer, motors_with_logged_gains, replayers_of
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.hardware import motions, teleop
 from motorprior.hardware.control_loop import clock_figures
-from motorprior.hardware.motions import hardware_targets, excite, joints_of
+from motorprior.hardware.motions import excite, hardware_targets, joints_of
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink

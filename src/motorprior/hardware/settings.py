@@ -62,9 +62,9 @@ class RecordSettings(RunSettings):
     """How to excite and record.
 
     Attributes:
-        excitation: name of a signal, or a file of `motorprior excite`. sine, chirp, steps, multisine, gait and creep are
-            a signal per joint, trot is one of the whole robot, varied is a multisine of all joints and then steps of
-            one after the other; if not given, varied in the air and multisine standing.
+        excitation: name of a signal, or a file of `motorprior excite`. sine, chirp, steps, multisine, gait and creep
+            are a signal per joint, trot is one of the whole robot, varied is a multisine of all joints and then steps
+            of one after the other; if not given, varied in the air and multisine standing.
         joint: joints to excite: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.

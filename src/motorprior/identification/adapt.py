@@ -13,7 +13,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
-from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, residual_scale, num_blocks
+from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
 from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.latents.latent_fit import Outliers, Posterior, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
@@ -141,7 +141,7 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
         progress.note(
-            f"warning: the prior was trained on {log.source}: errors, losses and p-values on it do not validate the prior"
+            f"warning: the prior was trained on {log.source}: errors, losses and p-values on it do not validate it"
         )
 
 

@@ -92,8 +92,8 @@ def _class_note(prior: MotorPrior, robot: Robot) -> list[str]:
     unknown = [name for name in names if several and name not in prior.classes.names]
     known = ", ".join(prior.classes.names)
     return [
-        f"note: no joint of the class {name} was recorded (but {known}): its motors are sampled from the distribution over "
-        "all classes"
+        f"note: no joint of the class {name} was recorded (but {known}): its motors are sampled from the distribution "
+        "over all classes"
         for name in unknown
     ]
 

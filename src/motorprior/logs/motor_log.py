@@ -15,7 +15,7 @@ from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.signals import rms
-from motorprior.texts import Printable, Overview
+from motorprior.texts import Overview, Printable
 
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {

@@ -14,7 +14,7 @@ from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
-from motorprior.texts import Printable, Overview
+from motorprior.texts import Overview, Printable
 
 GRAVITY = 9.81  # [m/s²]
 Encoder = Literal["joint", "rotor"]

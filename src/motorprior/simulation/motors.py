@@ -17,9 +17,9 @@ from motorprior.actuator.motor_prior import MotorPrior, robot_gains
 from motorprior.actuator.registry import (
     DrawMotors,
     EpisodeMotors,
-    motors_from_text,
     file_options,
     motor_text,
+    motors_from_text,
     parsed,
     register,
 )

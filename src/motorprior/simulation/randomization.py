@@ -1,7 +1,7 @@
 """Domain randomization of robot, sensors and surroundings. Off by default.
 
-One `EpisodeConditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an episode
-are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
+One `EpisodeConditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an
+episode are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_trial
 from motorprior.identification.evaluation.errors import capped
-from motorprior.identification.evaluation.reference import sample_residuals, sample_residual_scale
+from motorprior.identification.evaluation.reference import sample_residual_scale, sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.training_data.windows import VEL

@@ -139,8 +139,8 @@ def residual_growth(
     """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.
 
     The training motors, with latents ``mean`` (M, Z), are adapted to the first half of the log as new units of their
-    classes. The growth is the median ratio of their `residual_scale` in the second half to those in the first, at least 1; its
-    logarithm has a standard deviation over the motors, with ASSUMED_GROWTH_STD as three more motors.
+    classes. The growth is the median ratio of their `residual_scale` in the second half to that in the first, at least
+    1; its logarithm has a standard deviation over the motors, with ASSUMED_GROWTH_STD as three more motors.
     """
     first, rest = train_test_halves(log)
     ratio = np.zeros(0)
