@@ -141,7 +141,8 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
         progress.note(
-            f"warning: the prior was trained on {log.source}: errors, losses and p-values on it do not validate it"
+            f"warning: the prior was trained on {log.source}: "
+            "errors, losses and p-values on it do not validate the prior"
         )
 
 

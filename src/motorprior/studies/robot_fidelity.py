@@ -84,7 +84,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
-    """(3, DRAWS) results of `compare_playbacks` for every model and the floor; a diverged simulation has the largest."""
+    """(3, DRAWS) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
     fast = World(robot, suspended=suspended)
     fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
