@@ -4,8 +4,8 @@
     python benchmarks/acceptance.py compare runs/before/acceptance.json runs/acceptance/acceptance.json
 
 `run` runs the demo, which is a small transfer study, and the benchmarks on real logs and on fleets, with one fold per
-robot and few motors, and collects their figures in acceptance.json. Finished runs are reused; about 40 minutes on two
-cores.
+robot and few motors, and collects their figures in acceptance.json. About 40 minutes on two cores.
+Use a new --out for each commit: finished runs are reused whatever the code.
 `compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives the same figures for
 any number of workers, so the tolerance only covers differences between processors.
 """

@@ -49,7 +49,7 @@ HELD_OUT = {"go2": ("traj_5",), "so101": ("multisine", "reaching_points", "chirp
 HELD_OUT_GAIN = 200.0  # of the xl330, in firmware units
 LIMITS = {
     "go2": "one robot, suspended; rigid gears assumed; torque limit not reached; calf friction depends on the angle",
-    "so101": "one arm, gains in firmware units as recorded; torque limit and speed limit hardly reached",
+    "so101": "one arm, gains in firmware units as recorded; torque limit and speed limit barely reached",
     "xl330": "one servo; the spread between units is assumed",
     "pupper_v2": "a calibrated fleet, not logs of single motors; backlash and gear stiffness are assumed",
 }

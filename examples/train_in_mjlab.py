@@ -35,9 +35,9 @@ if not args.pd:
     cfg.events["motors"] = per_world_damping()
     # a step that resolves the gears of all samples, at the same control rate
     values = prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072)).constants()
-    longest = float(np.sqrt(3.0 * values["armature"] / values["gear_stiffness"]).min())
+    max_dt = float(np.sqrt(3.0 * values["armature"] / values["gear_stiffness"]).min())
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
-    cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / longest)))
+    cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / max_dt)))
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation
 env = ManagerBasedRlEnv(cfg=cfg, device=device)
 agent = unitree_go1_ppo_runner_cfg()

@@ -25,7 +25,7 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out / "prior.safetensors"
 
 
-def test_logs_of_ones_own_become_a_prior(prior: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+def test_own_logs_become_a_prior(prior: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     mp.write_log(tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3))
     run(
         monkeypatch,

@@ -14,12 +14,12 @@ PACKAGE = Path(motorprior.__file__).parent
 
 ACTUATOR = """
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.registry import Drawn, register
+from motorprior.actuator.registry import EpisodeMotors, register
 
 
 @register("soft")
-def soft_motors(robot, kp: float = 1.0) -> Drawn:
-    return Drawn(lambda rng: IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0))
+def soft_motors(robot, kp: float = 1.0) -> EpisodeMotors:
+    return EpisodeMotors(lambda rng: IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0))
 """
 USE_ACTUATOR = """
 from pathlib import Path
@@ -36,7 +36,8 @@ study.require_valid()
 assert [each.motors for each in conditions_of(study, 0)] == ["soft:kp=2"]
 """
 TERM = """    "weak": Term(
-        (Constant("weakness", "1", 0.1, 1e-6, 0.0),), law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness)
+        (TermConstant("weakness", "1", 0.1, 1e-6, 0.0),),
+        law=lambda p, torque, v, arithmetic: torque * (1.0 - p.weakness),
     ),
 """
 USE_TERM = """

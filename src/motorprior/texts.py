@@ -33,7 +33,7 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 @dataclass(frozen=True)
-class Summary:
+class Overview:
     """What a person wants to know of an object."""
 
     headline: str
@@ -61,10 +61,10 @@ class Summary:
         return f"<p>{facts}</p>{html_table(self.columns, self.rows) if self.rows else ''}"
 
 
-class Described:
+class Printable:
     """Prints as its `overview`; its ``repr`` is the short form."""
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """What a person wants to know."""
         raise NotImplementedError
 

@@ -12,7 +12,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import trial
+from motorprior.bench.recording import bench_trial
 from motorprior.identification.evaluation.bench_truth import HELD_OUT
 from motorprior.signals import rms
 
@@ -20,7 +20,7 @@ MOTORS = 16
 
 
 def case(kind: str) -> Trial:
-    return trial(np.random.default_rng(5), kind, HELD_OUT.segment_steps, MOTORS, HELD_OUT, hold=False)
+    return bench_trial(np.random.default_rng(5), kind, HELD_OUT.segment_steps, MOTORS, HELD_OUT, hold=False)
 
 
 def motors():

@@ -10,7 +10,7 @@ from numpy_arithmetic import NUMPY
 from motorprior.actuator.geared_motor_step import MotorState, StepConstants, step, step_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.optional_terms import TERMS, Conditions, at_conditions
+from motorprior.actuator.optional_terms import TERMS, OperatingConditions, at_conditions
 
 Networks = Callable[..., GreyBox]
 H = 0.002
@@ -52,7 +52,7 @@ def stepped(constants: StepConstants, drawn: dict[str, Any], terms: tuple[str, .
 @CASES
 def test_the_compiled_step_is_the_formula(grey_box: Networks, terms: tuple[str, ...]):
     rng, box = np.random.default_rng(5), grey_box(spread=0.3, terms=terms, **STRONG)
-    motors = GreyBoxActuator(box, rng.standard_normal((MOTORS, 3)), Conditions(rng.random(MOTORS), 0.8, 20.0))
+    motors = GreyBoxActuator(box, rng.standard_normal((MOTORS, 3)), OperatingConditions(rng.random(MOTORS), 0.8, 20.0))
     drawn = drawn_states(motors, terms, rng)
     values = motors.constants()
     alone = stepped(step_constants(values, H, terms), drawn, terms)
@@ -178,6 +178,6 @@ def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slide
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])
 def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
     values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
-    found = at_conditions(Conditions(supply=0.8), values | {"supply_share": share})
+    found = at_conditions(OperatingConditions(supply=0.8), values | {"supply_share": share})
     assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
     assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])

@@ -73,10 +73,12 @@ def test_friction_falls_from_that_at_rest_to_that_of_sliding(speed):
         assert friction_at(motors, direction * speed) == pytest.approx(direction * known, rel=1e-3)
 
 
-@pytest.mark.parametrize(("speed", "least", "most"), [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)])
-def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, least, most):
+@pytest.mark.parametrize(
+    ("speed", "min_torque", "max_torque"), [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)]
+)
+def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, min_torque, max_torque):
     """stall·(±1 - w / no_load_speed): back-EMF is against the drive and with the brake."""
-    for target, known in ((1e3, most), (-1e3, least)):
+    for target, known in ((1e3, max_torque), (-1e3, min_torque)):
         motors = motor(kp=1e3, armature=1e9, stall_torque=2.0, no_load_speed=30.0)
         arrays, still = motors.actuator().arrays(DT), np.zeros(1)
         reset_actuator(arrays, np.array([target]), still)

@@ -9,7 +9,7 @@ import pytest
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
 from motorprior.exceptions import LogError
-from motorprior.hardware.motions import excitation_targets
+from motorprior.hardware.motions import hardware_targets
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -54,7 +54,7 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     assert 0.05 < log.position_target.std() < 0.2
 
     joints = range(PUPPER_V2.num_joints)
-    targets = excitation_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=2.0, seed=0)
+    targets = hardware_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=2.0, seed=0)
     away = targets - PUPPER_V2.nominal_pose
     assert 0.05 < np.abs(away).max() <= 0.1 + 1e-9
     assert np.abs(np.diff(targets, axis=0)).max() <= 2.0 * PUPPER_V2.control_dt + 1e-9

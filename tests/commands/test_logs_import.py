@@ -31,9 +31,9 @@ joints.a = {}
 
 def imported(config: LogsImport) -> str:
     """The messages."""
-    said = io.StringIO()
-    import_logs(config, Lines(said))
-    return said.getvalue()
+    output = io.StringIO()
+    import_logs(config, Lines(output))
+    return output.getvalue()
 
 
 def write_swing(folder: Path) -> tuple[Path, str]:
@@ -59,12 +59,12 @@ def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
 @pytest.mark.parametrize("write", [write_pt, write_csv])
 def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     columns = str(tmp_path / "columns.toml")
-    said = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None))
+    output = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None))
     log = read_parquet(tmp_path / "out" / "log.parquet")
     low, high = np.rad2deg([log.joint_pos[:, 0].min(), log.joint_pos[:, 0].max()])
     assert log.joint_names == JOINTS
-    assert "motor log of 2 joints" in said and "40 rows in 1 segments, 0.78 s at 50 Hz" in said
-    assert [line.split()[:3] for line in said.splitlines() if line.startswith("pan")] == [
+    assert "motor log of 2 joints" in output and "40 rows in 1 segments, 0.78 s at 50 Hz" in output
+    assert [line.split()[:3] for line in output.splitlines() if line.startswith("pan")] == [
         ["pan", f"{low:.1f}", f"{high:.1f}"]
     ]
 
@@ -111,12 +111,12 @@ def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):
 @pytest.mark.parametrize("period", [None, 0.002])
 def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     path, columns = write_swing(tmp_path)
-    said = imported(LogsImport((path,), tmp_path / "out", columns=columns, period=period))
+    output = imported(LogsImport((path,), tmp_path / "out", columns=columns, period=period))
     log = read_parquet(tmp_path / "out" / "swing.parquet")
     assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
     assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
     assert not check_log(log).of("gaps")
-    assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in said
+    assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in output
 
 
 def test_several_gains_are_reported_with_their_joints(tmp_path: Path):
@@ -142,8 +142,8 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
         '[joints.0]\nname = "pan"\n[joints.1]\nname = "lift"\nscale = 0.01\nzero = 0.3\n',
         "utf-8",
     )
-    said = imported(LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml"), period=None))
-    assert "does not contain its units" not in said
+    output = imported(LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml"), period=None))
+    assert "does not contain its units" not in output
     log, degrees = read_parquet(tmp_path / "out" / "dataset.parquet"), read_log(path)
     assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
     np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])

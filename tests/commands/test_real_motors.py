@@ -16,8 +16,8 @@ from motorprior.identification.baselines import response_fit
 from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.report.chapters import models_of_logs
 from motorprior.report.page import page
+from motorprior.report.sections import models_of_logs
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 

@@ -16,7 +16,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, PolicySearch, episode_seed
-from motorprior.report.chapters import write_training_page
+from motorprior.report.sections import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Scene, WalkSimulator

@@ -14,7 +14,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.hardware.commands import run_record
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.health import Measurement
-from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, excitation_targets, joints_of
+from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, hardware_targets, joints_of
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings
@@ -112,7 +112,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
 )
 @settings(max_examples=40, deadline=None)
 def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, amplitude, speed, seed):
-    targets = excitation_targets(PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed)
+    targets = hardware_targets(PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed)
     away = targets - PUPPER_V2.nominal_pose
     assert np.abs(away).max() <= amplitude + 1e-9
     assert np.all(targets >= PUPPER_V2.lower) and np.all(targets <= PUPPER_V2.upper)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.optional_terms import Conditions
+from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run
-from motorprior.bench.recording import PRESETS, trial
+from motorprior.bench.recording import PRESETS, bench_trial
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
 BENCH = PRESETS["rollout"]
@@ -35,11 +35,13 @@ def decoder_data() -> Callable[..., TrainingData]:
         parts, count = [], len(z)
         for segment in range(segments):
             kind = BENCH.kinds[segment % len(BENCH.kinds)]
-            case = trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
+            case = bench_trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
             case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
             warmth = box.warmth(z, float(seconds[:, 0].mean()))
-            under = Conditions(warmth, supply[segment % len(supply)], temperature_rise[segment % len(temperature_rise)])
+            under = OperatingConditions(
+                warmth, supply[segment % len(supply)], temperature_rise[segment % len(temperature_rise)]
+            )
             found: Any = run(GreyBoxActuator(box, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])

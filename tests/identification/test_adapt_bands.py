@@ -9,7 +9,7 @@ import pytest
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification import adapt
-from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, misfits
+from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, residual_scale
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.logs.operations import moved
 
@@ -47,4 +47,4 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box, monkeypatch: pytest
 def test_misfit_is_the_width_of_a_motors_residuals_over_the_fleets():
     rng = np.random.default_rng(0)
     errors = rng.uniform(-1e-3, 1e-3, (20_000, 3)) * np.array([1.0, 3.0, 0.5])
-    np.testing.assert_allclose(misfits(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03)
+    np.testing.assert_allclose(residual_scale(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03)

@@ -25,10 +25,10 @@ def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.Monkey
     monkeypatch.setattr(validate, "fitted_tuned_pd", lambda *_: "pd")
     recipes = {name: (name, identification_preset("quick")) for name in ("coulomb_viscous", "stribeck")}
     monkeypatch.setattr(validate, "baseline_recipes", lambda *_: recipes)
-    said = StringIO()
-    found = validate.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(said))  # pyright: ignore
+    output = StringIO()
+    found = validate.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(output))  # pyright: ignore
     assert found == {"coulomb_viscous": None, "stribeck": "motors", "tuned_pd": "pd"}
-    assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in said.getvalue()
+    assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in output.getvalue()
 
 
 def test_the_response_of_a_joint_far_off_its_command_is_found():

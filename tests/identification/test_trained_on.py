@@ -44,7 +44,7 @@ def fit(grey_box: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("fit")
-def test_a_prior_knows_each_log_that_it_was_trained_on_whoever_joined_them(tmp_path: Path):
+def test_a_prior_records_its_training_logs(tmp_path: Path):
     logs = [log(0), log(1)]
     prior = fit_prior(logs, "pace")
     for number, each in enumerate(logs):
@@ -63,14 +63,14 @@ def stop(*_: object) -> None:
 
 
 @pytest.mark.usefixtures("fit")
-def test_who_judges_a_log_that_the_prior_was_trained_on_is_warned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_validation_on_a_training_log_warns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(validate, "free_runs", stop)
     path = tmp_path / "prior.safetensors"
     fit_prior(log(0), "pace").save(path)
     for seed, known in ((0, True), (1, False)):
         write_log(tmp_path / f"{seed}.parquet", log(seed))
-        said = io.StringIO()
+        output = io.StringIO()
         config = ValidateLog(path, tmp_path / f"{seed}.parquet", tmp_path / f"out{seed}")
         with pytest.raises(InterruptedError):
-            run_validate_log(config, Lines(said))
-        assert (f"{WARNING} {tmp_path / f'{seed}.parquet'}" in said.getvalue()) is known
+            run_validate_log(config, Lines(output))
+        assert (f"{WARNING} {tmp_path / f'{seed}.parquet'}" in output.getvalue()) is known

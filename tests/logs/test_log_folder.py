@@ -1,4 +1,4 @@
-"""A folder of logs: every format, what is no log left out with a reason, and an error that says what would help."""
+"""A folder of logs: every format, what is no log left out with a reason, and an error that suggests a remedy."""
 
 from pathlib import Path
 

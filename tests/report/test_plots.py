@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from swinging_load import swinging_load
 
 from motorprior.identification.evaluation.free_runs import Trace
-from motorprior.report.plots import draw_traces, errors_by_joint, excitation_and_response, learning_curves
+from motorprior.report.plots import draw_errors_by_joint, draw_traces, excitation_and_response, learning_curves
 from motorprior.report.plots_style import png_bytes
 
 TIME = np.arange(0.0, 1.0, 0.01)
@@ -21,7 +21,7 @@ CURVES = {
 MAKERS: dict[str, Callable[[], Figure]] = {
     "excitation, without velocity and torque": lambda: excitation_and_response(swinging_load(), "motor 1"),
     "traces": lambda: draw_traces([TRACE, TRACE]),
-    "errors": lambda: errors_by_joint({"prior": {"hip": 0.01, "knee": 0.002}, "tuned_pd": {"hip": 0.03}}),
+    "errors": lambda: draw_errors_by_joint({"prior": {"hip": 0.01, "knee": 0.002}, "tuned_pd": {"hip": 0.03}}),
     "curves": lambda: learning_curves(CURVES),
 }
 

@@ -61,9 +61,9 @@ def test_a_urdf_stands_on_the_links_that_are_its_feet(tmp_path: Path):
     assert robot.standing_height == pytest.approx(0.4 * np.cos(0.8) + 0.02)
     assert robot.weight == pytest.approx(9.81 * (3.0 + 4 * 0.72)) and not robot.leg_mismatch
     assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in robot.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
-    model, hung = build_model(robot), build_model(robot, suspended=True)
-    assert (model.nq, model.npair, hung.nq) == (19, 4, 12)
-    assert model.nbody - 1 == hung.nbody - 1 == robot.num_links
+    model, suspended_model = build_model(robot), build_model(robot, suspended=True)
+    assert (model.nq, model.npair, suspended_model.nq) == (19, 4, 12)
+    assert model.nbody - 1 == suspended_model.nbody - 1 == robot.num_links
     data = mujoco.MjData(model)
     data.qpos[7:] = robot.nominal_pose
     mujoco.mj_step(model, data)

@@ -37,7 +37,7 @@ def test_the_motors_of_a_robot_depend_on_its_number_its_study_and_its_fleet():
 
 
 def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
-    """Means over robots of 100 motors vary by the center's uncertainty if it is drawn once, and hardly otherwise."""
+    """Means over robots of 100 motors vary by the center's uncertainty if it is drawn once, and barely otherwise."""
     spread = FLEET.parameters["kp"].values
     means = {
         once: np.std([np.log(FLEET.sample(100, seed, of_one_robot=once).kp).mean() for seed in range(200)])  # pyright: ignore[reportAttributeAccessIssue]

@@ -21,9 +21,9 @@ from motorprior.studies.log_replay import (
     Replayer,
     initial_targets,
     logged_constants,
+    motors_with_logged_gains,
     replayers_of,
     with_found_posture,
-    with_logged_gains,
     with_posture,
 )
 
@@ -53,12 +53,12 @@ def log(fleet) -> MotorLog:
 def test_physical_gains_are_used_and_firmware_gains_are_not(log: MotorLog, fleet):
     center = fleet.center(ROBOT.num_joints)
     for motors in (center, nominal_pd(fleet, ROBOT.num_joints)):
-        found = with_logged_gains(motors, with_gains(log, KP, KD))
+        found = motors_with_logged_gains(motors, with_gains(log, KP, KD))
         assert np.array_equal(found.kp, KP) and np.array_equal(found.kd, KD)
-    found = with_logged_gains(center, with_gains(log, KP))
+    found = motors_with_logged_gains(center, with_gains(log, KP))
     assert np.array_equal(found.kp, KP) and np.allclose(found.kd / found.kp, center.kd / center.kp)
     for other in (log, with_gains(log, KP, KD, "firmware")):
-        assert with_logged_gains(center, other) is center and logged_constants(other) == frozenset()
+        assert motors_with_logged_gains(center, other) is center and logged_constants(other) == frozenset()
 
 
 def test_notes_state_posture_and_logged_gains_and_an_option_overrides_the_posture(log: MotorLog, fleet):
@@ -105,7 +105,7 @@ def test_an_ideal_pd_at_logged_gains_follows_a_real_go2(shared_data: Path, tmp_p
     log = with_posture(read_log(raw, robot, "go2_identification"), "suspended")
     pd = nominal_pd(load_robot_fleet(robot, EXAMPLES / "go2_fleet.toml"), robot.num_joints)
     replayer = Replayer(log, robot)
-    at_fleets, at_logged = (mean_error(replayer, each) for each in (pd, with_logged_gains(pd, log)))
+    at_fleets, at_logged = (mean_error(replayer, each) for each in (pd, motors_with_logged_gains(pd, log)))
     assert at_logged < 0.021 < 0.04 < at_fleets
 
 

@@ -29,7 +29,7 @@ COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
 _PICTURES = "motorprior.report.plots"  # of a layer above, imported when a picture is drawn
 
 
-class Constant(NamedTuple):
+class ConstantSummary(NamedTuple):
     """A constant over the units of a fleet."""
 
     name: str
@@ -47,7 +47,7 @@ class Constant(NamedTuple):
 class Constants:
     """A row per constant; prints as a table."""
 
-    rows: tuple[Constant, ...]
+    rows: tuple[ConstantSummary, ...]
     columns: tuple[str, ...] = COLUMNS  # titles
 
     @classmethod
@@ -58,16 +58,16 @@ class Constants:
         found = []
         for name, samples in values.items():
             low, median, high = np.quantile(samples, [0.05, 0.5, 0.95]).tolist()
-            found.append(Constant(name, units[name], median, low, high, identified.get(name)))
+            found.append(ConstantSummary(name, units[name], median, low, high, identified.get(name)))
         return cls(tuple(found))
 
-    def __iter__(self) -> Iterator[Constant]:
+    def __iter__(self) -> Iterator[ConstantSummary]:
         return iter(self.rows)
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def __getitem__(self, name: str) -> Constant:
+    def __getitem__(self, name: str) -> ConstantSummary:
         return {row.name: row for row in self.rows}[name]
 
     @property

@@ -40,7 +40,7 @@ class Copula:
         return decoder_latents(self.mixing, self.quantiles, z)
 
 
-def scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
+def normal_scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
     """(n, Z) standard normal x of latents (n, Z): the inverse of Q."""
     slopes = np.diff(quantiles, axis=0) / _STEPS
     part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)  # (n, Z) index of the linear segment

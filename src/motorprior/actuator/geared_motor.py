@@ -32,7 +32,7 @@ from motorprior.actuator.geared_motor_step import (
     step_constants,
 )
 from motorprior.actuator.kernels import without_refcounts
-from motorprior.actuator.optional_terms import COLD, REFERENCE, TERMS, Conditions
+from motorprior.actuator.optional_terms import COLD, REFERENCE, TERMS, OperatingConditions
 from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -55,7 +55,7 @@ class GearedMotor:
     slope: np.ndarray  # (Z, P)
     terms: tuple[str, ...] = ()  # of `optional_terms`, in that order
 
-    def decode(self, z: np.ndarray, conditions: Conditions = COLD) -> dict[str, np.ndarray]:
+    def decode(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z) at these conditions."""
         shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
         return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)

@@ -40,7 +40,7 @@ from motorprior.actuator.optional_terms import (
     STATE_ROWS,
     STEP_ROWS,
     TERMS,
-    Conditions,
+    OperatingConditions,
     at_conditions,
     constants_of,
     profiled,
@@ -90,7 +90,9 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
     return PARAMETERS + constants_of(terms)
 
 
-def decode(raw: np.ndarray, terms: tuple[str, ...] = (), conditions: Conditions = COLD) -> dict[str, np.ndarray]:
+def decode(
+    raw: np.ndarray, terms: tuple[str, ...] = (), conditions: OperatingConditions = COLD
+) -> dict[str, np.ndarray]:
     """Constants by name, each (…), from decoder outputs (…, P).
 
     exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY. ``conditions`` are
@@ -135,7 +137,7 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
         "delay": values["delay"] / h,
         "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
         "half_backlash": 0.5 * values["backlash"],
-        # the law does not damp the twist that the encoder does not see
+        # the control law does not damp the twist that the encoder does not see
         "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
         "mean_filter_gain": 1.0 - gain / steps,
         "softened": softened,
@@ -226,7 +228,7 @@ def step(
         if law_of_term is not None:
             push = law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
-    old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the law
+    old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the control law
     if "current" in terms:
         old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)

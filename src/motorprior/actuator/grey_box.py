@@ -24,7 +24,7 @@ from motorprior.actuator.geared_motor import (
 )
 from motorprior.actuator.geared_motor_step import with_logged_gains
 from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.optional_terms import HALF_WARM, Conditions
+from motorprior.actuator.optional_terms import HALF_WARM, OperatingConditions
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
@@ -65,7 +65,7 @@ class GreyBox:
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
     def motors(
-        self, z: np.ndarray, conditions: Conditions = HALF_WARM, gains: np.ndarray | None = None
+        self, z: np.ndarray, conditions: OperatingConditions = HALF_WARM, gains: np.ndarray | None = None
     ) -> GreyBoxActuator:
         """Motors with latents z (n, Z)."""
         return GreyBoxActuator(self, z, conditions, gains)
@@ -77,7 +77,7 @@ class GreyBoxActuator(Actuator):
 
     model: GreyBox  # shared by all motors
     z: np.ndarray  # (n, Z)
-    conditions: Conditions = HALF_WARM
+    conditions: OperatingConditions = HALF_WARM
     gains: np.ndarray | None = None  # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
     factors: Factors | None = None  # on the constants
 

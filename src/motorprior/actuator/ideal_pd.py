@@ -48,7 +48,7 @@ _TINY = 1e-12  # replaces zero armature [kg·m²]
 
 @dataclass(frozen=True)
 class IdealPd:
-    """n motors with a proportional-derivative law; every field has shape (n,)."""
+    """n motors with a proportional-derivative control law; every field has shape (n,)."""
 
     kp: np.ndarray  # [N·m/rad]
     kd: np.ndarray  # [N·m·s/rad]

@@ -1,7 +1,7 @@
 """Classes of joints in a motor prior: a unit of class c has z ~ N(mean of c, I).
 
-The spread between units is pooled over the classes. A class that was never recorded has z ~ N(0, unseen_std²), wider by
-the spread between the classes.
+The spread between units is pooled over the classes. A class that was never recorded has z ~ N(0, unseen_std²), whose
+variance includes that between classes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class JointClasses:
         """One class: z ~ N(0, I) for every joint."""
         return cls((name,), (name,) * motors, np.zeros((1, latents)), np.ones(latents))
 
-    def moments(self, classes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    def mean_and_std(self, classes: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation of z, (J, Z) each, of new units of these classes; a single class serves all."""
         rows = [self.names.index(name) if name in self.names else -1 for name in classes]
         if len(self.names) == 1:

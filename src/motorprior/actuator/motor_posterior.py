@@ -18,7 +18,7 @@ from motorprior.bounds import TEXT, generator_of, many, number, require_count, r
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Tensor, check_tensors
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 _REMEDY = "write it with `motorprior adapt`"
 NARROWER = 0.8  # standard deviation of a constant that the log narrows, over the prior's
@@ -38,7 +38,7 @@ _HEADER = Header(
 
 
 @dataclass(frozen=True, repr=False)
-class MotorPosterior(Described):
+class MotorPosterior(Printable):
     """Posterior of M motors, Z latents."""
 
     prior: MotorPrior
@@ -94,7 +94,7 @@ class MotorPosterior(Described):
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        central = self.prior.classes.moments(self.prior.classes_at(self.joint_names))[0]
+        central = self.prior.classes.mean_and_std(self.prior.classes_at(self.joint_names))[0]
         factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
         return motors.with_factors(factors)
 
@@ -128,7 +128,7 @@ class MotorPosterior(Described):
         count = len(self.mean) if len(self.mean) > 1 else 40
         return draw_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: log, outliers and constants."""
         worst = int(np.argmin(self.outlier_p_value))
         facts = {
@@ -137,7 +137,7 @@ class MotorPosterior(Described):
             "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
         }  # fmt: skip
         table = self.constants()
-        return Summary(f"motor posterior of {len(self.mean)} motors", facts, table.columns, table.cells)
+        return Overview(f"motor posterior of {len(self.mean)} motors", facts, table.columns, table.cells)
 
     def take(self, index: list[int]) -> MotorPosterior:
         """The motors at ``index``."""

@@ -41,7 +41,7 @@ from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
 from motorprior.robots.joint_classes import classes_by_name, kind_of
 from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Schema, Tensor, check_tensors
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
@@ -132,7 +132,7 @@ class Prediction(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class MotorPrior(Described):
+class MotorPrior(Printable):
     """A learned distribution of motors, with M training motors and Z latents."""
 
     model: Decoder
@@ -146,7 +146,7 @@ class MotorPrior(Described):
     joint_names: tuple[str, ...] = ()  # of the training motors; none for a bench
     gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     stated_classes: JointClasses | None = None  # `classes`; None: one class
-    # (M,) residual of each training motor over that of all at its speeds (`reference.misfits`) [-]; none: 1
+    # (M,) residual of each training motor over that of all at its speeds (`reference.residual_scale`) [-]; none: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @property
@@ -192,7 +192,7 @@ class MotorPrior(Described):
             gains = robot_gains(self, of) if gains is None else gains
         classes = self._classes_of(of, rng)
         require_number("spread", spread)
-        mean, std = self.classes.moments(classes)
+        mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
         return self.model.motors(z, gains=self._gains(classes, gains))
 
@@ -246,7 +246,7 @@ class MotorPrior(Described):
         The standard deviation from a training motor of the same name is SAME_JOINT_STD; with several classes 1, that
         between units, since the log may be that of another robot.
         """
-        mean, std = self.classes.moments(classes)
+        mean, std = self.classes.mean_and_std(classes)
         own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
         misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes])
         rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
@@ -294,7 +294,7 @@ class MotorPrior(Described):
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=DRAWS)
         classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]
-        mean, std = self.classes.moments(classes)
+        mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
         known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
@@ -307,7 +307,7 @@ class MotorPrior(Described):
             self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
         )
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: origin, errors and constants."""
         kinds, metrics = ("grey box", "network"), self.metrics
         replayed = f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""
@@ -322,7 +322,7 @@ class MotorPrior(Described):
         if len(self.classes.names) > 1:
             facts["constants of a class"] = ", ".join(f'prior.constants("{name}")' for name in self.classes.names)
         table = self.constants()
-        return Summary(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
+        return Overview(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
 
     def for_robot(self, robot: str) -> MotorPrior:
         """The same motors on the joints of another robot, every one a sample."""

@@ -7,24 +7,25 @@ All quantities are at the output shaft; h is the step. In the order in which the
                    profile_acceleration·h, with d = target - reference, c = h·profile_acceleration/2. The reference
                    replaces the target. (Dynamixel, Feetech: profile velocity, profile acceleration, goal speed)
     output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is assumed to accelerate
-                   like the rotor, so that the law is as implicit as with an encoder on the rotor.
+                   like the rotor, so that the control law is as implicit as with an encoder on the rotor.
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
-    integral       the law gets an additional torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
-    torque_speed   |torque of the law| <= stall_torque·(1 - v/no_load_speed) in the driving direction (voltage limit)
-    current        the law's torque reaches the rotor through a lag:  τ' = τ + (1 - exp(-h/current_time))·(law - τ)
+    integral       the control law adds the torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
+    torque_speed   |torque of the control law| <= stall_torque·(1 - v/no_load_speed) when driving (voltage limit)
+    current        torque of the control law reaches the rotor through a lag:
+                   τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
     presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
                    yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
-    heat           torques of the law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at time t of
-                   the log, and 0.5 where the time is unknown
-    supply         torques of the law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque by s =
-                   supply voltage / nominal voltage. supply_share is 1 if the law commands the duty cycle of the
-                   bridge (most hobby servos), 0 if it commands the current.
-    temperature    torques of the law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
+    heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at
+                   time t of the log, and 0.5 where the time is unknown
+    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque
+                   by s = supply voltage / nominal voltage. supply_share is 1 if the control law commands the duty cycle
+                   of the bridge (most hobby servos), 0 if it commands the current.
+    temperature    torques of the control law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
 Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of
-TERMS: with ``law`` it changes the torque of the law; others have a line in `geared_motor_step.step` or
+TERMS: with ``law`` it changes the torque of the control law; others have a line in `geared_motor_step.step` or
 `at_conditions`.
 """
 
@@ -38,7 +39,7 @@ import numpy as np
 MAX_SHARE = 0.9  # maximum asymmetry, and maximum torque loss by heat, supply or temperature [-]
 
 
-class Constant(NamedTuple):
+class TermConstant(NamedTuple):
     """A constant of a term."""
 
     name: str
@@ -63,10 +64,10 @@ class Constant(NamedTuple):
 class Term(NamedTuple):
     """An optional term; one without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0."""
 
-    constants: tuple[Constant, ...] = ()
+    constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
     is_usual: bool = False  # in hobby servos
-    # (constants, torque of the law [N·m], rotor velocity [rad/s], arithmetic) -> another torque of the law
+    # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
 
 
@@ -74,28 +75,30 @@ REFERENCE = "reference"
 TERMS = {
     "profile": Term(
         (
-            Constant("profile_speed", "rad/s", 6.0, 40.0, 1e9, unlimited=1e3),
-            Constant("profile_acceleration", "rad/s²", 100.0, 4000.0, 1e12, unlimited=1e5),
+            TermConstant("profile_speed", "rad/s", 6.0, 40.0, 1e9, unlimited=1e3),
+            TermConstant("profile_acceleration", "rad/s²", 100.0, 4000.0, 1e12, unlimited=1e5),
         ),
         (REFERENCE, "reference_vel"),
         is_usual=True,
     ),
     "output_encoder": Term(is_usual=True),
-    "dead_zone": Term((Constant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
+    "dead_zone": Term((TermConstant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
     "integral": Term(
-        (Constant("integral_rate", "1/s", 2.0, 0.05, 0.0), Constant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
+        (TermConstant("integral_rate", "1/s", 2.0, 0.05, 0.0), TermConstant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
         ("integral",),
     ),
     "torque_speed": Term(
-        (Constant("stall_torque", "N·m", 3.0, 20.0, 1e9), Constant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
+        (TermConstant("stall_torque", "N·m", 3.0, 20.0, 1e9), TermConstant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
     ),
-    "current": Term((Constant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
-    "asymmetry": Term((Constant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
-    "presliding": Term((Constant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
-    "output_damping": Term((Constant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
-    "heat": Term((Constant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), Constant("heat_time", "s", 10.0, 10.0))),
-    "supply": Term((Constant("supply_share", "1", 0.7, 0.1),)),
-    "temperature": Term((Constant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
+    "current": Term((TermConstant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
+    "asymmetry": Term((TermConstant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
+    "presliding": Term((TermConstant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
+    "output_damping": Term((TermConstant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
+    "heat": Term(
+        (TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), TermConstant("heat_time", "s", 10.0, 10.0))
+    ),
+    "supply": Term((TermConstant("supply_share", "1", 0.7, 0.1),)),
+    "temperature": Term((TermConstant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
 }
 
 
@@ -114,14 +117,14 @@ STEP_ROWS = tuple(row for name in TERMS for row in rows_of(name))
 STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
 # constants that may be negative, and their value per unit of decoder output
 SIGNED = {"encoder_zero": 0.05} | {name: constant.signed for name, constant in CONSTANTS.items() if constant.signed}
-# constants that scale with torques of the law, with the field of the magnets, with the voltage
+# constants that scale with torques of the control law, with the field of the magnets, with the voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
 TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_loss [K]
 
 
-class Conditions(NamedTuple):
+class OperatingConditions(NamedTuple):
     """Operating conditions, per motor or the same for all."""
 
     warmth: Any = 0.0  # of the term heat, from 0 (cold) to 1
@@ -130,10 +133,10 @@ class Conditions(NamedTuple):
 
 
 # at nominal voltage and temperature, at the start of operation and at an unknown time
-COLD, HALF_WARM = Conditions(), Conditions(warmth=0.5)
+COLD, HALF_WARM = OperatingConditions(), OperatingConditions(warmth=0.5)
 
 
-def at_conditions(conditions: Conditions, values: dict[str, Any]) -> dict[str, Any]:
+def at_conditions(conditions: OperatingConditions, values: dict[str, Any]) -> dict[str, Any]:
     """Constants by name at these conditions."""
     if "heat_loss" in values:
         values = _scaled(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
@@ -202,7 +205,7 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
 
 
 def within_voltage(p: Any, law: Any, v: Any, arithmetic: Any) -> Any:
-    """The law's torque within the voltage limit at rotor velocity v."""
+    """Torque of the control law within the voltage limit at rotor velocity v."""
     share = v / p.no_load_speed
     upper = arithmetic.positive_part(p.stall_torque * (1.0 - share))
     lower = arithmetic.positive_part(p.stall_torque * (1.0 + share))

@@ -2,9 +2,9 @@
 
     KIND[:VALUE][,OPTION=VALUE][,FLAG]        VALUE without a name is that of the first option
 
-A kind is a function with `register`, (robot, options) -> `Drawn`. Its parameters after the robot are the options:
-numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this folder: its
-kernels, its `Actuator`, and its kind.
+A kind is a function with `register`, (robot, options) -> `EpisodeMotors`. Its parameters after the robot are the
+options: numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this
+folder: its kernels, its `Actuator`, and its kind.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ DrawMotors: TypeAlias = Callable[[np.random.Generator], Actuator]
 Options: TypeAlias = dict[str, Any]
 
 
-class Drawn(NamedTuple):
+class EpisodeMotors(NamedTuple):
     """The motors of a robot's episodes."""
 
     draw: DrawMotors
@@ -37,20 +37,20 @@ class Drawn(NamedTuple):
     prior: MotorPrior | None = None  # that the motors are samples of
 
 
-KINDS: dict[str, Callable[..., Drawn]] = {}
+KINDS: dict[str, Callable[..., EpisodeMotors]] = {}
 
 
-def register(kind: str) -> Callable[[Callable[..., Drawn]], Callable[..., Drawn]]:
+def register(kind: str) -> Callable[[Callable[..., EpisodeMotors]], Callable[..., EpisodeMotors]]:
     """Decorator of the function that makes the motors of this kind."""
 
-    def decorate(function: Callable[..., Drawn]) -> Callable[..., Drawn]:
+    def decorate(function: Callable[..., EpisodeMotors]) -> Callable[..., EpisodeMotors]:
         KINDS[kind] = function
         return function
 
     return decorate
 
 
-def drawn(text: str, robot: Robot) -> tuple[Drawn, Options]:
+def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     """The motors that a text chooses for a robot, and the given options.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Behaviour of a prior's classes of joints on a bench, and whether samples behave like motors at all."""
+"""Behaviour of a prior's classes of joints on a bench, and plausibility checks of samples."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _responses(motors: Actuator, inertia: float) -> dict[str, np.ndarray]:
 
 
 def faults(motors: Actuator) -> list[str]:
-    """What each of n motors does that no motor does, "" if nothing: it oscillates, diverges, or gains energy.
+    """Implausible behaviour of each of n motors: oscillates, diverges or gains energy; "" if none.
 
     Step responses on loads of LOADS must settle, at the physics step of the motors' logs. With a torque limit of 0, the
     speed of a coasting joint must never exceed the initial one.

@@ -21,7 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
@@ -78,7 +78,7 @@ class Distribution:
 
 
 @dataclass(frozen=True, repr=False)
-class Fleet(Described):
+class Fleet(Printable):
     """A population of physical motors."""
 
     name: str
@@ -123,11 +123,11 @@ class Fleet(Described):
             motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
         )
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: robot and constants."""
         facts = {"robot": self.robot, "motor": self.motor, "family": self.family}
         rows = [row[:-1] for row in self.constants().cells]  # true constants
-        return Summary(f"fleet {self.name!r} of physical motors", facts, COLUMNS[:-1], rows)
+        return Overview(f"fleet {self.name!r} of physical motors", facts, COLUMNS[:-1], rows)
 
     def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""

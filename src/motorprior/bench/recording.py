@@ -120,7 +120,7 @@ def record_bench(
     return replace(log, robot=population.robot)  # no bench.json names it
 
 
-def trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
+def bench_trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
     """A trial of one excitation for ``motors`` motors, with a signal and a load per motor."""
     chosen = excitation_of(kind)
     targets, external, inertia = chosen.streams(rng, steps, preset.period, bench_names(motors), preset.torque_factor)
@@ -149,7 +149,7 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
         kind = preset.kinds[segment % len(preset.kinds)]
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
-        part = trial(rng, kind, last - first, count, preset, hold)
+        part = bench_trial(rng, kind, last - first, count, preset, hold)
         part, response = _with_limited_pushes(motors, motors.after(first * preset.period).actuator(), part)
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
         true = response.joint_pos, response.joint_vel, response.joint_torque

@@ -1,4 +1,4 @@
-"""The command ``motorprior``: sub-commands in the order of the data flow."""
+"""Identify motors from logs, train walking policies on them, evaluate and deploy."""
 
 from __future__ import annotations
 

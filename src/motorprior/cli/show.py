@@ -181,7 +181,7 @@ def walk(config: WalkCommand) -> None:
         print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
         if best["own_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
-            TERMINAL.note(f"warning: a negative return: the robot falls, or hardly walks -> {remedy}")
+            TERMINAL.note(f"warning: a negative return: the robot falls or barely walks -> {remedy}")
     else:
         results = run_walk_seeds(one, config.seeds, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
@@ -208,8 +208,7 @@ class TransferCommand(Transfer, Study):
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """Run the whole study, about three hours on two cores; a rerun resumes. The options from foreign to seed and those
-    of the executor need it."""
+    """Run the whole study, about three hours on two cores; a rerun resumes. Study options require it."""
 
 
 def transfer(config: TransferCommand) -> None:
@@ -246,6 +245,6 @@ class Report:
 
 def report(config: Report) -> None:
     """Write the page and print its path."""
-    from motorprior.report.chapters import write_training_page  # here: it imports matplotlib
+    from motorprior.report.sections import write_training_page  # here: it imports matplotlib
 
     print(write_training_page(config.run, config.robot, command_line()))

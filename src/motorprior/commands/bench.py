@@ -33,7 +33,7 @@ class Bench:
     steps: int = 10_000
     """Samples per motor."""
     seed: int = 0
-    """Draws the motors and their excitation."""
+    """Seed of the motors and their excitation."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     excitation: Path | None = None

@@ -19,7 +19,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies.calibration import Calibration, calibrate, calibrated_fleet
 from motorprior.studies.fleet_problem import FleetProblem
-from motorprior.studies.log_replay import PostureName, replayers_of, with_logged_gains
+from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
 
 FLEET, PICTURE = "fleet.toml", "calibration.png"
 
@@ -42,7 +42,7 @@ class Calibrate:
     starts: int = 3
     """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
     iterations: int = 6
-    """Maximum of each search."""
+    """Maximum iterations of each search."""
     draws: int = 20
     """Samples of the robot's motors from the fitted fleet, for the bands."""
     seed: int = 0
@@ -84,7 +84,7 @@ def _covered(
     with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
             log = replayer.log
-            motors = [with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
+            motors = [motors_with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
             low, high = band(np.array(replayed), 90)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]

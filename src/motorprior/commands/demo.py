@@ -88,7 +88,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     The page names the ``command`` that makes it. Returns all measurements, also in results.json and, by name, in
     figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a stage cannot run; finished ones stay.
     """
-    from motorprior.report import chapters  # here: they import matplotlib
+    from motorprior.report import sections as page_sections  # here: they import matplotlib
     from motorprior.report import study as study_page
     from motorprior.report.page import page
 
@@ -112,11 +112,13 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         if given.logs is not None:
             real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
             results += run_real_motors(real, progress)
-            own.append(chapters.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE))
-            progress.note(f"your motors: {write_page([])}; you can stop here: what follows is a virtual {config.robot}")
+            own.append(page_sections.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE))
+            shown = f"Report on your motors: {write_page([])}."
+            rest = f"The next stages use a virtual {config.robot}; stop here if you do not need them"
+            progress.note(f"{shown} {rest}")
         bench = study.of_benches()[0]
         study_conditions.record_benches(bench, progress)
-        motors = chapters.bench(bench.out / "bench" / "rollout")
+        motors = page_sections.bench(bench.out / "bench" / "rollout")
         progress.note(f"first picture: {write_page([motors])}")
         walks = study_walks(study, progress)
         found = summarise(walks)
@@ -127,7 +129,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
             study_page.robustness(_maps(bench, progress)),
             study_page.own_simulations(found),
             motors,
-            chapters.learning({name: _folders(bench, name) for name in CONDITIONS}),
+            page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
         results += found.as_results()
         results += Results.of([Result("seconds", "s", time.monotonic() - started)])

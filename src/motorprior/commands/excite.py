@@ -53,7 +53,7 @@ class Excite:
     csv: float = 0.0
     """Duration of targets and external torques of every joint class that are also written as .csv [s]."""
     seed: int = 0
-    """Of training and streams."""
+    """Seed of the training and the streams."""
 
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:

@@ -74,7 +74,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
-    from motorprior.report.chapters import write_traces  # here: it imports matplotlib
+    from motorprior.report.sections import write_traces  # here: it imports matplotlib
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None

@@ -21,7 +21,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.log_replay import PostureName, Replayer, replayers_of, with_logged_gains
+from motorprior.studies.log_replay import PostureName, Replayer, motors_with_logged_gains, replayers_of
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Replay:
     draws: int = 20
     """Samples of the robot's motors from the prior."""
     seed: int = 0
-    """Draws the motors."""
+    """Seed of the motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     posture: PostureName = "auto"
@@ -89,10 +89,10 @@ def _models(
     rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
     classes, logged = prior.classes_of(log), log.gains if log.gain_unit == prior.model.gain_unit else None
     gains = robot_gains(prior, robot) if logged is None else logged
-    drawn = [with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
+    drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     return {
-        "ideal_pd": [with_logged_gains(nominal_pd(fleet, count), log)],
-        "physical": [with_logged_gains(fleet.center(count), log).actuator()],
+        "ideal_pd": [motors_with_logged_gains(nominal_pd(fleet, count), log)],
+        "physical": [motors_with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
         prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.draws)],
     }

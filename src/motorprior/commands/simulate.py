@@ -36,7 +36,7 @@ class Simulate:
     amplitude: float = 0.4
     """Maximum distance of a target from the nominal pose [rad], within the joints' limits."""
     seed: int = 0
-    """Draws the motors and the excitation."""
+    """Seed of the motors and the excitation."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 

@@ -38,7 +38,7 @@ from motorprior.studies import summary
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import walk_measures
-from motorprior.studies.summary import ADAPTED, Summary, WalkRow, read_walks, summarise, write_walks
+from motorprior.studies.summary import ADAPTED, StudyStatistics, WalkRow, read_walks, summarise, write_walks
 
 WALKS = "walks.csv"
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
@@ -49,7 +49,7 @@ _EPISODE_STEPS = 500  # of training
 _STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 
-def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> Summary:
+def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> StudyStatistics:
     """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html."""
     config.require_valid()
     with locked(config.out):
@@ -91,15 +91,15 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
         for value in CHOICES[setting]:
             policies = []
             for seed in SELECTION_SEEDS:
-                motors = conditions.motors_of(replace(first, **{setting: value}), name, VALIDATION, seed)
+                motors = conditions.condition_motors(replace(first, **{setting: value}), name, VALIDATION, seed)
                 robot, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
                 policies.append(
                     Condition(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot=robot)
                 )
             walks = [walk for walk in walk_table(config, policies, progress) if walk["place"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
-        least = max(upright for upright, _ in found.values()) - _AS_GOOD
-        chosen[setting] = max(found, key=lambda value: (min(found[value][0], least), found[value][1]))
+        max_needed = max(upright for upright, _ in found.values()) - _AS_GOOD
+        chosen[setting] = max(found, key=lambda value: (min(found[value][0], max_needed), found[value][1]))
         write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
         progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")
     return replace(config, **chosen)
@@ -139,7 +139,7 @@ def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, p
     walks = read_walks(folder / WALKS)
     if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
         name = f"bench {bench.seed}, {condition.folder}"
-        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: no figure contains them")
+        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: excluded from all figures")
     task.advance(1, f"bench {bench.seed}, {condition.folder}")
     return walks
 
@@ -185,7 +185,7 @@ def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[
     ]
 
 
-def _write_page(config: Study, found: Summary, command: str) -> None:
+def _write_page(config: Study, found: StudyStatistics, command: str) -> None:
     from motorprior.report.page import page  # here: they import matplotlib
     from motorprior.report.study import study_sections
 

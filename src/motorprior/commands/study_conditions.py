@@ -73,12 +73,12 @@ def conditions_of(bench: Study, seed: int) -> list[Condition]:
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
             within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
-            motors = motors_of(bench, name, population, bench.robot_of(seed))
+            motors = condition_motors(bench, name, population, bench.robot_of(seed))
             made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
     return made
 
 
-def motors_of(bench: Study, name: str, population: str, number: int) -> str:
+def condition_motors(bench: Study, name: str, population: str, number: int) -> str:
     """Motors of a condition: fitted to the bench or to the log of a robot, or those of a population."""
     if name not in (*CONDITIONS, *FROZEN):
         return name

@@ -33,11 +33,11 @@ class Study:
     foreign: str = "foreign_direct"
     """Out-of-family population, of the environments `foreign` and `hard`."""
     conditions: tuple[str, ...] = CONDITIONS
-    """Training conditions: those of docs/transfer.md, or other motors, as of `walk`."""
+    """Training conditions: those of docs/transfer.md, or other motors, as in `walk`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
     """Environments of the evaluation, some of those of docs/transfer.md."""
     benches: int = 4
-    """Benches, each with its own motors, robots, floors and pushes: with the seed `seed` and the following ones."""
+    """Number of benches, each with its own motors, robots, floors and pushes; bench k has the seed `seed` + k."""
     seeds: int = 4
     """Policies per condition and bench."""
     oracle_seeds: int | None = None
@@ -50,8 +50,8 @@ class Study:
     seconds: float = 10.0
     """Duration of a walk [s]."""
     speed: float | None = None
-    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given: at
-    lower speeds the plain gait walks on any motors."""
+    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given.
+    At lower speeds the untrained gait walks with any motors."""
     iterations: int = 40
     """ARS iterations per policy."""
     directions: int = 14

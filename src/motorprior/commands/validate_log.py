@@ -57,8 +57,8 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
 
 
 def _write_page(config: ValidateLog, traces: list[Trace], lines: list[str]) -> None:
-    from motorprior.report.chapters import models_of_logs, samples, write_traces  # here: they import matplotlib
     from motorprior.report.page import page
+    from motorprior.report.sections import models_of_logs, samples, write_traces  # here: they import matplotlib
 
     write_traces(config.out, traces, lines)
     title = f"Motors in a held-out log: {config.log.name}"

@@ -56,7 +56,7 @@ RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved a
 
 @dataclass(frozen=True)
 class BamMotor:
-    """One servo; its law in units of the joint."""
+    """One servo; its control law in units of the joint."""
 
     values: Mapping[str, float]  # by BAM's names; those of other models are 0
     kp: float  # [N·m/rad]
@@ -147,7 +147,7 @@ def read_motor(path: str | Path, kp: float | None = None, vin: float | None = No
         count: number of equal motors, with a stiff gear, for physics steps up to 2 ms.
 
     Raises:
-        ArtifactError: not such a file, or an actuator whose law is unknown here.
+        ArtifactError: not such a file, or an actuator whose control law is unknown here.
         ConfigError: kp, vin or another constant makes no motor.
     """
     path = Path(path)
@@ -191,7 +191,7 @@ def _write(request: Request) -> list[Path]:
 
 
 def _replay(values: Constants, given: Trial) -> np.ndarray:
-    """(steps, n) joint angles [rad] of BAM's law and its own integration."""
+    """(steps, n) joint angles [rad] of BAM's control law and its own integration."""
     servos = [BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))]
     return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)
 

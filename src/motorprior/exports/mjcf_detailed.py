@@ -7,10 +7,10 @@ Per joint, next to the body that it moves:
 
 The actuator is a servo kp·(u - θ) with delay. A second one, a `dcmotor` without input, has the resistance 1/kd, the
 torque constant 1 and the electric time constant of the velocity filter: its shorted winding brakes the rotor by
-kd·filtered velocity. MuJoCo limits the sum of both to the torque limit (``actuatorfrcrange``), as our law does. A
-damper outside of the actuators, such as a Maxwell element, would not be limited. An integrator that does not damp
+kd·filtered velocity. MuJoCo limits the sum of both to the torque limit (``actuatorfrcrange``), as our control law does.
+A damper outside of the actuators, such as a Maxwell element, would not be limited. An integrator that does not damp
 tendons implicitly is changed to implicitfast. A motor whose gear is too stiff for the timestep becomes a plain joint,
-as of the format mjcf.
+as in the format mjcf.
 """
 
 # pyright: reportAttributeAccessIssue=false

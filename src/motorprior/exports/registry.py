@@ -110,7 +110,7 @@ def export(
     return Exported(tuple(exporter.write(request)), found, lost)
 
 
-def trial(name: str, armature: np.ndarray, dt: float) -> Trial:
+def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
     """One of TRIALS for motors with these armatures (n,) [kg·m²], at steps of ``dt`` [s]."""
     load, signals = TRIALS[name]
     rng, steps, n = np.random.default_rng(_SEED), round(SECONDS / dt), len(armature)
@@ -139,12 +139,13 @@ def log_trial(log: MotorLog, joints: Sequence[str], robots: int, dt: float) -> T
 
 def carried(motors: GreyBoxActuator, dt: float) -> np.ndarray:
     """(n,) mean absolute torque in the gears on the leg [N·m]."""
-    given = trial("leg", motors.constants()["armature"], dt)
+    given = replay_trial("leg", motors.constants()["armature"], dt)
     return np.abs(run(motors, given).joint_torque).mean(axis=0)
 
 
 def losses(replay: Replay, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
     """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
     values = with_kd(motors.constants()) | {"carried": carried(motors, dt)}
-    trials = {name: trial(name, values["armature"], dt) for name in TRIALS} | ({} if log is None else {"log": log})
+    trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS}
+    trials |= {} if log is None else {"log": log}
     return {name: float(rmse(replay(values, given), run(motors, given).joint_pos)) for name, given in trials.items()}

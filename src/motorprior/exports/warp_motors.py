@@ -191,9 +191,9 @@ def require_gear(motors: GreyBoxActuator, dt: float) -> None:
     """Raise `ConfigError` if a physics step [s] softens a gear to less than half of it and than MIN_STIFFNESS·kp."""
     values = motors.constants()
     needed = np.minimum(0.5 * values["gear_stiffness"], MIN_STIFFNESS * values["kp"])
-    longest = np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
-    if dt > (limit := float(longest.min())):
-        worst = int(longest.argmin())
+    max_dt = np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
+    if dt > (limit := float(max_dt.min())):
+        worst = int(max_dt.argmin())
         raise ConfigError(
             f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
             f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",

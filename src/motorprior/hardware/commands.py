@@ -19,7 +19,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.hardware import motions, teleop
 from motorprior.hardware.control_loop import clock_figures
-from motorprior.hardware.motions import excitation_targets, excite, joints_of
+from motorprior.hardware.motions import excite, hardware_targets, joints_of
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
@@ -83,7 +83,7 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     joints = joints_of(robot, settings.joint)
-    targets = excitation_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
+    targets = hardware_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
     how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
     # A suspended robot may hang tilted.
     limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else math.inf)

@@ -174,7 +174,7 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
     return indices
 
 
-def excitation_targets(
+def hardware_targets(
     robot: Robot, kind: str, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
@@ -200,7 +200,7 @@ def _away(
     robot: Robot, kind: str, joints: Sequence[int], steps: int, amplitude: float, speed: float, rng: np.random.Generator
 ) -> np.ndarray:
     """(steps, joints) differences between the targets and the nominal pose [rad], scaled and faded; 0 for others."""
-    over, jumps, least = 0, False, 1e-9  # signals are scaled joint by joint
+    over, jumps, min_range = 0, False, 1e-9  # signals are scaled joint by joint
     if kind == "trot":
         over, body = None, body_of(robot)  # it keeps its shape
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
@@ -208,7 +208,7 @@ def _away(
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)
-        jumps, least = excitation.jumps, amplitude if excitation.is_bounded else least
+        jumps, min_range = excitation.jumps, amplitude if excitation.is_bounded else min_range
         away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
@@ -216,7 +216,7 @@ def _away(
         names = ", ".join(robot.joint_names[joint] for joint in joints)
         raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
     time = np.arange(steps) * robot.control_dt
-    away *= amplitude / np.maximum(least, np.abs(away).max(axis=over))
+    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=over))
     away *= np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     if not jumps:
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / robot.control_dt

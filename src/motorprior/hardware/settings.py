@@ -62,16 +62,16 @@ class RecordSettings(RunSettings):
     """How to excite and record.
 
     Attributes:
-        excitation: sine, chirp, steps, multisine, gait and creep are a signal per joint, trot is one of the whole
-            robot, varied is a multisine of all joints and then steps of one after the other; if not given, varied in
-            the air and multisine standing. Or a file of `motorprior excite`.
-        joint: all, a leg (FR), a kind (knee) or a joint (FR_knee).
+        excitation: name of a signal, or a file of `motorprior excite`. sine, chirp, steps, multisine, gait and creep
+            are a signal per joint, trot is one of the whole robot, varied is a multisine of all joints and then steps
+            of one after the other; if not given, varied in the air and multisine standing.
+        joint: joints to excite: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
         speed: limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk, and 8
             otherwise.
         standing: the robot stands on the ground and sits down afterwards; otherwise it is suspended in the air.
-        seed: of the random signals.
+        seed: seed of the random signals.
     """
 
     excitation: str | None = None

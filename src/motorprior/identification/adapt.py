@@ -13,7 +13,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
-from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, misfits, num_blocks
+from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
 from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.latents.latent_fit import Outliers, Posterior, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
@@ -96,7 +96,7 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
     if not isinstance(prior.model, GreyBox):
         return found
     motors, nominal = prior.model.motors(found.mean), recipe_of(prior).nominal_conditions
-    own = misfits(prior.metrics, *replay_errors(motors, log, nominal))
+    own = residual_scale(prior.metrics, *replay_errors(motors, log, nominal))
     return replace(found, misfit=np.where(still, misfit, own))
 
 
@@ -140,7 +140,10 @@ def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, f
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
-        progress.note(f"warning: the prior was trained on {log.source}: errors, losses and p-values on it are no test")
+        progress.note(
+            f"warning: the prior was trained on {log.source}: "
+            "errors, losses and p-values on it do not validate the prior"
+        )
 
 
 def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
@@ -157,7 +160,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if not isinstance(prior.model, GreyBox):
         return ""
-    central = prior.classes.moments(prior.classes_at(names))[0]
+    central = prior.classes.mean_and_std(prior.classes_at(names))[0]
     share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:

@@ -156,8 +156,10 @@ def _fitted(
         metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
         # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        misfit = reference.misfits(metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions))
-        metrics |= reference.held_out_growth(model, mean, classes, log, found.preset, metrics)
+        misfit = reference.residual_scale(
+            metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions)
+        )
+        metrics |= reference.residual_growth(model, mean, classes, log, found.preset, metrics)
         model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
         if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")

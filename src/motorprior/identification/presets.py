@@ -79,7 +79,7 @@ class Preset:
 GEAR = FROZEN["play"]
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
-# long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is hardly identifiable
+# long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is barely identifiable
 #     in an eighth of a second. The warm-up is a tenth of a second, since often only the first step of a segment
 #     identifies a torque limit.
 # quick: long_runs without the selection of optional terms, which takes minutes.

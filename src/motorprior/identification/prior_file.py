@@ -82,7 +82,7 @@ def _gear_note(prior: MotorPrior, robot: Robot) -> list[str]:
         return []
     return [
         f"note: the gear of {robot.joint_names[worst]} is {ratio[worst]:.2g} times as stiff as its position gain, and "
-        "logs of suspended legs hardly identify it. If the robot falls, identify with preset rigid"
+        "logs of suspended legs barely identify it. If the robot falls, identify with preset rigid"
     ]
 
 
@@ -92,7 +92,8 @@ def _class_note(prior: MotorPrior, robot: Robot) -> list[str]:
     unknown = [name for name in names if several and name not in prior.classes.names]
     known = ", ".join(prior.classes.names)
     return [
-        f"note: no joint of the class {name} was recorded (but {known}): its motors spread as widely as the classes"
+        f"note: no joint of the class {name} was recorded (but {known}): its motors are sampled from the distribution "
+        "over all classes"
         for name in unknown
     ]
 

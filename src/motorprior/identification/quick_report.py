@@ -65,7 +65,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, Notes(note, progress), tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(prior.classes.moments(prior.classes_of(train))[0])
+        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.classes_of(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))

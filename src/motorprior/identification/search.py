@@ -212,12 +212,12 @@ class Search:
             losses[left] = self.losses(candidates[left], which[left])
             energies = losses + prior.energy(candidates)
             best = energies.argmin(axis=1)
-            least = energies[rows, best]
-            lower = least < energy
+            min_energy = energies[rows, best]
+            lower = min_energy < energy
             damping = np.clip(np.where(lower, tried[rows, best], 30.0 * damping), 1e-6, 1e4)
-            done = lower & (energy - least < _MIN_GAIN * energy)
+            done = lower & (energy - min_energy < _MIN_GAIN * energy)
             x = np.where(lower[:, None], candidates[rows, best], x)
-            energy = np.where(lower, least, energy)
+            energy = np.where(lower, min_energy, energy)
             left = left[~done[left]]
             if not len(left):
                 break

@@ -24,7 +24,7 @@ class ArsConfig:
 
     num_directions: int = 16  # N, directions tried per iteration, each with both signs
     num_top_directions: int = 8  # b, best directions that the update uses, at most N
-    step_size: float = 0.02  # α
+    step_size: float = 0.02  # α, step size of the update
     delta_std: float = 0.03  # ν, standard deviation of the perturbation of each parameter
     seed: int = 0  # seed of all noise, not negative
 

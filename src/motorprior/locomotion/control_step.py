@@ -231,14 +231,14 @@ CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the groun
 class TaskWeights:
     """Weights of the reward of a control step, control_dt (alive - Σ weight · |error|) [m]; at least 0."""
 
-    alive: float = 1.0  # per second upright [m/s]
-    speed: float = 2.0  # of |filtered forward speed - commanded speed| [m/s per m/s]
-    lateral: float = 1.0  # of |filtered sideways speed| [m/s per m/s]
-    heading: float = 1.0  # of |heading error| [m/s per rad]
-    yaw_rate: float = 0.02  # of |yaw rate - commanded yaw rate| [m/s per rad/s]
-    tilt: float = 0.2  # of |roll| + |pitch| [m/s per rad]
-    torque: float = 0.003  # of Σ (torque/reference_torque)² over the joints [m/s]
-    slip: float = 0.5  # of Σ sliding speed over the feet on the ground [m/s per m/s]
+    alive: float = 1.0  # reward per second upright [m/s]
+    speed: float = 2.0  # weight of |filtered forward speed - commanded speed| [m/s per m/s]
+    lateral: float = 1.0  # weight of |filtered sideways speed| [m/s per m/s]
+    heading: float = 1.0  # weight of |heading error| [m/s per rad]
+    yaw_rate: float = 0.02  # weight of |yaw rate - commanded yaw rate| [m/s per rad/s]
+    tilt: float = 0.2  # weight of |roll| + |pitch| [m/s per rad]
+    torque: float = 0.003  # weight of Σ (torque/reference_torque)² over the joints [m/s]
+    slip: float = 0.5  # weight of Σ sliding speed over the feet on the ground [m/s per m/s]
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():

@@ -22,7 +22,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
@@ -137,7 +137,7 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Policy(Described):
+class Policy(Printable):
     """A trained walking policy and what it was trained for."""
 
     arrays: PolicyArrays  # float64, in the units of the observation
@@ -164,7 +164,7 @@ class Policy(Described):
         forward = robot.require_legs().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, gait, provenance)
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: the robot, and the training."""
         made = self.provenance
         motors = made.get("motors")
@@ -176,7 +176,7 @@ class Policy(Described):
             "control": f"{1.0 / self.control_dt:g} Hz",
             "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""), "best": best,
         }  # fmt: skip
-        return Summary("walking policy", facts)
+        return Overview("walking policy", facts)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
         """Raise ConfigError for a policy of another robot, of other joints, or of another control period."""

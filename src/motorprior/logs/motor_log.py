@@ -15,7 +15,7 @@ from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.signals import rms
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 # Channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
@@ -53,7 +53,7 @@ SIGN_CONVENTION = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class MotorLog(Described):
+class MotorLog(Printable):
     """One or more contiguous recordings (segments) of T rows and J joints.
 
     Construction does not check; `checked` does. A row holds the measurements at its time and the command in
@@ -92,7 +92,7 @@ class MotorLog(Described):
     firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
     stated_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
         optional = [name for name in channels(self) if name not in ("time", "position_target", "joint_pos", *CODES)]
         facts = {
@@ -108,7 +108,7 @@ class MotorLog(Described):
         for joint, angle, command in zip(self.joint_names, self.joint_pos.T, self.position_target.T, strict=True):
             ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
             rows.append([joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"])
-        return Summary(f"motor log of {self.num_joints} joints", facts, columns, rows)
+        return Overview(f"motor log of {self.num_joints} joints", facts, columns, rows)
 
     @property
     def num_joints(self) -> int:

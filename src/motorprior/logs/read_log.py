@@ -66,7 +66,7 @@ def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | 
 
 
 def reader_of(path: Path, with_columns: bool = False) -> LogReader:
-    """The reader of a path, with or without a column map; else LogError, which says what would help."""
+    """The reader of a path, with or without a column map; else LogError, which suggests a remedy."""
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
     for reader in READERS:

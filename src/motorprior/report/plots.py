@@ -126,7 +126,7 @@ def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
     return figure
 
 
-def errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
+def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     """A line per joint with a marker per model, from model -> joint -> RMSE [rad]."""
     joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
     legend = 0.2 * len(errors) / 3.0  # of its height

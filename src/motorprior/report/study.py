@@ -21,7 +21,7 @@ from motorprior.studies.summary import (
     OWN_FOREIGN,
     PLACES,
     REFERENCE,
-    Summary,
+    StudyStatistics,
 )
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
@@ -29,7 +29,7 @@ _PLACES = {"fleet": "other robots of the same fleet", "hard": "other motors, flo
 _AS_GOOD = 0.02  # difference of the time upright below which two conditions are called equal [-]
 
 
-def study_sections(summary: Summary) -> list[Section]:
+def study_sections(summary: StudyStatistics) -> list[Section]:
     """Own simulations, speed and time upright of all conditions, and their differences from the sampled prior."""
     differences = difference_table(summary)
     text = (
@@ -51,19 +51,19 @@ def study_sections(summary: Summary) -> list[Section]:
     return sections
 
 
-def conditions_in(summary: Summary) -> list[str]:
+def conditions_in(summary: StudyStatistics) -> list[str]:
     """Training conditions in the order of every table."""
     found, order = {condition for _, condition in summary.upright}, (*CONDITIONS, *FROZEN)
     return [name for name in order if name in found] + sorted(found - set(order))
 
 
-def own_simulations(summary: Summary) -> Section:
+def own_simulations(summary: StudyStatistics) -> Section:
     """Time upright of every policy in the simulation of its training."""
     text = "A policy that falls in the simulation of its training has not converged, or its motors cannot walk so fast."
     return Section("In the simulation of the training", (text,), tables=(own_table(summary),))
 
 
-def own_table(summary: Summary) -> Table:
+def own_table(summary: StudyStatistics) -> Table:
     """A row per condition, a cell per bench: time upright of every policy in the simulation of its training."""
     rows = []
     for condition in conditions_in(summary):
@@ -75,7 +75,7 @@ def own_table(summary: Summary) -> Table:
     return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 
 
-def headline_table(summary: Summary) -> Table:
+def headline_table(summary: StudyStatistics) -> Table:
     """A row per condition, a cell per environment."""
     places = [place for place in PLACES if place in {place for place, _ in summary.upright}]
 
@@ -91,7 +91,7 @@ def headline_table(summary: Summary) -> Table:
     return Table(("trained on", *places), rows, caption)
 
 
-def difference_table(summary: Summary) -> Table:
+def difference_table(summary: StudyStatistics) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
     places = [place for place in ENVIRONMENTS if place in {place for place, _ in summary.upright}]
 
@@ -113,7 +113,7 @@ def with_interval(found: Estimate, factor: float, form: str) -> str:
     return f"{factor * found.value:{form}}{ends}"
 
 
-def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
+def forest_plot(summary: StudyStatistics, conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
     upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [place for place in ENVIRONMENTS if place in {place for place, _ in upright}] or [OWN]
@@ -134,7 +134,7 @@ def forest_plot(summary: Summary, conditions: Sequence[str]) -> Figure:
     return figure
 
 
-def answer(summary: Summary, speed: float, film: Picture) -> Section:
+def answer(summary: StudyStatistics, speed: float, film: Picture) -> Section:
     """Question, result and uncertainty; the film; time upright, speed and transfer gap."""
     conditions = conditions_in(summary)
     policies = max(each.shape[1] for each in summary.upright.values())
@@ -155,8 +155,8 @@ def answer(summary: Summary, speed: float, film: Picture) -> Section:
     return Section("What came out", (headline(summary), asked, sure), (drawn, film), (table,))
 
 
-def headline(summary: Summary) -> str:
-    """Time upright on held-out robots; says first if a baseline is as good as the prior."""
+def headline(summary: StudyStatistics) -> str:
+    """Time upright on held-out robots; starts with a baseline that is as good as the prior, if any."""
 
     def upright(place: str, name: str) -> float:
         return summary.estimates[place, name, "upright"].value
@@ -174,7 +174,7 @@ def headline(summary: Summary) -> str:
     )
 
 
-def _cells(summary: Summary, place: str, condition: str) -> list[str]:
+def _cells(summary: StudyStatistics, place: str, condition: str) -> list[str]:
     own = OWN if place == "fleet" or (OWN_FOREIGN, condition) not in summary.upright else OWN_FOREIGN
     speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
     gap = summary.estimates[own, condition, "upright"].value - upright.value

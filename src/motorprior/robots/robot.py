@@ -14,7 +14,7 @@ from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.model_source import GeneratedModel, ModelFile
 from motorprior.robots.wire import Wire
-from motorprior.texts import Described, Summary
+from motorprior.texts import Overview, Printable
 
 GRAVITY = 9.81  # [m/s²]
 Encoder = Literal["joint", "rotor"]
@@ -87,7 +87,7 @@ class Gait:
 
 
 @dataclass(frozen=True, repr=False)
-class Robot(Described):
+class Robot(Printable):
     """A robot. Array properties are new copies in the order of ``joints``."""
 
     name: str  # short name, stored in priors, policies and logs
@@ -118,7 +118,7 @@ class Robot(Described):
     twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
     wire: Wire | None = None  # protocol constants of the real robot; None if not supported
 
-    def overview(self) -> Summary:
+    def overview(self) -> Overview:
         """For people: motors, joints and size."""
         kp, kd = (sorted({getattr(joint, name) for joint in self.joints}) for name in ("kp", "kd"))
         facts = {
@@ -128,7 +128,7 @@ class Robot(Described):
             "mass": f"{self.weight / GRAVITY:.2f} kg" if self.weight else "",
             "clocks": f"physics {1e3 * self.physics_dt:g} ms, control {1e3 * self.control_dt:g} ms",
         }  # fmt: skip
-        return Summary(f"robot {self.name}, {self.base} base", facts)
+        return Overview(f"robot {self.name}, {self.base} base", facts)
 
     @property
     def num_joints(self) -> int:

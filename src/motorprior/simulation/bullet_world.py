@@ -27,7 +27,7 @@ from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.robots.robot import Robot
-from motorprior.simulation.randomization import Conditions, nominal_conditions
+from motorprior.simulation.randomization import EpisodeConditions, nominal_conditions
 from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
@@ -55,7 +55,7 @@ class BulletWorld:
         self.torque = np.zeros(robot.num_joints)  # (joints,) of the latest physics step [N·m]
 
     def reset(
-        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: EpisodeConditions | None = None
     ) -> ActuatorArrays:
         """See `World.reset`."""
         joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
@@ -139,7 +139,7 @@ class BulletWorld:
         """Call a function of PyBullet on this world's client."""
         return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _build(self, rotors: np.ndarray, conditions: Conditions) -> None:
+    def _build(self, rotors: np.ndarray, conditions: EpisodeConditions) -> None:
         self.call("setTimeStep", PHYSICS_DT)
         self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
         self.call("setGravity", *conditions.gravity.tolist())
@@ -177,7 +177,7 @@ class BulletWorld:
                 gear = self.call("createConstraint", self.body, joint, self.body, rotor, kind, axis, *ends)
                 self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
-    def _set_friction_and_masses(self, conditions: Conditions) -> None:
+    def _set_friction_and_masses(self, conditions: EpisodeConditions) -> None:
         """Set friction of the feet, scale masses and inertias."""
         friction = self.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):

@@ -14,7 +14,15 @@ from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.ideal_pd import FRICTION_PD, IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, robot_gains
-from motorprior.actuator.registry import DrawMotors, Drawn, drawn, file_options, motor_text, parsed, register
+from motorprior.actuator.registry import (
+    DrawMotors,
+    EpisodeMotors,
+    file_options,
+    motor_text,
+    motors_from_text,
+    parsed,
+    register,
+)
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
@@ -50,36 +58,36 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     """
     options, fleet = {}, motors if isinstance(motors, Fleet) else None
     if isinstance(motors, str):
-        found, options = drawn(motors, robot)
+        found, options = motors_from_text(motors, robot)
         fleet = options.get("fleet")
     else:
-        found = _drawn(motors, robot)
+        found = _episode_motors(motors, robot)
     first = found.draw(np.random.default_rng(0))
     require_motors(first, robot.num_joints)
     physics_dt, files = robot.physics_step(first.kind.max_step), [Path(options[name]) for name in file_options(options)]
     return SimulatedMotors(found.draw, physics_dt, found.condition, found.prior, files, nominal_gains(robot, fleet))
 
 
-def _drawn(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, robot: Robot) -> Drawn:
+def _episode_motors(motors: MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors, robot: Robot) -> EpisodeMotors:
     if isinstance(motors, MotorPrior):
         return prior_motors(robot, motors)
     if isinstance(motors, MotorPosterior):
         return _of_posterior(motors, robot)
     if isinstance(motors, Fleet):
-        return Drawn(lambda rng: motors.sample(robot.num_joints, rng, of_one_robot=True).actuator(), "oracle")
-    return Drawn(motors if isinstance(motors, Callable) else (lambda rng: motors))
+        return EpisodeMotors(lambda rng: motors.sample(robot.num_joints, rng, of_one_robot=True).actuator(), "oracle")
+    return EpisodeMotors(motors if isinstance(motors, Callable) else (lambda rng: motors))
 
 
 @register("fleet")
-def fleet_motors(robot: Robot, fleet: str | None = None) -> Drawn:
+def fleet_motors(robot: Robot, fleet: str | None = None) -> EpisodeMotors:
     """Physical motors, the oracle: of a fleet by name or .toml file, or of the robot's own."""
-    return _drawn(load_robot_fleet(robot, fleet), robot)
+    return _episode_motors(load_robot_fleet(robot, fleet), robot)
 
 
 @register("prior")
 def prior_motors(
     robot: Robot, file: str | MotorPrior, latent_spread: float = 1.0, frozen: str = "", of_robot: str = ""
-) -> Drawn:
+) -> EpisodeMotors:
     """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motors [-].
 
     frozen names constants that all motors have from the mean motor: friction, delay, armature or play. of_robot is the
@@ -93,7 +101,7 @@ def prior_motors(
     name = prior.preset
     if latent_spread != 1.0:
         name = f"{name}, z × {latent_spread:g}"
-    return Drawn(lambda rng: prior.sample(robot, rng, spread=latent_spread), name, prior)
+    return EpisodeMotors(lambda rng: prior.sample(robot, rng, spread=latent_spread), name, prior)
 
 
 def _loaded(file: str, robot: Robot, of_robot: str) -> MotorPrior:
@@ -113,7 +121,7 @@ def posterior_motors(
     limit_follows_gain: bool = False,
     prior_share: float = 0.0,
     of_robot: str = "",
-) -> Drawn:
+) -> EpisodeMotors:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
 
     prior_share is a share of the prior's standard deviation of z in addition to the posterior's [-]. of_robot is as for
@@ -141,7 +149,7 @@ def pd_motors(
     coulomb: float = 0.0,
     spread: float = 0.0,
     fleet: str | None = None,
-) -> Drawn:
+) -> EpisodeMotors:
     """An ideal PD with these constants in SI units; nominal kp, kd and torque_limit if not given.
 
     With spread [-], every constant is drawn for every motor and episode, uniformly within ± this share; the delay
@@ -156,9 +164,9 @@ def pd_motors(
     model = nominal_gains(robot, fleet)
     model = replace(model, **{name: np.full(robot.num_joints, float(value)) for name, value in given.items()})
     if spread:
-        return Drawn(lambda rng: _randomized(model, spread, rng), "random_pd")
+        return EpisodeMotors(lambda rng: _randomized(model, spread, rng), "random_pd")
     name = FRICTION_PD.name if coulomb else "tuned_pd" if armature or delay else "ideal_pd"
-    return Drawn(lambda rng: model, name)
+    return EpisodeMotors(lambda rng: model, name)
 
 
 def nominal_gains(robot: Robot, fleet: Fleet | str | None = None) -> IdealPd:
@@ -181,7 +189,7 @@ def _randomized(model: IdealPd, spread: float, rng: np.random.Generator) -> Idea
 
 def _of_posterior(
     posterior: MotorPosterior, robot: Robot, limit_follows_gain: bool = False, prior_share: float = 0.0
-) -> Drawn:
+) -> EpisodeMotors:
     """Motors in the order of the robot's joints; one motor, or those of a bench, as they are."""
     posterior.prior.require(robot.name, robot.physics_dt)
     names, gains, count = posterior.joint_names, robot_gains(posterior.prior, robot), robot.num_joints
@@ -191,7 +199,7 @@ def _of_posterior(
             raise ConfigError(f"joints {unknown} are not {robot.name}'s", remedy=f"name them {list(robot.joint_names)}")
         posterior = posterior.take([names.index(name) for name in robot.joint_names])
     name = f"{posterior.prior.preset}, adapted"
-    return Drawn(
+    return EpisodeMotors(
         lambda rng: posterior.sample(count, rng, gains, limit_follows_gain, prior_share), name, posterior.prior
     )
 

@@ -114,8 +114,8 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
     rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
     steps = max(2, round(seconds / robot.control_dt))
     away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
-    least = amplitude if excitation.is_bounded else 1e-9
-    away *= amplitude / np.maximum(least, np.abs(away).max(axis=0))
+    min_range = amplitude if excitation.is_bounded else 1e-9
+    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=0))
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 

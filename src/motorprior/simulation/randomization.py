@@ -1,7 +1,7 @@
 """Domain randomization of robot, sensors and surroundings. Off by default.
 
-One `Conditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an episode
-are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
+One `EpisodeConditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an
+episode are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
 """
 
 from __future__ import annotations
@@ -68,11 +68,11 @@ class Randomization:
                 object.__setattr__(self, field.name, value)
             check(f"randomization.{field.name}", value, lower.get(field.name, 0.0), upper.get(field.name, 1e3))
 
-    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> Conditions:
+    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> EpisodeConditions:
         """Draw the conditions of the robot and its surroundings in the episode of this seed."""
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
-        return Conditions(
+        return EpisodeConditions(
             armature=rng.uniform(*self.armature, joints),
             damping=rng.uniform(*self.damping, joints),
             friction=float(rng.uniform(*self.friction)),
@@ -137,7 +137,7 @@ class Randomization:
 
 
 @dataclass(frozen=True, eq=False)
-class Conditions:
+class EpisodeConditions:
     """One sample of the ranges, in the order of the robot's joints and of its model's links."""
 
     armature: np.ndarray  # (joints,) added [kg·m²]
@@ -159,7 +159,7 @@ class Conditions:
         return np.round((self.command_delay + late) / physics_dt).astype(np.int64)
 
 
-def nominal_conditions(robot: Robot) -> Conditions:
+def nominal_conditions(robot: Robot) -> EpisodeConditions:
     """Conditions without randomization."""
     return Randomization().conditions(robot, 0, 0)
 

@@ -141,7 +141,7 @@ def require_walks(episodes: Sequence[Episode], name: str) -> None:
     """Raise SimulationFault, with their number, if a walk of policy ``name`` diverged: it is no fall."""
     if faults := Counter(FAULTS[episode.fault] for episode in episodes if episode.fault):
         problem = f"{faults.total()} of {len(episodes)} walks of {name} had a simulation fault ({', '.join(faults)})"
-        raise SimulationFault(f"{problem}: they measure nothing", remedy=TOO_STIFF)
+        raise SimulationFault(f"{problem}: such walks cannot be evaluated", remedy=TOO_STIFF)
 
 
 class Walker(NamedTuple):

@@ -23,7 +23,7 @@ from motorprior.delay_line import row_of_age, write_line
 from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
-from motorprior.simulation.randomization import MAX_DELAY, Conditions, nominal_conditions
+from motorprior.simulation.randomization import MAX_DELAY, EpisodeConditions, nominal_conditions
 
 _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
@@ -64,7 +64,7 @@ class World:
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
-        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: Conditions | None = None
+        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: EpisodeConditions | None = None
     ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
@@ -107,7 +107,7 @@ class World:
         reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
         return motors
 
-    def _apply(self, conditions: Conditions) -> None:
+    def _apply(self, conditions: EpisodeConditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
         names = "mass", "com", "gravity", "friction"
         if all(np.array_equal(getattr(conditions, name), getattr(self._applied, name)) for name in names):

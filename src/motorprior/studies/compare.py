@@ -170,7 +170,7 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
 def compare(
     robot: Robot | str | Path,
     policies: Mapping[str, Policy | Sequence[Policy]],
-    twins: Mapping[str, MotorSource],
+    motors: Mapping[str, MotorSource],
     *,
     progress: Progress = WARNED,
 ) -> Results:
@@ -179,7 +179,7 @@ def compare(
     Args:
         robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
         policies: by training condition; several of one condition are its seeds.
-        twins: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors, physics at the robot's
+        motors: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors, physics at the robot's
             ``twin_physics_dt``, encoder noise; other motors as in training.
         progress: reports to the user.
 
@@ -193,7 +193,7 @@ def compare(
     """
     robot = as_robot(robot)
     robot.require_legs()
-    for name, value in (("policies", policies), ("twins", twins)):
+    for name, value in (("policies", policies), ("motors", motors)):
         if not value:
             raise ConfigError(f"no {name} given", remedy="give at least one by name", argument=name)
     seeds = {name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()}
@@ -203,13 +203,13 @@ def compare(
             policy.require_robot(robot, name)
     commands = straight_ahead(with_shared_speeds(robot, every))
     rows: list[Result] = []
-    count = len(every) * len(twins)
+    count = len(every) * len(motors)
     with progress.start(f"compare: {count} x {DRAWS} walks", count) as task:
         for model, each in seeds.items():
             for seed, policy in enumerate(each):
-                scenes = {name: motors_scene(robot, policy, motors, commands) for name, motors in twins.items()}
+                scenes = {name: motors_scene(robot, policy, chosen, commands) for name, chosen in motors.items()}
                 rows += evaluate(policy, scenes, model, seed)
-                task.advance(len(twins))
+                task.advance(len(motors))
     return Results.of(rows)
 
 

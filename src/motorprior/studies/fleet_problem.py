@@ -17,7 +17,7 @@ from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms
-from motorprior.studies.log_replay import Replayer, logged_constants, with_logged_gains
+from motorprior.studies.log_replay import Replayer, logged_constants, motors_with_logged_gains
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
 PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
@@ -100,7 +100,7 @@ class FleetProblem:
             own[np.ix_(self.joints, self.differing)] += offsets.reshape(len(self.joints), len(self.differing))
         for column, unknown in enumerate(self.unknowns):
             values[unknown.name] = np.array([unknown.value(each) for each in own[:, column]])
-        return with_logged_gains(FAMILIES[self.fleet.family].motors(values), self.replayers[name].log).actuator()
+        return motors_with_logged_gains(FAMILIES[self.fleet.family].motors(values), self.replayers[name].log).actuator()
 
     def error(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
         """(rows, joints) simulated minus measured [rad] of a log; see `Replayer.error`."""

@@ -38,7 +38,7 @@ def logged_constants(log: MotorLog) -> frozenset[str]:
     return frozenset({"kp"} if log.stated_kd is None else {"kp", "kd_over_kp"})
 
 
-def with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
+def motors_with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
     """These motors, one per joint, with the logged gains; unchanged if the log has none in N·m/rad.
 
     If only kp is logged, kd = logged kp · kd/kp of the motors.
@@ -191,7 +191,7 @@ def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple
         return with_posture(log, "fixed"), "fixed base"
     both = {name: Replayer(with_posture(log, name), robot) for name in ("standing", "suspended")}
     both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
-    actuator = with_logged_gains(motors, log).actuator()
+    actuator = motors_with_logged_gains(motors, log).actuator()
     errors = {name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()}
     name = "suspended" if errors["suspended"] < MARGIN * errors["standing"] else "standing"
     texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())

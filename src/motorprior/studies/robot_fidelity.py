@@ -84,7 +84,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
-    """(3, DRAWS) results of `compare` for every model, and the floor; a simulation that diverges has the largest."""
+    """(3, DRAWS) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
     fast = World(robot, suspended=suspended)
     fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
@@ -94,7 +94,8 @@ def robot_fidelity(
         targets, physical = trot_targets(robot, rng, STEPS), motors.take(index).actuator()
         truth = replay(fine, physical, targets)
         start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
-        rows.setdefault("physical", []).append(compare(replay(fine, physical, targets, start), truth, robot.control_dt))
+        floor = replay(fine, physical, targets, start)
+        rows.setdefault("physical", []).append(compare_playbacks(floor, truth, robot.control_dt))
         for name, model in models.items():
             rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
     limits = np.array([[MAX_ERROR], [DIVERGED], [DIVERGED]])
@@ -103,12 +104,12 @@ def robot_fidelity(
 
 def _try(world: World, model: Actuator, targets: np.ndarray, truth: Playback) -> tuple[float, float, float]:
     try:
-        return compare(replay(world, model, targets), truth, world.control_dt)
+        return compare_playbacks(replay(world, model, targets), truth, world.control_dt)
     except SimulationFault:
         return np.inf, np.inf, np.inf
 
 
-def compare(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:
+def compare_playbacks(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:
     """RMSE at the ends of control steps [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)

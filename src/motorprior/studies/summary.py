@@ -41,7 +41,7 @@ WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
 
 @dataclass(frozen=True)
-class Summary:
+class StudyStatistics:
     """Statistics of a table of walks, by (environment, condition, measure)."""
 
     benches: tuple[int, ...]  # seeds of the benches
@@ -105,7 +105,7 @@ def statistic_of(measure: str) -> statistics.Statistic:
     return statistics.means if measure == "upright" else statistics.iqms
 
 
-def summarise(walks: Sequence[WalkRow]) -> Summary:
+def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
     """Statistics of all walks."""
     cells: dict[tuple[str, str], list[WalkRow]] = {}
     for walk in walks:
@@ -131,4 +131,4 @@ def summarise(walks: Sequence[WalkRow]) -> Summary:
     corrected = statistics.holm({key: each.p for key, each in differences.items()})
     benches = tuple(sorted({walk["bench"] for walk in walks}))
     differences = {key: replace(each, p=corrected[key]) for key, each in differences.items()}
-    return Summary(benches, estimates, by_bench, upright, differences)
+    return StudyStatistics(benches, estimates, by_bench, upright, differences)

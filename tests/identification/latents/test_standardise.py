@@ -46,13 +46,13 @@ def test_units_of_a_class_resemble_its_motors_and_not_those_of_others(grey_box):
     outputs, names = legs(200)
     box, z, classes = standardised(grey_box(latents=3), outputs, np.full(3, 0.2), names)
     np.testing.assert_allclose(box.decoder_latents(z), outputs, atol=1e-9)
-    mean, std = classes.moments(("calf",) * 4000)
+    mean, std = classes.mean_and_std(("calf",) * 4000)
     draws = box.decoder_latents(mean + std * np.random.default_rng(1).standard_normal(mean.shape))
     own = outputs[2::3]
     np.testing.assert_allclose(draws.mean(axis=0), own.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(np.cov(draws.T), np.cov(own.T), atol=0.01)
     unseen = box.decoder_latents(
-        classes.moments(("tail",) * 4000)[1] * np.random.default_rng(2).standard_normal((4000, 3))
+        classes.mean_and_std(("tail",) * 4000)[1] * np.random.default_rng(2).standard_normal((4000, 3))
     )
     assert unseen[:, 0].std() > 3.0 * draws[:, 0].std()
 

@@ -119,8 +119,8 @@ def test_gains_of_the_map_hold_for_every_row(tmp_path: Path):
 def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path):
     volts, degrees = 74.0 + np.arange(ROWS) % 3, 30.0 + np.arange(ROWS) / ROWS
     path = write(tmp_path / "log.csv", COLUMNS | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0})
-    said = 'supply_voltage = "bus"\nmotor_temperature = "temp_{joint}"\n[units]\nvoltage = "dV"'
-    log = read_log(path, columns=a_map(tmp_path, TICKS, ("[units]", said)))
+    entries = 'supply_voltage = "bus"\nmotor_temperature = "temp_{joint}"\n[units]\nvoltage = "dV"'
+    log = read_log(path, columns=a_map(tmp_path, TICKS, ("[units]", entries)))
     assert log.supply_voltage is not None and log.motor_temperature is not None
     np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([volts, volts], axis=1))
     np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
@@ -143,7 +143,7 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('motor = "servo"', "", "missing keys"),
         ('time = "t"', "", "neither time"),
@@ -156,10 +156,10 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
         ("a = {}", "a = {kp = 3}", "joint 'b' lacks kp"),
     ],
 )
-def test_a_bad_map_is_rejected(tmp_path: Path, old: str, new: str, said: str):
+def test_a_bad_map_is_rejected(tmp_path: Path, old: str, new: str, message: str):
     with pytest.raises(ArtifactError, match=r"columns\.toml") as error:
         load_column_map(a_map(tmp_path, PLAIN, (old, new)))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_column_that_is_there_twice_is_refused(tmp_path: Path):

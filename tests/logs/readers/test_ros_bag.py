@@ -85,15 +85,15 @@ def test_states_with_the_command_in_force(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"states": "/arm/states", "numbers": "/cmd"}, r"it has /arm/commands .*, /arm/states .*, /cmd .* -> "),
         ({"commands": "/b/joint_states"}, "no topic of states and one of commands"),
         ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
     ],
 )
-def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, Any], said: str):
-    with pytest.raises(LogError, match=said):
+def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, Any], message: str):
+    with pytest.raises(LogError, match=message):
         read_log(write_bag(tmp_path / "a.mcap", **changes))
 
 
@@ -143,7 +143,7 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ("/commands:data", "/cmd:data", r"no topic '/cmd'; it has '/commands'"),
         ("motor_state[{joint}].q", "motor_state[{joint}].angle", "message 0 has no number"),
@@ -151,7 +151,7 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
         ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' is not TOPIC:FIELD"),
     ],
 )
-def test_errors_of_a_map_are_named(tmp_path: Path, old: str, new: str, said: str):
+def test_errors_of_a_map_are_named(tmp_path: Path, old: str, new: str, message: str):
     path, columns = write_legged(tmp_path, LEGGED.replace(old, new))
-    with pytest.raises(LogError, match=said):
+    with pytest.raises(LogError, match=message):
         read_log(path, columns=columns)

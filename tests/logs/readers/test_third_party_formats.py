@@ -133,20 +133,20 @@ def test_tensors_of_any_layout_come_through_by_a_map(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ({"time": Tensor(Storage("FloatStorage", "0", 10), 5, (6,), (1,))}, "size of buffer"),
         ({"t": 3.0}, "no array 'time'"),
     ],
 )
-def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, said: str):
+def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, message: str):
     good = Tensor(Storage("FloatStorage", "0", 10), 0, (5, 2), (2, 1))
     content = content if "t" in content else {"des_dof_pos": good, "dof_pos": good} | content
     path = write_pt(tmp_path)
     write_tensors(path, content, {"0": np.zeros(10, "<f4").tobytes()})
     with pytest.raises(LogError) as refusal:
         read_log(path, columns=tmp_path / "columns.toml")
-    assert said in str(refusal.value) and "log.pt" in str(refusal.value)
+    assert message in str(refusal.value) and "log.pt" in str(refusal.value)
 
 
 def test_the_original_files_hold_what_their_tables_hold(shared_data: Path):

@@ -12,7 +12,7 @@ joint's own angle replace it.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive constants within
 BOUNDS, and others in UNITS around their neutral values. Every model starts at the optimum of the simpler one. An
-optional part of servo_limits is dropped if it saves less than MIN_SAVING of the loss: a limit that the log hardly
+optional part of servo_limits is dropped if it saves less than MIN_SAVING of the loss: a limit that the log barely
 reaches would bind in other motions. Logged firmware registers are not searched.
 """
 

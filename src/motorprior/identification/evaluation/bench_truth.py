@@ -17,9 +17,9 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.recording import BenchPreset, trial
+from motorprior.bench.recording import BenchPreset, bench_trial
 from motorprior.identification.evaluation.errors import capped
-from motorprior.identification.evaluation.reference import sample_residuals, sampled_width
+from motorprior.identification.evaluation.reference import sample_residual_scale, sample_residuals
 from motorprior.identification.latents.latent_fit import Posterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.training_data.windows import VEL
@@ -50,7 +50,7 @@ def held_out_trials(
     rngs = [np.random.default_rng([*tags, repeat, _TRIALS]) for repeat in range(_REPEATS)]
     steps, count = preset.segment_steps, len(motors)
     return [
-        (trial(rng, kind, steps, count, preset, hold=repeat % 2 == 0), motors.after(work[repeat]).actuator())
+        (bench_trial(rng, kind, steps, count, preset, hold=repeat % 2 == 0), motors.after(work[repeat]).actuator())
         for repeat, rng in enumerate(rngs)
     ]
 
@@ -107,7 +107,7 @@ def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, r
     for z in _latent_samples(posterior, rng):
         found = runs.errors(prior.model.motors(z))
         velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        width = sampled_width(prior.metrics, posterior.misfit, rng)[:, None, None]
+        width = sample_residual_scale(prior.metrics, posterior.misfit, rng)[:, None, None]
         errors.append(POSITION_SCALE * found[:, :, 0] + width * sample_residuals(prior.metrics, rng, velocity))
     return np.stack(errors)
 
@@ -134,7 +134,7 @@ def bench_coverage(
             samples = []
             for z in _latent_samples(posterior, rng):
                 simulated = run(prior.model.motors(z), case)
-                width = sampled_width(prior.metrics, posterior.misfit, rng)
+                width = sample_residual_scale(prior.metrics, posterior.misfit, rng)
                 samples.append(simulated.joint_pos + width * sample_residuals(prior.metrics, rng, simulated.joint_vel))
             inside.append(_inside(np.stack(samples), run(truth, case).joint_pos))
         for level in LEVELS:

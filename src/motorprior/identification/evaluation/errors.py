@@ -20,7 +20,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
-from motorprior.actuator.optional_terms import Conditions
+from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
@@ -84,7 +84,7 @@ def _at_segment(motors: LoadedMotors, part: MotorLog, nominal: Mapping[str, floa
         return motors.pd if gains is None else motors.at(gains)
     if not isinstance(motors, GreyBoxActuator):
         return motors
-    conditions = Conditions(motors.model.warmth(motors.z, seconds), *relative_conditions(part, nominal))
+    conditions = OperatingConditions(motors.model.warmth(motors.z, seconds), *relative_conditions(part, nominal))
     return replace(motors, conditions=conditions, gains=gains if motors.model.gain_unit else motors.gains)
 
 

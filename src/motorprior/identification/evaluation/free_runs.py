@@ -75,8 +75,8 @@ def traces(
     found = []
     for log, joint in errors.median_and_max(model):
         name = errors.logs[log]
-        longest = max(runs[name], key=lambda run: run.preset.window)
-        time, target, measured = (longest.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
-        simulated = {key: measured + angle_errors(longest, models[key])[joint, 0] for key in drawn}
+        longest_run = max(runs[name], key=lambda run: run.preset.window)
+        time, target, measured = (longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
+        simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in drawn}
         found.append(Trace(name, errors.joints[joint], time, target, measured, simulated))
     return found

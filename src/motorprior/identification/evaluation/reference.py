@@ -24,9 +24,9 @@ LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
-GROWTH, GROWTH_STD = "held_out_growth", "held_out_growth_std"  # metrics: `held_out_growth`
+GROWTH, GROWTH_STD = "held_out_growth", "held_out_growth_std"  # metrics: `residual_growth`
 ASSUMED_GROWTH_STD = 0.4  # of the logarithm of the growth, over motors
-_MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `misfits`
+_MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `residual_scale`
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 
 
@@ -118,8 +118,8 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
     return student_t.sf((np.log(losses) - m + added / 2) / std, max(motors - 1, 1))
 
 
-def misfits(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
-    """(M,) how wide the residuals of M motors are: the 90 % quantile of |error| over half the pool's 90 % band.
+def residual_scale(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+    """(M,) scale of the residuals of M motors: the 90 % quantile of |error| over half the pool's 90 % band.
 
     ``errors`` [rad] and simulated ``joint_vel`` [rad/s], which chooses the pool, are (T, M), as from `replay_errors`.
     """
@@ -128,7 +128,7 @@ def misfits(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndar
     return np.clip(np.quantile(share, 0.9, axis=0), *_MISFIT)
 
 
-def held_out_growth(
+def residual_growth(
     model: GreyBox,
     mean: np.ndarray,
     classes: JointClasses,
@@ -139,24 +139,24 @@ def held_out_growth(
     """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.
 
     The training motors, with latents ``mean`` (M, Z), are adapted to the first half of the log as new units of their
-    classes. The growth is the median ratio of their `misfits` in the second half to those in the first, at least 1; its
-    logarithm has a standard deviation over the motors, with ASSUMED_GROWTH_STD as three more motors.
+    classes. The growth is the median ratio of their `residual_scale` in the second half to that in the first, at least
+    1; its logarithm has a standard deviation over the motors, with ASSUMED_GROWTH_STD as three more motors.
     """
     first, rest = train_test_halves(log)
     ratio = np.zeros(0)
     if min(first.duration, rest.duration) > 2.0 * (preset.history + preset.window) * preset.period:
         preset = with_window_that_fits(preset, first)
-        data, prior = training_data(first, preset, first.source), classes.moments(classes.of_motors)
+        data, prior = training_data(first, preset, first.source), classes.mean_and_std(classes.of_motors)
         found = fit_posterior(model, data, preset, metrics["loss_mean"], start=mean, prior=prior)
         motors, nominal = model.motors(found.mean), preset.nominal_conditions
-        own, later = (misfits(metrics, *replay_errors(motors, part, nominal)) for part in (first, rest))
+        own, later = (residual_scale(metrics, *replay_errors(motors, part, nominal)) for part in (first, rest))
         ratio = np.log(later / own)[moved(first) & moved(rest)]
     growth = max(0.0, float(np.median(ratio))) if len(ratio) else 0.0
     scatter = float(np.sum((ratio - growth) ** 2)) + 3.0 * ASSUMED_GROWTH_STD**2
     return {GROWTH: math.exp(growth), GROWTH_STD: math.sqrt(scatter / (len(ratio) + 3.0))}
 
 
-def sampled_width(metrics: Mapping[str, float], misfit: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def sample_residual_scale(metrics: Mapping[str, float], misfit: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(M,) sampled factors on the residuals of motors with this ``misfit`` (M,) or (1,) on other rows."""
     std = metrics.get(GROWTH_STD, 0.0)
     return misfit * metrics.get(GROWTH, 1.0) * np.exp(std * rng.standard_normal(len(misfit)))

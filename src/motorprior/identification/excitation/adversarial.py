@@ -1,4 +1,4 @@
-"""A generator of joint motion, trained against a critic that tells its windows from those of the runs.
+"""A generator of joint motion, trained against a critic that distinguishes its windows from recorded ones.
 
 Hinge loss (Lim & Ye, Geometric GAN, 2017), spectral normalisation of the critic (Miyato et al., ICLR 2018), unequal
 learning rates (Heusel et al., NeurIPS 2017), and an exponential moving average of the generator's weights, which plays.

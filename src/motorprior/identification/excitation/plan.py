@@ -80,7 +80,7 @@ def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: st
         log = replace(log, stated_kp=kp, stated_kd=kd, gain_unit=model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
     search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
-    z = prior.classes.moments((joint_class,) * count)[0]
+    z = prior.classes.mean_and_std((joint_class,) * count)[0]
     return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
 
 

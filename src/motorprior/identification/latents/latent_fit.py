@@ -10,7 +10,7 @@ of `MotorPrior.predicted`.
 
 `outliers` tests whether new motors lie inside the prediction interval of the training motors. The loss of a fit alone
 has little power, so every motor is fitted a second time, with a prior PRIOR_SCALE times as wide as the M training
-motors, which hardly shrinks the estimate. In decoder latents, with mean m and standard deviation s of these motors,
+motors, which barely shrinks the estimate. In decoder latents, with mean m and standard deviation s of these motors,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 

@@ -20,14 +20,14 @@ units that is pooled over the classes (random effects; C classes of n motors, de
     w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)      between the units of a class
 
 where a motor's latent with an error of variance e counts as w/(w + e) motors, since a constant that a log does not
-identify says nothing of the spread, and
+identify does not inform the spread, and
 
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
 
 u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a
 constant without effect, such as a very small friction, must not become that of other classes.
 
-The covariance w keeps directions in which logs do not tell constants apart, such as delay and damping.
+The covariance w keeps directions in which logs do not separate constants, such as delay and damping.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.copula import LEVELS, SCORES, Copula, scores
+from motorprior.actuator.copula import LEVELS, SCORES, Copula, normal_scores
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
@@ -175,7 +175,7 @@ def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) 
     else:
         quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
     quantiles = quantiles + _RISE * SCORES[:, None]
-    normal = scores(quantiles, mean)
+    normal = normal_scores(quantiles, mean)
     mixing = np.eye(latents) if motors < MIN_MOTORS else np.linalg.cholesky(shrunk_correlation(normal)).T
     return replace(model, copula=Copula(mixing, quantiles)), np.linalg.solve(mixing.T, normal.T).T
 
@@ -219,7 +219,7 @@ def with_scaled_spread(
     wide = Copula(copula.mixing, middle + factor * (copula.quantiles - middle))
 
     def moved(z: np.ndarray) -> np.ndarray:
-        normal = scores(wide.quantiles, copula.decoder_latents(z))
+        normal = normal_scores(wide.quantiles, copula.decoder_latents(z))
         return np.linalg.solve(copula.mixing.T, normal.T).T
 
     if len(classes.names) > 1:

@@ -39,7 +39,7 @@ from motorprior.identification.physics.motor_problem import (
     initial_center,
     motor_search,
     rigid_motor,
-    sized_center,
+    scaled_center,
     weak_prior,
     with_more_terms,
 )
@@ -116,7 +116,7 @@ def fit_motors(
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)
     nested = nested or fit_rigid_motors(part, terms, seed)
     start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
-    initial = sized_center(part, terms)
+    initial = scaled_center(part, terms)
     neutral, lacks = rigid_motor(initial, terms, runs)
     is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
     lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
@@ -145,7 +145,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     Without ``limits`` the latter are left out; other arguments as for `fit_motors`.
     """
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
-    initial = sized_center(runs, terms)
+    initial = scaled_center(runs, terms)
     rigid, lacks = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))

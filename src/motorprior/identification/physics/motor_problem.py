@@ -70,7 +70,7 @@ def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> Sea
     return Search(MotorProblem(grey_box(center, terms, runs.preset), runs), lower_bounds(center, terms, runs))
 
 
-def sized_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
+def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
     if runs.gain_unit == PHYSICAL_GAINS:

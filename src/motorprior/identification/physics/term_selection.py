@@ -104,12 +104,12 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         left += [together] * (len(together) > 1)
-        tried = {group: trial.screened(best, group) for group in left}
+        tried = {group: trial.short_search(best, group) for group in left}
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
         finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: trial.polished(tried[group], group) for group in finalists}
+        polished = {group: trial.long_search(tried[group], group) for group in finalists}
         if left:
             simple = {group: trial.simple(rigid, group) for group in left}
             first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
@@ -123,10 +123,10 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
         best, rigid = passed[chosen], trial.simple(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
-    return Selection(*_without_spare(trial, best, given, saved, report))
+    return Selection(*_drop_unneeded(trial, best, given, saved, report))
 
 
-def _without_spare(
+def _drop_unneeded(
     trial: _Trial, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """The terms that are needed, and ``saved`` with what they save."""
@@ -204,13 +204,13 @@ class _Trial:
         held = lacks & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
         return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, held)
 
-    def screened(self, before: _State, added: tuple[str, ...]) -> _State:
+    def short_search(self, before: _State, added: tuple[str, ...]) -> _State:
         """The fits ``before`` with more terms, after a short search."""
         terms = in_order((*before.terms, *added))
         nested = with_more_terms(before.raw, before.terms, terms, self._runs)
         return self._searched(terms, nested, constants_of(added), 0, _SCREEN)
 
-    def polished(self, screened: _State, added: tuple[str, ...]) -> _State:
+    def long_search(self, screened: _State, added: tuple[str, ...]) -> _State:
         """The same after a longer search."""
         return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, STEPS)
 

@@ -26,7 +26,7 @@ from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
-from motorprior.actuator.optional_terms import Conditions
+from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification.presets import Preset
@@ -270,7 +270,7 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
 
     def motors(z: np.ndarray, motor: np.ndarray, segment: Segment) -> GreyBoxActuator:
         gains = segment.gains[:, motor] if model.gain_unit else None
-        conditions = Conditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        conditions = OperatingConditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
         return model.motors(z, conditions, gains)
 
     return motors

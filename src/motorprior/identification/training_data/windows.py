@@ -106,8 +106,8 @@ def _velocity_steps(log: MotorLog) -> int:
 
 def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
     """The recipe with windows no longer than the log's longest segment allows, but at least 64 steps."""
-    longest = max(part.stop - part.start for part in log.segment_slices())
-    max_window = max(64, longest - preset.history - 1)
+    max_rows = max(part.stop - part.start for part in log.segment_slices())
+    max_window = max(64, max_rows - preset.history - 1)
     return replace(preset, window=min(preset.window, max_window)) if preset.objective == "rollout" else preset
 
 
@@ -178,9 +178,9 @@ def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndar
     length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
     every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
     if len(every) == 0:
-        longest = max(part.stop - part.start for part in parts)
+        max_rows = max(part.stop - part.start for part in parts)
         raise LogError(
-            f"its longest segment has {longest} rows, a window {length} ({length * preset.period:g} s)", where=where,
+            f"its longest segment has {max_rows} rows, a window {length} ({length * preset.period:g} s)", where=where,
             remedy="use more of the log, or record longer segments",
         )  # fmt: skip
     return every

@@ -54,11 +54,11 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
     rows = gap_rows(log)
     if rows.size:
         steps = log.time[rows] - log.time[rows - 1]
-        longest = int(np.argmax(steps))
-        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[longest]:.3g} "
-        message += f"ms before row {rows[longest]}"
+        max_gap = int(np.argmax(steps))
+        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[max_gap]:.3g} "
+        message += f"ms before row {rows[max_gap]}"
         remedy = "find out why rows are lost; mp.load_log and `motorprior logs import` begin a segment after each gap"
-        yield Finding("warning", "gaps", float(steps[longest]), message, remedy, row=int(rows[0]))
+        yield Finding("warning", "gaps", float(steps[max_gap]), message, remedy, row=int(rows[0]))
 
 
 def repeats(log: MotorLog) -> Iterator[Finding]:
@@ -165,10 +165,10 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     moves = np.pad(steps - TURN * np.rint(steps / TURN), 1)
     medians = np.median([moves[:-2], moves[1:-1], moves[2:]], axis=0)
     usual = float(np.sort(np.append(np.zeros(6), np.abs(medians)))[-6])
-    least = max(min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
-    spikes = set(_spikes(angle, log.segment_slices(), least))
+    min_jump = max(min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
+    spikes = set(_spikes(angle, log.segment_slices(), min_jump))
     yield from (("joint_pos", FAILED, row) for row in sorted(spikes))
-    bound = max(3.0 * usual, least)
+    bound = max(3.0 * usual, min_jump)
     lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound)[:10_000], 0
     for number, place in enumerate(places.tolist()):
         row, size = int(rows[place]), abs(float(steps[place]))
@@ -191,10 +191,10 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
             yield "joint_pos", STAYS, row
 
 
-def _spikes(angle: np.ndarray, parts: Sequence[slice], least: float) -> Iterator[int]:
+def _spikes(angle: np.ndarray, parts: Sequence[slice], min_jump: float) -> Iterator[int]:
     """Rows of single readings that leap and come back.
 
-    Both steps exceed ``least`` [rad], and 8 times the motion around them: the steps before and after, and their sum.
+    Both steps exceed ``min_jump`` [rad], and 8 times the motion around them: the steps before and after, and their sum.
     """
     for part in parts:
         steps = np.diff(angle[part])
@@ -202,7 +202,7 @@ def _spikes(angle: np.ndarray, parts: Sequence[slice], least: float) -> Iterator
             continue
         out, back = steps[1:-2], steps[2:-1]
         around = np.max(np.abs([steps[:-3], out + back, steps[3:]]), axis=0)
-        is_spike = (out * back < 0.0) & (np.minimum(np.abs(out), np.abs(back)) > np.maximum(least, 8.0 * around))
+        is_spike = (out * back < 0.0) & (np.minimum(np.abs(out), np.abs(back)) > np.maximum(min_jump, 8.0 * around))
         yield from (part.start + 2 + np.flatnonzero(is_spike)).tolist()
 
 

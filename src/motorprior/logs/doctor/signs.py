@@ -13,7 +13,7 @@ from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that hardly changes
+MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that barely changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
 MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
 MIN_ROWS = 20  # of steady motion

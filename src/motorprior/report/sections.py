@@ -56,7 +56,7 @@ def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     for row in results.where(quantity="whole_run_coverage90"):
         lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
-        picture(plots.errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(plots.draw_errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
         Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
