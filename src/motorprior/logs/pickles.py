@@ -100,7 +100,7 @@ def load_pickle(data: bytes, where: Path | None = None, persistent: Callable[[An
 
 
 def require_archive_size(archive: zipfile.ZipFile, path: Path) -> None:
-    """Raise LogError if the members, none of which unpacks to more than its stated size, exceed `artifacts.MAX_BYTES`."""
+    """Raise LogError if the unpacked members exceed `artifacts.MAX_BYTES`; zipfile reads no more than they state."""
     require_size(sum(member.file_size for member in archive.infolist()), path, LogError)
 
 
