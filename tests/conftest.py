@@ -8,6 +8,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):
     os.environ[_name] = "1"
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "Agg"
+os.environ["COLUMNS"] = "120"  # wider, a long help has two columns
 # Half of all tests' time is XLA's: what one test, worker or child process compiled is there for the others, and for the
 # next run. Entries are keyed by program, flags and versions.
 for _name, _value in {
@@ -95,3 +96,19 @@ def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
     run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder
+
+
+@pytest.fixture
+def small_search(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """`small_search("profile")` tries no other term, and few restarts: the whole search takes minutes."""
+    from motorprior.identification import load_fit
+    from motorprior.identification.baselines import response_fit
+    from motorprior.identification.physics import term_selection
+
+    def limit(*terms: str) -> None:
+        servo = tuple(name for name in terms if name in term_selection.SERVO)
+        limits = ((term_selection, "CANDIDATES", terms), (term_selection, "SERVO", servo))
+        for module, name, value in (*limits, (response_fit, "RESTARTS", 4), (load_fit, "MAX_ROUNDS", 1)):
+            monkeypatch.setattr(module, name, value)
+
+    return limit

@@ -4,6 +4,7 @@ import re
 import shlex
 import tomllib
 from collections.abc import Iterator
+from contextlib import chdir
 from itertools import takewhile
 from pathlib import Path
 
@@ -88,7 +89,7 @@ def test_every_command_exists(words: list[str]):
     check(words)
 
 
-def test_the_library_section_runs_in_a_small_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_library_section_runs_in_a_small_size(tmp_path: Path):
     section = (ROOT / "README.md").read_text("utf-8").partition("## As a library")[2]
     code = next(block for _, language, block in FENCE.findall(section) if language == "python")
     sizes = {
@@ -98,35 +99,35 @@ def test_the_library_section_runs_in_a_small_size(tmp_path: Path, monkeypatch: p
     for shown, small in sizes.items():
         assert shown in code
         code = code.replace(shown, small)
-    monkeypatch.chdir(tmp_path)
     names: dict = {}
-    exec(code, names)
+    with chdir(tmp_path):
+        exec(code, names)
     assert names["torque"].shape == (12,) and {row.quantity for row in names["table"]} == {"speed", "upright", "drift"}
 
 
 @pytest.mark.slow
-def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: Path):
     section = (ROOT / "README.md").read_text("utf-8").partition("## As a library")[2]
     code = next(block for _, language, block in FENCE.findall(section) if language == "python")
     loaded = re.search(r"mp\.load_log\(.*\)", code)
     assert loaded is not None
     code = re.sub(r"mp\.record_bench\(.*?\n\)", loaded[0], code, count=1, flags=re.DOTALL)
     code = code.replace('preset="rollout"', 'preset="quick"').replace("iterations=200", "iterations=2")
-    monkeypatch.chdir(tmp_path)
     robot, fleet = load_robot("pupper_v2"), load_fleet("pupper_v2")
     targets = excitation_targets(robot, "chirp", 8.0, 0.2, seed=0)
     log = simulated_log(robot, fleet.sample(12, np.random.default_rng(0)).actuator(), targets, 0.001)
     names = [f"{kind}_{joint}" for kind in ("target", "angle") for joint in range(12)]
     columns = np.column_stack([log.time, log.position_target, log.joint_pos])
-    np.savetxt("run.csv", columns, delimiter=",", header=",".join(["time", *names]), comments="")
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header=",".join(["time", *names]), comments="")
     joints = "\n".join(f'{joint} = {{ name = "{name}" }}' for joint, name in enumerate(robot.joint_names))
     keys = (
         'robot = "pupper_v2"\nmotor = "DJI M2006"\ntime = "time"\n'
         'position_target = "target_{joint}"\njoint_pos = "angle_{joint}"\n'
     )
-    Path("columns.toml").write_text(f"{keys}[joints]\n{joints}\n", "utf-8")
+    (tmp_path / "columns.toml").write_text(f"{keys}[joints]\n{joints}\n", "utf-8")
     found: dict = {}
-    exec(code, found)
+    with chdir(tmp_path):
+        exec(code, found)
     assert found["prior"].joint_names == robot.joint_names
     assert found["table"].value(quantity="upright", motors="twin") > 0.5
 

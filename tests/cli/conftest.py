@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -32,16 +33,16 @@ Command = Callable[..., Outcome]
 
 
 @pytest.fixture
-def motorprior(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+def motorprior(capsys: pytest.CaptureFixture[str]) -> Command:
     """`motorprior ARGS…`, in this process."""
 
     def run(*args: object) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["motorprior", *map(str, args)])
         code: object = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
+        with patch.object(sys, "argv", ["motorprior", *map(str, args)]):
+            try:
+                main()
+            except SystemExit as stop:
+                code = stop.code or 0
         assert isinstance(code, int)
         captured = capsys.readouterr()
         return Outcome(code, captured.out, captured.err)

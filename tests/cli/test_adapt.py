@@ -11,8 +11,6 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.identification.baselines import response_fit
-from motorprior.identification.physics import term_selection
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.stage import read_results
 
@@ -47,11 +45,10 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, monkeypatch):
+def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, small_search):
     prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
-    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))  # the others take a minute
-    monkeypatch.setattr(response_fit, "RESTARTS", 5)
+    small_search("profile")
     done = motorprior("validate-log", prior, held_out, "--adam-steps", 20, "--out", out)
     assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)

@@ -6,20 +6,17 @@ import shlex
 import shutil
 import textwrap
 import tomllib
-from collections.abc import Iterator
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import chdir, nullcontext
 from itertools import islice
 from pathlib import Path
-from unittest.mock import Mock
+from unittest.mock import patch
 
 import pytest
 from swinging_bars import swing, write_table
 
 from motorprior.cli.main import RUN, parse
 from motorprior.commands import demo
-from motorprior.identification import load_fit
-from motorprior.identification.baselines import response_fit
-from motorprior.identification.physics import term_selection
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.column_map import load_column_map
 from motorprior.logs.readers.ros_bag import CLOCK
@@ -72,7 +69,7 @@ def run(words: list[str]) -> None:
 
 
 @pytest.fixture
-def robots(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def robots(shared_data: Path, tmp_path: Path, small_search: Callable[..., None]) -> Iterator[Path]:
     """A folder with two models and the examples' descriptions of them; commands run in it."""
     for name in ("go2", "so101"):
         model = shared_data / "robots" / f"{name}.xml"
@@ -80,13 +77,13 @@ def robots(shared_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
             pytest.skip(f"no {name}.xml: MOTORPRIOR_SHARED names a folder with robots/{name}.xml in it")
         for path in (model, *(ROOT / "examples" / "robots").glob(f"{name}*.toml")):
             shutil.copy(path, tmp_path)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(term_selection, "CANDIDATES", ())  # the terms are tested elsewhere, and take minutes
-    return tmp_path
+    small_search()
+    with chdir(tmp_path):
+        yield tmp_path
 
 
 @pytest.fixture
-def folder(shared_data: Path, robots: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
     """The same with the logs that the pages name, cut."""
     for name in ("go2", "so101", "xl330"):
         if not (shared_data / name).is_dir():
@@ -102,10 +99,8 @@ def folder(shared_data: Path, robots: Path, monkeypatch: pytest.MonkeyPatch) -> 
     shutil.copytree(shared_data / "so101" / "original", robots / "so101" / "original")
     shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", robots / "so101")
     write_table(swing(4.0), robots)
-    monkeypatch.setattr(load_fit, "MAX_ROUNDS", 1)
-    monkeypatch.setattr(response_fit, "RESTARTS", 4)
-    monkeypatch.setattr(demo.study_conditions, "record_benches", Mock(side_effect=Begun))
-    return robots
+    with patch.object(demo.study_conditions, "record_benches", side_effect=Begun):
+        yield robots
 
 
 @pytest.mark.slow

@@ -16,10 +16,7 @@ WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 
 
 @pytest.mark.parametrize("command", ["", "logs", *(f"logs {name}" for name in LOGS), *COMMANDS])
-def test_every_option_is_explained_with_its_unit(
-    motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
-):
-    monkeypatch.setenv("COLUMNS", "120")  # wider, a long help has two columns
+def test_every_option_is_explained_with_its_unit(motorprior: Callable[..., Any], command: str):
     outcome = motorprior(*command.split(), HELP_ALL)
     assert outcome.code == 0 and outcome.out.startswith("usage: motorprior"), outcome.err
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
@@ -34,10 +31,7 @@ def test_every_option_is_explained_with_its_unit(
 
 
 @pytest.mark.parametrize("command", ["", "logs", *(f"logs {name}" for name in LOGS), *COMMANDS])
-def test_the_help_of_common_options_fits_a_screen(
-    motorprior: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, command: str
-):
-    monkeypatch.setenv("COLUMNS", "120")
+def test_the_help_of_common_options_fits_a_screen(motorprior: Callable[..., Any], command: str):
     outcome = motorprior(*command.split(), "--help")
     assert outcome.code == 0 and len(outcome.out.splitlines()) <= 50, outcome.out
     if (name := command.split(" ")[-1]) in COMMON:

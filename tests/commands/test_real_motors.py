@@ -1,5 +1,6 @@
 """The quick report of real logs, on small synthetic ones, with and without loads."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +12,7 @@ from motorprior.artifacts import read_json
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
-from motorprior.commands.real_motors import RealMotors, _loads, read_logs_of, run_real_motors
-from motorprior.identification.baselines import response_fit
+from motorprior.commands.real_motors import RealMotors, loads_of, read_logs_of, run_real_motors
 from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -57,8 +57,8 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert (out / "traces.png").stat().st_mtime_ns == before, "once"
 
 
-def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(response_fit, "RESTARTS", 4)
+def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, small_search: Callable[..., None]):
+    small_search()
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))
@@ -84,7 +84,7 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: P
         codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
         write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))
     config = RealMotors(tmp_path / "logs", tmp_path / "out")
-    loads, _ = _loads(config, read_logs_of(config).logs, robot)
+    loads, _ = loads_of(config, read_logs_of(config).logs, robot)
     assert (loads is not None) == (set(postures) == {"suspended"})
 
 

@@ -2,6 +2,8 @@
 
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 import json
+from collections.abc import Iterator
+from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,11 +52,11 @@ def prior() -> MotorPrior:
 
 
 @pytest.fixture
-def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def arm(tmp_path: Path) -> Iterator[Path]:
     path = tmp_path / "arm.xml"
-    monkeypatch.chdir(tmp_path)
     path.write_text(MODEL)
-    return path
+    with chdir(tmp_path):
+        yield path
 
 
 @pytest.mark.parametrize(

@@ -1,19 +1,19 @@
 """A baseline that cannot be fitted is a row that says so; a response far from its command is found."""
 
 from io import StringIO
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from motorprior.exceptions import ArtifactError
-from motorprior.identification import validate
 from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
 from motorprior.identification.presets import identification_preset
+from motorprior.identification.validate import fitted_baselines
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Lines
 
 
+<<<<<<< HEAD
 def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.MonkeyPatch):
     def fit(log, named, *args, **options):
         if named == "coulomb_viscous":
@@ -29,6 +29,22 @@ def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.Monkey
     found = validate.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(output))  # pyright: ignore
     assert found == {"coulomb_viscous": None, "stribeck": "motors", "tuned_pd": "pd"}
     assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in output.getvalue()
+=======
+def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):
+    time = 0.002 * np.arange(400)
+    target = 0.3 * np.sin(9.0 * time)[:, None]
+    log = MotorLog(
+        time=time, position_target=target, joint_pos=np.roll(target, 5, axis=0), joint_names=("j",), robot="", motor="",
+        source="made", load_inertia=np.full_like(target, 0.01), external_torque=0.0 * target,
+    )  # fmt: skip
+    for name in ("per_motor", "pooled_network"):
+        (tmp_path / name).write_text("a file where the fit's folder should be")
+    said = StringIO()
+    found = fitted_baselines(log, identification_preset("rollout"), tmp_path, progress=Lines(said))
+    failed = [name for name, motors in found.items() if motors is None]
+    assert failed == ["per_motor", "pooled_network"] and found["tuned_pd"] is not None
+    assert all(f"baseline {name}" in said.getvalue() and str(tmp_path / name) in said.getvalue() for name in failed)
+>>>>>>> tests2
 
 
 def test_the_response_of_a_joint_far_off_its_command_is_found():

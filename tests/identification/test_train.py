@@ -11,7 +11,6 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
-from motorprior.identification.physics import term_selection
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.train import identify
 from motorprior.identification.training_data.windows import TrainingData, training_data
@@ -79,9 +78,9 @@ def leaves(result) -> bytes:
 
 
 def test_motors_are_fitted_without_a_term_that_they_do_not_have(
-    grey_box, decoder_data: Callable[..., TrainingData], monkeypatch: pytest.MonkeyPatch
+    grey_box, decoder_data: Callable[..., TrainingData], small_search: Callable[..., None]
 ):
-    monkeypatch.setattr(term_selection, "CANDIDATES", ("output_encoder",))
+    small_search("output_encoder")
     data = decoder_data(grey_box(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250)
     found = identify(data, MOTORS, 0)
     assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.motor.terms == ()

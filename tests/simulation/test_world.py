@@ -2,6 +2,7 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
+from contextlib import chdir
 from dataclasses import replace
 
 import numpy as np
@@ -60,13 +61,20 @@ def test_reset_forgets():
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.fixture
+def in_tmp_path(tmp_path):
+    """MuJoCo may write its log into the working folder."""
+    with chdir(tmp_path):
+        yield
+
+
 BROKEN = replace(PD, kp=np.full(12, 1e300), torque_limit=np.full(12, 1e308))
 NAN = replace(PD, kd=np.full(12, np.nan))
 
 
 @pytest.mark.parametrize("motors", [BROKEN, NAN], ids=["absurd gains", "NaN"])
-def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo may write its log here
+@pytest.mark.usefixtures("in_tmp_path")
+def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_reward(motors):
     simulator = WalkSimulator(Scene(PUPPER_V2, lambda rng: motors))
     episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
@@ -75,9 +83,9 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
         replay(World(PUPPER_V2), motors, np.tile(PUPPER_V2.nominal_pose + 0.1, (5, 1)))
 
 
-def test_full_memory_ends_the_compiled_episode_with_its_name(monkeypatch, tmp_path):
+@pytest.mark.usefixtures("in_tmp_path")
+def test_full_memory_ends_the_compiled_episode_with_its_name():
     # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
-    monkeypatch.chdir(tmp_path)
     small = PUPPER_V2.model.mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
     cramped = replace(PUPPER_V2, model=GeneratedModel(lambda: small))
     standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))

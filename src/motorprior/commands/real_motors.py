@@ -79,7 +79,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
     whole, lines = _without_gaps(config, folder)
-    prepare, loads = _loads(config, folder.logs, described)
+    prepare, loads = loads_of(config, folder.logs, described)
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)
@@ -108,7 +108,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
     return logs, lines
 
 
-def _loads(
+def loads_of(
     config: RealMotors, logs: dict[str, MotorLog], robot: Robot | None
 ) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
     """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""

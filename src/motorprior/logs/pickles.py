@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from motorprior.artifacts import require_size
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import unreadable
 
@@ -98,10 +99,16 @@ def load_pickle(data: bytes, where: Path | None = None, persistent: Callable[[An
         raise LogError(problem, where=where, remedy=remedy) from error
 
 
+def require_archive_size(archive: zipfile.ZipFile, path: Path) -> None:
+    """Raise LogError if the unpacked members exceed `artifacts.MAX_BYTES`; zipfile reads no more than they state."""
+    require_size(sum(member.file_size for member in archive.infolist()), path, LogError)
+
+
 def torch_content(path: Path) -> dict[Any, Any]:
     """The dictionary of the file's pickle, with arrays for tensors; raises LogError for a damaged file."""
     try:
         with zipfile.ZipFile(path) as archive:
+            require_archive_size(archive, path)
             found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
             if len(found) != 1:
                 raise LogError("not a file of torch.save", where=path, remedy=_SAVE)

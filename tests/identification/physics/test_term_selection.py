@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.optional_terms import INITIAL
-from motorprior.identification.physics import term_selection
 from motorprior.identification.physics.motor_problem import encoded, grey_box, initial_center
 from motorprior.identification.physics.term_selection import CANDIDATES, MIN_SAVING, MIN_VARIATION, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -48,16 +47,14 @@ def assert_found(decoder_data: Data, terms: tuple[str, ...], tried: int) -> None
 
 @CASES
 def test_a_term_is_selected_if_motors_have_it(
-    decoder_data: Data, terms: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    decoder_data: Data, terms: tuple[str, ...], small_search: Callable[..., None]
 ):
-    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile", "dead_zone"))
-    monkeypatch.setattr(term_selection, "SERVO", ("profile",))
+    small_search("profile", "dead_zone")
     assert_found(decoder_data, terms, 2)
 
 
-def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(term_selection, "CANDIDATES", ("profile",))
-    monkeypatch.setattr(term_selection, "SERVO", ("profile",))
+def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data, small_search: Callable[..., None]):
+    small_search("profile")
     assert select_terms(logs(decoder_data, ("profile",), 4, 700, 1), 0).terms == ("profile",)
 
 

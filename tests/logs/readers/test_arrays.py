@@ -1,12 +1,14 @@
 """Arrays of NumPy, MATLAB and pickles come through by a column map; what they lack is named."""
 
 import pickle
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
+from motorprior.artifacts import MAX_BYTES
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, load_column_map
 from motorprior.logs.read_log import read_log
@@ -62,3 +64,13 @@ def test_a_wrong_name_or_length_is_named(tmp_path: Path, columns: ColumnMap):
     np.savez(tmp_path / "log.npz", q=ANGLE)
     with pytest.raises(LogError, match="no array 'q_des'; it has 'q'"):
         read_log(tmp_path / "log.npz", columns=columns)
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.pt"])
+def test_an_archive_that_unpacks_to_more_than_the_bound_is_not_read(tmp_path: Path, columns: ColumnMap, name: str):
+    with zipfile.ZipFile(tmp_path / name, "w") as archive:
+        archive.writestr("log/data.pkl", b"")
+        archive.infolist()[0].file_size = MAX_BYTES + 1
+    with pytest.raises(LogError, match=f"more than {MAX_BYTES} bytes") as refused:
+        read_log(tmp_path / name, columns=columns)
+    assert refused.value.where == tmp_path / name

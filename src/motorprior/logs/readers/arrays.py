@@ -7,6 +7,7 @@ per step is stacked. Nothing in a file is executed. The array of a .npy is ``dat
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import CORRECT, missing_column, unreadable
-from motorprior.logs.pickles import load_pickle, torch_content
+from motorprior.logs.pickles import load_pickle, require_archive_size, torch_content
 from motorprior.logs.readers.table import element_of
 
 _MAX_PARTS = 100  # of a list that is no list of steps
@@ -88,6 +89,9 @@ def _same_keys(tables: Sequence[Any]) -> bool:
 
 
 def _numpy(path: Path) -> Any:
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            require_archive_size(archive, path)
     loaded = np.load(path, allow_pickle=False)
     return dict(loaded) if path.suffix == ".npz" else loaded
 
