@@ -7,16 +7,10 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
-<<<<<<< HEAD
-from motorprior.identification import adapt
-from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, residual_scale
-from motorprior.identification.latents.latent_fit import Posterior
-=======
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, misfits
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
->>>>>>> tests2
 from motorprior.logs.operations import moved
 
 METRICS = {f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45 for level in LEVELS for speed in SPEEDS}

@@ -13,23 +13,6 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Lines
 
 
-<<<<<<< HEAD
-def test_a_baseline_that_fails_is_none_with_a_warning(monkeypatch: pytest.MonkeyPatch):
-    def fit(log, named, *args, **options):
-        if named == "coulomb_viscous":
-            raise ArtifactError("kp = 1318 is too large")
-        return SimpleNamespace(model=SimpleNamespace(motors=lambda mean: "motors"), mean=None)
-
-    monkeypatch.setattr(validate, "fit_recipe", fit)
-    monkeypatch.setattr(validate, "fitted_responses", lambda *_: {})
-    monkeypatch.setattr(validate, "fitted_tuned_pd", lambda *_: "pd")
-    recipes = {name: (name, identification_preset("quick")) for name in ("coulomb_viscous", "stribeck")}
-    monkeypatch.setattr(validate, "baseline_recipes", lambda *_: recipes)
-    output = StringIO()
-    found = validate.fitted_baselines(None, identification_preset("quick"), None, progress=Lines(output))  # pyright: ignore
-    assert found == {"coulomb_viscous": None, "stribeck": "motors", "tuned_pd": "pd"}
-    assert "warning: baseline coulomb_viscous counts as diverged: kp = 1318 is too large" in output.getvalue()
-=======
 def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):
     time = 0.002 * np.arange(400)
     target = 0.3 * np.sin(9.0 * time)[:, None]
@@ -39,12 +22,11 @@ def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):
     )  # fmt: skip
     for name in ("per_motor", "pooled_network"):
         (tmp_path / name).write_text("a file where the fit's folder should be")
-    said = StringIO()
-    found = fitted_baselines(log, identification_preset("rollout"), tmp_path, progress=Lines(said))
+    output = StringIO()
+    found = fitted_baselines(log, identification_preset("rollout"), tmp_path, progress=Lines(output))
     failed = [name for name, motors in found.items() if motors is None]
     assert failed == ["per_motor", "pooled_network"] and found["tuned_pd"] is not None
-    assert all(f"baseline {name}" in said.getvalue() and str(tmp_path / name) in said.getvalue() for name in failed)
->>>>>>> tests2
+    assert all(f"baseline {name}" in output.getvalue() and str(tmp_path / name) in output.getvalue() for name in failed)
 
 
 def test_the_response_of_a_joint_far_off_its_command_is_found():
