@@ -8,7 +8,7 @@ import numpy as np
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.identification.adapt import adapt_to
-from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, misfits
+from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved
