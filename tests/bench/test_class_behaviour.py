@@ -14,15 +14,12 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.robots.shipped import SHIPPED
 
 
-def test_a_motor_settles_and_loses_energy_and_others_are_named(grey_box: Callable[..., GreyBox]):
+def test_a_motor_settles_and_one_that_oscillates_is_named(grey_box: Callable[..., GreyBox]):
     def fault(**constants: float) -> str:
         return faults(grey_box(latents=0, **constants).motors(np.zeros((1, 0))))[0]
 
     assert fault() == ""
     assert "oscillates" in fault(kd_over_kp=1e-4, coulomb=1e-4, stribeck_torque=1e-5, load_friction=1e-4, delay=0.03)
-    damped = IdealPd.uniform(1, kp=10.0, kd=0.5, torque_limit=5.0, armature=0.002)
-    assert faults(damped) == [""]
-    assert "energy" in faults(ENERGY)[0]
 
 
 @pytest.mark.parametrize("name", [name for name, _ in SHIPPED[0].fleets])
