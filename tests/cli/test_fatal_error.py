@@ -49,7 +49,7 @@ def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tm
     failed = run("-c", SABOTAGE, tail=("366",))
     assert failed.returncode == 2
     output = failed.stderr.strip().splitlines()[-1]
-    assert output.startswith("error: MuJoCo stopped: mj_stackAlloc") and " -> run again" in output
+    assert output.startswith("error: ") and "mj_stackAlloc" in output
     state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"]) == 10
     assert not (tmp_path / "walk" / "stage.json").exists() and not list(tmp_path.glob("MUJOCO_LOG*"))

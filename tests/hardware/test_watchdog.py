@@ -35,7 +35,7 @@ def hold(link: RobotLink, steps: int) -> None:
 
 def signal_watchdog(number: signal.Signals) -> Callable[[VirtualRobot, RobotLink], None]:
     def send(*_: object) -> None:
-        line = ["pkill", f"-{number}", "-P", str(os.getpid()), "-f", "watchdog_process.py"]
+        line = ["pkill", f"-{number:d}", "-P", str(os.getpid()), "-f", "watchdog_process.py"]
         subprocess.run(line, check=True)
 
     return send

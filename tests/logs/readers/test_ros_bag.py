@@ -87,9 +87,9 @@ def test_states_with_the_command_in_force(tmp_path: Path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"states": "/arm/states", "numbers": "/cmd"}, r"it has /arm/commands .*, /arm/states .*, /cmd .* -> "),
-        ({"commands": "/b/joint_states"}, "no topic of states and one of commands"),
-        ({"names": ("pan", "tail")}, "the command has a joint 'tail'"),
+        ({"states": "/arm/states", "numbers": "/cmd"}, "/arm/commands.*/arm/states.*/cmd"),
+        ({"commands": "/b/joint_states"}, "/b/joint_states"),
+        ({"names": ("pan", "tail")}, "'tail'"),
     ],
 )
 def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, Any], message: str):
@@ -105,7 +105,7 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
     np.testing.assert_array_equal(read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos)
     assert list(read_log_folder(folder, None).logs) == ["run"]
     write_bag(folder / "run_1.mcap")
-    with pytest.raises(LogError, match=r"a folder that is not a log -> give its files: .*\.mcap"):
+    with pytest.raises(LogError, match=r"run: .*\.mcap"):
         read_log(folder)
     assert list(read_log_folder(folder, None).logs) == ["run_0", "run_1"], "a bag in two files"
 
@@ -113,7 +113,7 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
 def test_a_bag_in_another_storage_must_be_converted(tmp_path: Path):
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     (tmp_path / "run_0.db3").write_bytes(b"SQLite format 3")
-    with pytest.raises(LogError, match=r"not stored as MCAP: run_0\.db3 -> .*ros2 bag convert"):
+    with pytest.raises(LogError, match=r"run_0\.db3.*ros2 bag convert"):
         read_log(tmp_path)
 
 
