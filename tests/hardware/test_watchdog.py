@@ -34,9 +34,9 @@ def hold(link: RobotLink, steps: int) -> None:
 
 
 def signal_watchdog(number: signal.Signals) -> Callable[[VirtualRobot, RobotLink], None]:
-    def send(*_: object) -> None:
-        line = ["pkill", f"-{number:d}", "-P", str(os.getpid()), "-f", "watchdog_process.py"]
-        subprocess.run(line, check=True)
+    def send(_: VirtualRobot, link: RobotLink) -> None:
+        assert link._watchdog is not None
+        os.kill(link._watchdog._process.pid, number)
 
     return send
 
