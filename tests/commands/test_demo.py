@@ -14,7 +14,7 @@ from motorprior.report.study import headline
 from motorprior.studies.summary import summarise
 
 LOG = "env_real_1_joint_log.csv.gz"
-CHAPTERS = (
+SECTIONS = (
     *("What came out", "Robustness on held-out robots", "In the simulation of the training"),
     *("Bench: excitation and response", "Learning to walk"),
 )
@@ -58,8 +58,8 @@ def test_every_figure_is_a_finite_number_and_the_page_has_every_chapter(demo: De
     if demo.logs is not None:
         assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(found)
     page = (demo.out / "report.html").read_text("utf-8")
-    chapters = [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
-    assert chapters == [*([] if demo.logs is None else ["Your motors"]), *CHAPTERS] and "not complete" not in page
+    titles = [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
+    assert titles == [*([] if demo.logs is None else ["Your motors"]), *SECTIONS] and "not complete" not in page
     assert len(page) < 1_500_000 and page.count("<img") <= 12
     assert (demo.out / FILM).read_bytes()[:3] == b"GIF"
 

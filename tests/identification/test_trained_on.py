@@ -1,4 +1,4 @@
-"""A prior knows the recordings that it was trained on, and figures on them are said to be no test."""
+"""A prior records the logs that it was trained on, and validation on them warns the user."""
 
 import io
 import json
