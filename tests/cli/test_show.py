@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dog import LEGS_TOML, quadruped, written
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import LOG
 
 
-def test_a_log_a_prior_a_posterior_a_policy_and_a_fleet_are_shown(
+def test_a_log_a_prior_a_posterior_a_policy_a_fleet_and_a_robot_are_shown(
     motorprior: Callable[..., Any], bench: Path, prior: Path, gait_walk: Path, tmp_path: Path
 ):
     shown = motorprior("show", prior)
@@ -21,6 +22,7 @@ def test_a_log_a_prior_a_posterior_a_policy_and_a_fleet_are_shown(
     assert "motor log of" in log.out and "angle from [°]" in log.out
     assert "walking policy" in motorprior("show", gait_walk / "policy.safetensors").out
     assert "fleet 'pupper_v2'" in motorprior("show", "pupper_v2").out
+    assert "FR_h" in motorprior("show", written(tmp_path, LEGS_TOML, "dog", quadruped())).out
     of = MotorPrior.load(prior)
     latents = of.model.num_latents
     posterior = MotorPosterior(of, np.zeros((1, latents)), np.eye(latents)[None], ("pan",), 8.0, (0.4,))

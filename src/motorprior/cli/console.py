@@ -70,7 +70,7 @@ def command_line() -> str:
     for option in ("--out", "--workers"):
         if option in words:
             del words[(at := words.index(option)) : at + 2]
-    return shlex.join(words)
+    return shlex.join(word for word in words if not word.startswith(("--out=", "--workers=")))
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -9,7 +9,7 @@ import tyro
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
-from motorprior.artifacts import read_tensors
+from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
@@ -76,8 +76,8 @@ class Show:
     """Print what a file holds: constants of a prior, posterior or fleet with units and ranges, a log, or a policy."""
 
     file: Path
-    """A .safetensors of identify, adapt or walk, a log in any format, a fleet's .toml file, or a shipped fleet or motor
-    card by name."""
+    """A .safetensors of identify, adapt or walk, a log in any format, a .toml file of a fleet or robot, or a shipped fleet
+    or motor card by name."""
     prior: Path | None = None
     """The prior of a posterior, for its constants."""
     columns: str | None = None
@@ -103,6 +103,8 @@ def show(config: Show) -> None:
 def _described(config: Show) -> str:
     """What the file holds."""
     path = config.file
+    if path.suffix == ".toml" and "model" in read_toml(path, "give the .toml file of a robot or a fleet"):
+        return str(load_robot(path))
     if path.suffix == ".toml" or str(path) in {name for robot in SHIPPED for name, _ in robot.fleets}:
         return str(load_fleet(path))
     if card_file(str(path)):
