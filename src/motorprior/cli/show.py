@@ -76,8 +76,8 @@ class Show:
     """Print what a file holds: constants of a prior, posterior or fleet with units and ranges, a log, or a policy."""
 
     file: Path
-    """A .safetensors of identify, adapt or walk, a log in any format, a .toml file of a fleet or robot, or a shipped fleet
-    or motor card by name."""
+    """A .safetensors of identify, adapt or walk, a log in any format, a .toml file of a fleet or robot, or a shipped
+    fleet or motor card by name."""
     prior: Path | None = None
     """The prior of a posterior, for its constants."""
     columns: str | None = None
