@@ -124,7 +124,7 @@ def seed_of(*words: int) -> int:
     return int(np.random.SeedSequence(words).generate_state(1, np.uint32)[0])
 
 
-def require_finite(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+def require_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """``value`` as a C-contiguous float64 array; compiled code would read beyond a short array.
 
     Raises ConfigError for no numbers, another shape, or a number that is not finite.

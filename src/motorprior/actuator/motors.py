@@ -6,7 +6,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.bounds import require_finite
+from motorprior.bounds import require_array
 
 
 class Motors:
@@ -41,8 +41,8 @@ class Motors:
 
     def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
         """Restart with static rotors at ``joint_pos`` (n,) [rad]; arguments as in the class."""
-        start = require_finite("joint_pos", joint_pos, self._shape)
-        before = start if position_target is None else require_finite("position_target", position_target, self._shape)
+        start = require_array("joint_pos", joint_pos, self._shape)
+        before = start if position_target is None else require_array("position_target", position_target, self._shape)
         reset_actuator(self._arrays, before, start)
 
     @property
@@ -57,9 +57,9 @@ class Motors:
 
         All arguments are (n,), [rad] and [rad/s]. Raises `ConfigError` for another shape or non-finite values.
         """
-        target = require_finite("position_target", position_target, self._shape)
-        pos = require_finite("joint_pos", joint_pos, self._shape)
-        vel = require_finite("joint_vel", joint_vel, self._shape)
+        target = require_array("position_target", position_target, self._shape)
+        pos = require_array("joint_pos", joint_pos, self._shape)
+        vel = require_array("joint_vel", joint_vel, self._shape)
         torque = np.zeros(self._shape)
         step_actuator(self._arrays, self._dt, target, pos, vel, torque)
         return torque, self._arrays.damping.copy()
@@ -67,5 +67,5 @@ class Motors:
     def encoder_pos(self, joint_pos: np.ndarray) -> np.ndarray:
         """(n,) encoder angles [rad], measured on the rotor if the encoder is there."""
         reading = np.zeros(self._shape)
-        measure_joint_pos(self._arrays, require_finite("joint_pos", joint_pos, self._shape), reading)
+        measure_joint_pos(self._arrays, require_array("joint_pos", joint_pos, self._shape), reading)
         return reading
