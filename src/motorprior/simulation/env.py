@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from motorprior.backend import Backend, BackendState
-from motorprior.bounds import require_finite
+from motorprior.bounds import require_array
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
@@ -75,7 +75,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        command_step(self._body, self.gait, require_finite("action", action, self.action_space.shape or ()))
+        command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
         state = self._backend.step(self.gait.target.copy())
         earned, terminated = evaluate_step(self._body, self.gait, state, self._weights)
         self._steps += 1

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.learned_excitation import excitation_of
-from motorprior.bounds import generator_of, require_finite
+from motorprior.bounds import generator_of, require_array
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 from motorprior.logs.motor_log import MotorLog, checked
@@ -100,7 +100,7 @@ def simulate(
     """
     robot = as_robot(robot)
     found = simulated_motors(motors, robot)
-    wanted = require_finite("targets", targets, (len(targets), robot.num_joints))
+    wanted = require_array("targets", targets, (len(targets), robot.num_joints))
     return replay(World(robot, found.physics_dt, suspended), found.draw(generator_of(seed)), wanted)
 
 
