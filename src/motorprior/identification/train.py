@@ -22,7 +22,14 @@ from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import motor_problem, term_selection
-from motorprior.identification.physics.motor_fit import STAGES, FleetFit, fit_motors, longer_runs, refined, simplified
+from motorprior.identification.physics.motor_fit import (
+    STAGES,
+    FleetFit,
+    fit_motors,
+    longer_runs,
+    refined,
+    with_stiff_gears,
+)
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -98,7 +105,7 @@ def _grey_boxes(
     z = found.offsets
     if longer is not runs:
         z = refined(model, z, longer, preset.grey_boxes == "together")
-    z = simplified(model, z, longer)
+    z = with_stiff_gears(model, z, longer)
     notes = _notes_on_terms(preset, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)

@@ -58,8 +58,9 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-# factors on constants of the initial motor with which its gear is rigid, or its velocity filter short
-SIMPLER = ({"gear_stiffness": 140.0, "backlash": 1e-4}, {"velocity_filter": 0.2})
+# factors on constants of the initial motor with which its gear is stiff. Short velocity filters in the same way would
+# cost two of five mrad in an unseen leg of a Go2
+STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
@@ -320,19 +321,17 @@ def _without_unidentified_limits(
     return x
 
 
-def simplified(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
-    """(M, K) latents with stiff gears without backlash, and short velocity filters, in classes that fit better so.
+def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
+    """(M, K) latents with stiff gears without backlash, in classes that fit better with them.
 
-    Else a compliance or a filter that the logs do not show takes a part of the delay, which is then too short. The
-    motors of a class decide together: the mean of stiff and compliant gears is neither.
+    Else a compliance that the logs do not show takes a part of the delay, which is then too short. The motors of a
+    class decide together: the mean of stiff and compliant gears is neither.
     """
-    search, terms = motor_search(model, runs), model.motor.terms
-    names, away = parameters_of(terms), initial_center(terms, runs) - model.motor.center
-    for factors in SIMPLER:
-        off = {names.index(name): np.log(factor) for name, factor in factors.items()}
-        off = {row: np.clip(away[row] + factor, -_WITHIN, _WITHIN) for row, factor in off.items()}
-        x = _unless_shown(search, x, fixed_constants(terms, runs), off, STEPS[1:], runs.classes, cost=0.0)
-    return x
+    terms, away = model.motor.terms, initial_center(model.motor.terms, runs) - model.motor.center
+    off = {PARAMETERS.index(name): np.log(factor) for name, factor in STIFF_GEAR.items()}
+    off = {row: np.clip(away[row] + factor, -_WITHIN, _WITHIN) for row, factor in off.items()}
+    fixed = fixed_constants(terms, runs)
+    return _unless_shown(motor_search(model, runs), x, fixed, off, STEPS[1:], runs.classes, cost=0.0)
 
 
 def _unless_shown(
