@@ -54,8 +54,8 @@ UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of
 # equal joints of one robot differ by 13 to 17 %
 SAME_JOINT_STD = 0.3
 # factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
-# share. Chosen on twelve simulated arms, where 90 % intervals hold 90 % (benchmarks/simulated_arms.py)
-MODEL_ERROR = 1.25
+# share. Chosen on eight simulated arms, where 90 % intervals hold 93 % (benchmarks/simulated_arms.py)
+MODEL_ERROR = 1.5
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
