@@ -4,8 +4,7 @@
 
 A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
 optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
-meaningless, and a step is taken only if it lowers U: no fit diverges. Where a joint sticks, the loss has cracks, in
-which it is low by chance: so optima are compared by the mean loss of POINTS around them. All problems advance together,
+meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together,
 which fills the lanes of a compiled simulation; a problem that is done drops out.
 """
 
@@ -25,7 +24,6 @@ WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logari
 MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
 SAME, TIMES = 3e-3, 2  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
-AROUND, POINTS = 0.001, 8  # standard deviation of points around x, in unknowns, and their number
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # descents at a time: of the last problems, several restarts
@@ -96,7 +94,7 @@ def _broadcast(values: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fit:
-    """Current point of M problems: x (M, K), energy U (M,) and loss (M,), means over points around x."""
+    """Current point of M problems: x (M, K), energy U (M,) and loss (M,)."""
 
     x: np.ndarray
     energy: np.ndarray
@@ -174,9 +172,7 @@ class Search:
 
     def at(self, x: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> Fit:
         """The fit at x (m, K) of the problems ``which`` (m,), or of all, with their prior."""
-        noise = np.random.default_rng(0).standard_normal((POINTS, x.shape[1]))
-        around = x[:, None] + AROUND * noise * np.broadcast_to(prior.precision < FIXED, x.shape)[:, None]
-        loss = self.losses(around, which).mean(axis=1)
+        loss = self.losses(x, which)
         return Fit(x, loss + prior.energy(x), loss)
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> np.ndarray:
