@@ -16,6 +16,7 @@ from mjlab.tasks.velocity.config.go1.rl_cfg import unitree_go1_ppo_runner_cfg
 
 import motorprior as mp
 from motorprior.exports.mjlab import MotorPriorActuatorCfg, per_world_damping
+from motorprior.exports.warp_motors import max_steps
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--card", default="go2", help="motor card: a shipped one, or your folder")
@@ -34,8 +35,7 @@ if not args.pd:
     cfg.scene.entities["robot"].articulation.actuators = (motors,)
     cfg.events["motors"] = per_world_damping()
     # a step that resolves the gears of all samples, at the same control rate
-    values = prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072)).constants()
-    max_dt = float(np.sqrt(3.0 * values["armature"] / values["gear_stiffness"]).min())
+    max_dt = float(max_steps(prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072))).min())
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
     cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / max_dt)))
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation

@@ -128,20 +128,20 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
     steps = h / values["velocity_filter"]
     gain = -np.expm1(-steps)
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
-    softened = np.maximum(0.0, 1.0 - MAX_STIFFNESS * values["armature"] / h**2 / values["gear_stiffness"])
-    max_damping = MAX_DAMPING * values["armature"] / h
-    rate = MAX_RATE * max_damping
+    kd, max_damping = values["kp"] * values["kd_over_kp"], MAX_DAMPING * values["armature"] / h
+    stiffness = np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2)
+    softened = 1.0 - stiffness / values["gear_stiffness"]
     changed = {
-        "kd": values["kp"] * values["kd_over_kp"],
+        "kd": kd,
         "filter_gain": gain,
         "delay": values["delay"] / h,
-        "gear_stiffness": np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2),
+        "gear_stiffness": stiffness,
         "half_backlash": 0.5 * values["backlash"],
         # the control law does not damp the twist that the encoder does not see
         "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
         "mean_filter_gain": 1.0 - gain / steps,
         "softened": softened,
-        "softened_rate": softened * rate / np.maximum(rate, values["kp"] * values["kd_over_kp"]),
+        "softened_rate": softened * MAX_RATE * max_damping / np.maximum(MAX_RATE * max_damping, kd),
     }
     optional = step_rows(terms, values, h, np.zeros_like(gain)) if terms else {}
     return StepConstants(**(same | changed | optional))

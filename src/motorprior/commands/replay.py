@@ -87,8 +87,9 @@ def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
     rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
-    classes, logged = prior.classes_of(log), log.gains if log.gain_unit == prior.model.gain_unit else None
-    gains = robot_gains(prior, robot) if logged is None else logged
+    classes, gains = prior.classes_of(log), log.gains
+    if gains is None or log.gain_unit != prior.model.gain_unit:
+        gains = robot_gains(prior, robot)
     drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
     return {
         "ideal_pd": [motors_with_logged_gains(nominal_pd(fleet, count), log)],

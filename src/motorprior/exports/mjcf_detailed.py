@@ -38,9 +38,9 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     if values["gear_stiffness"] * option.timestep**2 > MAX_STIFFNESS * values["armature"]:
         write_plain(mjcf, joint, values)
         return
-    rotor = f"{joint}_rotor"
+    tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
     for name in ("armature", "damping", "frictionloss"):
-        mjcf.joint(joint).setAttribute(name, "0")
+        tag.setAttribute(name, "0")
     _add_rotor(mjcf, joint, rotor, values)
     ends = (values["encoder_zero"] + side * 0.5 * values["backlash"] for side in (-1.0, 1.0))
     gear = mjcf.add(

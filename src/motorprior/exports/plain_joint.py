@@ -134,8 +134,9 @@ def number(*values: float) -> str:
 
 def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
+    found, tag = plain(values), mjcf.joint(joint)
     for name in ("armature", "damping", "frictionloss"):
-        mjcf.joint(joint).setAttribute(name, number(plain(values)[name]))
+        tag.setAttribute(name, number(found[name]))
     drive(mjcf, joint, joint, servo(values, values["kd"], mjcf.compiled.opt.timestep))
 
 

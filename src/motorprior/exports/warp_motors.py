@@ -187,11 +187,16 @@ class WarpMotors:
         wp.launch(self._step, dim=self.count, inputs=[*arrays, self.damping], device=self._device)
 
 
-def require_gear(motors: GreyBoxActuator, dt: float) -> None:
-    """Raise `ConfigError` if a physics step [s] softens a gear to less than half of it and than MIN_STIFFNESS·kp."""
+def max_steps(motors: GreyBoxActuator) -> np.ndarray:
+    """(n,) longest physics steps [s] that leave half of a gear's stiffness, or MIN_STIFFNESS·kp."""
     values = motors.constants()
     needed = np.minimum(0.5 * values["gear_stiffness"], MIN_STIFFNESS * values["kp"])
-    max_dt = np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
+    return np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
+
+
+def require_gear(motors: GreyBoxActuator, dt: float) -> None:
+    """Raise `ConfigError` if a physics step [s] is longer than one of `max_steps`."""
+    max_dt, values = max_steps(motors), motors.constants()
     if dt > (limit := float(max_dt.min())):
         worst = int(max_dt.argmin())
         raise ConfigError(

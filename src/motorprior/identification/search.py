@@ -4,8 +4,8 @@
 
 A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
 optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
-meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together,
-which fills the lanes of a compiled simulation; a problem that is done drops out.
+meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
+lanes of a compiled simulation; a problem that is done drops out.
 """
 
 from __future__ import annotations
@@ -189,14 +189,11 @@ class Search:
         prior = prior.of(which)
         found = self.at(start, prior, which)
         for count, diff_step in steps:
-            x = self._descend(found.x, prior, count, diff_step, which)
-            found = found.better(self.at(x, prior, which))
+            found = self._descend(found, prior, count, diff_step, which)
         return found
 
-    def _descend(
-        self, x: np.ndarray, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray
-    ) -> np.ndarray:
-        energy = self.losses(x, which) + prior.energy(x)
+    def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
+        x, energy, loss = found.x, found.energy, found.loss
         rows, damping = np.arange(len(which)), np.full(len(which), 1e-2)
         free = np.flatnonzero(np.any(prior.precision < FIXED, axis=tuple(range(prior.precision.ndim - 1))))
         slope, curvature = self._derivatives(x, diff_step, which, free)
@@ -213,13 +210,13 @@ class Search:
             damping = np.clip(np.where(lower, tried[rows, best], 30.0 * damping), 1e-6, 1e4)
             done = lower & (energy - min_energy < _MIN_GAIN * energy)
             x = np.where(lower[:, None], candidates[rows, best], x)
-            energy = np.where(lower, min_energy, energy)
+            loss, energy = np.where(lower, losses[rows, best], loss), np.where(lower, min_energy, energy)
             left = left[~done[left]]
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
                 slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved], free)
-        return x
+        return Fit(x, energy, loss)
 
     def until_found_again(
         self,

@@ -303,7 +303,7 @@ def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes:
 def _without_unidentified_limits(
     search: Search, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, found: Fit, fixed: np.ndarray
 ) -> np.ndarray:
-    """(M, K) unknowns whose limits are off, OFF times the largest request or speed, if the logs allow it.
+    """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
 
     With lower limits the motor could saturate in other motions.
     """
@@ -327,19 +327,20 @@ def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndar
     Else a compliance that the logs do not show takes a part of the delay, which is then too short. The motors of a
     class decide together: the mean of stiff and compliant gears is neither.
     """
-    terms, away = model.motor.terms, initial_center(model.motor.terms, runs) - model.motor.center
-    off = {PARAMETERS.index(name): np.log(factor) for name, factor in STIFF_GEAR.items()}
-    off = {row: np.clip(away[row] + factor, -_WITHIN, _WITHIN) for row, factor in off.items()}
-    fixed = fixed_constants(terms, runs)
+    terms = model.motor.terms
+    initial, fixed = initial_center(terms, runs) - model.motor.center, fixed_constants(terms, runs)
+    rows = {PARAMETERS.index(name): np.log(factor) for name, factor in STIFF_GEAR.items()}
+    off = {row: np.clip(initial[row] + factor, -_WITHIN, _WITHIN) for row, factor in rows.items()}
     return _unless_shown(motor_search(model, runs), x, fixed, off, STEPS[1:], runs.classes, cost=0.0)
 
 
 def _unless_shown(
     search: Search, x: np.ndarray, fixed: np.ndarray, off: dict[int, Any], steps: Steps, groups: np.ndarray, cost: float
 ) -> np.ndarray:
-    """(M, K) unknowns with ``off`` (M,) in these rows and a descent of the others, in groups where it costs little.
+    """(M, K) unknowns with the rows ``off``, and a descent of the others, in groups of motors where it costs little.
 
-    ``groups`` (M,) are those of the motors, ``cost`` the largest share of the loss; fixed rows stay.
+    ``off`` has (M,) values or one value per row, ``groups`` are (M,), and ``cost`` is the largest mean growth of the
+    loss; unknowns stay where a row is fixed.
     """
     if fixed[list(off)].any():
         return x
