@@ -35,17 +35,16 @@ from motorprior.actuator.physical import MotorParameters
 from motorprior.actuator.registry import motor_text
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.commands.walk import POLICY, Walk, run_walk
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.identification.adapt import advice_on_weak_motors
 from motorprior.identification.prior_file import load_prior
-from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.training import POLICY, train_policy
 from motorprior.stage import FIGURES
 from simulated_port import SimulatedPort, on_its_clock
 
@@ -158,12 +157,11 @@ def train(
     if posterior is not None:
         motors = motor_text("posterior", file=posterior, prior=settings.prior, limit_follows_gain=current)
     iterations = settings.iterations if start is None else settings.further
-    speeds, search = Commands(forward=(0.0, settings.max_speed), hold=HOLD), ArsConfig(seed=seed)
-    walk = Walk(
-        out=out, motors=motors, start=start, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
-        search=search,
+    speeds = Commands(forward=(0.0, settings.max_speed), hold=HOLD)
+    train_policy(
+        ROBOT, motors, start=start, out=out, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
+        seed=seed, name=out.name, progress=PROGRESS,
     )  # fmt: skip
-    run_walk(walk, PROGRESS, out.name)
     return out / POLICY
 
 

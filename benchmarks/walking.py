@@ -27,12 +27,9 @@ import tyro
 from figures import markdown
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
+from motorprior.bench.bench_folder import record_bench
 from motorprior.bench.fleet import Fleet, load_robot_fleet
-from motorprior.commands.bench import Bench, run_bench
-from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.walk import POLICY, Walk, run_walk
-from motorprior.identification.fit_prior import PRIOR
-from motorprior.locomotion.ars import ArsConfig
+from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
@@ -42,8 +39,8 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.randomization import ROBUST
 from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
+from motorprior.simulation.training import POLICY, train_policy
 from motorprior.studies.compare import EVALUATION_SEED
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import (
@@ -86,8 +83,8 @@ class Settings:
 def prior_of(settings: Settings) -> Path:
     """Prior identified from the virtual bench."""
     bench, folder = settings.out / "bench", settings.out / "prior"
-    run_bench(Bench(bench, settings.fleet, robot=settings.robot), PROGRESS)
-    run_identify(Identify(bench, folder), PROGRESS)
+    log = record_bench(settings.robot, settings.fleet, out=bench, progress=PROGRESS)
+    fit_prior(log, out=folder, progress=PROGRESS)
     return folder / PRIOR
 
 
@@ -202,12 +199,9 @@ def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
 def trained(settings: Settings, prior: Path, seed: int) -> Path:
     """The policy of a seed; trained if the file does not exist."""
     folder = settings.out / f"seed_{seed}"
-    run_walk(
-        Walk(
-            out=folder, motors=f"prior:{prior}", iterations=settings.iterations, search=ArsConfig(seed=seed),
-            workers=settings.workers, robot=settings.robot, randomization=ROBUST,
-        ),
-        PROGRESS, f"seed {seed}",
+    train_policy(
+        settings.robot, f"prior:{prior}", out=folder, iterations=settings.iterations, seed=seed,
+        workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
     )  # fmt: skip
     return folder / POLICY
 

@@ -25,8 +25,8 @@ USE_ACTUATOR = """
 from pathlib import Path
 import motorprior as mp
 from motorprior.cli.main import parse
-from motorprior.commands.study_conditions import conditions_of
-from motorprior.commands.study_settings import Study
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import conditions_of
 from motorprior.simulation.motors import simulated_motors
 robot = mp.load_robot("pupper_v2")
 assert simulated_motors("soft:kp=2", robot).condition == "soft"

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
     from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
+    from motorprior.bench.bench_folder import record_bench as record_bench
     from motorprior.bench.fleet import Fleet as Fleet
     from motorprior.bench.fleet import load_fleet as load_fleet
-    from motorprior.bench.recording import record_bench as record_bench
     from motorprior.environments import make_env as make_env
     from motorprior.exceptions import ArtifactError as ArtifactError
     from motorprior.exceptions import ConfigError as ConfigError

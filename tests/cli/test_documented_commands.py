@@ -99,7 +99,7 @@ def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
     shutil.copytree(shared_data / "so101" / "original", robots / "so101" / "original")
     shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", robots / "so101")
     write_table(swing(4.0), robots)
-    with patch.object(demo.study_conditions, "record_benches", side_effect=Begun):
+    with patch.object(demo, "record_benches", side_effect=Begun):
         yield robots
 
 

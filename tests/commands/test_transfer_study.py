@@ -7,15 +7,17 @@ from pathlib import Path
 import pytest
 
 from motorprior.artifacts import read_json
-from motorprior.commands.study import CHOICES, WALKS, run_study
-from motorprior.commands.study_settings import Study
+from motorprior.commands.transfer import run_study
 from motorprior.exceptions import MotorPriorError
 from motorprior.locomotion.command import Commands
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import WalkConfig
-from motorprior.studies.compare import POLICY, TrainedPolicy, run_walks
+from motorprior.simulation.training import POLICY
+from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
-from motorprior.studies.summary import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
+from motorprior.studies.statistics import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import CHOICES, WALKS
 
 DRAWS = 2
 

@@ -11,7 +11,7 @@ import pytest
 
 from motorprior import stage
 from motorprior.artifacts import read_json, read_tensors
-from motorprior.commands.walk import CURVE, PICTURE, POLICY, Walk, run_walk, run_walk_seeds
+from motorprior.commands.walk import PICTURE, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
@@ -20,7 +20,7 @@ from motorprior.report.sections import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Scene, WalkSimulator
-from motorprior.simulation.training import CHECKPOINT, METRICS
+from motorprior.simulation.training import CHECKPOINT, CURVE, METRICS, POLICY
 from motorprior.stage import MARKER
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.commands.walk import POLICY, Walk, run_walk
+from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.training import POLICY
 
 SHORT: dict[str, Any] = {"iterations": 1, "episode_steps": 10, "workers": 1}
 

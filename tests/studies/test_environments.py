@@ -7,13 +7,13 @@ import pytest
 from policies import random_policy
 
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.walk import SEEDS_APART
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import WalkConfig
 from motorprior.studies.compare import EVALUATION_SEED, run_walks
 from motorprior.studies.environments import motors_of_robot, twin_scene, walk_seed
+from motorprior.studies.transfer import SEEDS_APART
 
 STEPS, STUDY = 200, 4
 FLEET = load_fleet("pupper_v2")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.report.study import difference_table, headline_table, own_table
-from motorprior.studies.summary import WalkRow, read_walks, scores, summarise, write_walks
+from motorprior.studies.statistics import WalkRow, read_walks, scores, summarise, write_walks
 
 
 def row(bench: int, place: str, condition: str, seed: int, draw: int, **measures: float) -> WalkRow:

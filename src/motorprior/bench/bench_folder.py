@@ -1,20 +1,25 @@
-"""A bench folder: the motor log, and bench.json with the settings that reproduce its motors."""
+"""Benches, and their folders: the motor log, and bench.json with the settings that reproduce its motors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from motorprior.artifacts import read_json
+from motorprior.artifacts import read_json, write_json
 from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
-from motorprior.bench.fleet import Fleet, distributions_of
-from motorprior.bench.recording import training_motors
-from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of
+from motorprior.bench.fleet import Fleet, distributions_of, load_robot_fleet
+from motorprior.bench.recording import bench_preset, record, training_motors
+from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of, require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.progress import SILENT, Progress
+from motorprior.robots.load import as_robot
+from motorprior.robots.robot import Robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.schema import Schema
+from motorprior.stage import description, is_finished, working
 
 LOG, BENCH_JSON = "log.parquet", "bench.json"
 _MAX_COUNT = 2**31 - 1
@@ -72,7 +77,7 @@ def bench_from_json(data: Any, where: str) -> BenchSettings:
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
-    """The log and the settings of a bench folder.
+    """The log, with robot and motor of the fleet, and the settings of a bench folder.
 
     Raises:
         LogError, ArtifactError: missing, truncated or inconsistent files.
@@ -84,4 +89,58 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
             f"{log.num_joints} motors x {log.num_rows} rows; {BENCH_JSON} states {bench.motors} x {bench.steps}",
             where=folder / LOG, remedy=_REMEDY,
         )  # fmt: skip
-    return log, bench
+    return replace(log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor), bench
+
+
+def record_bench(
+    robot: Robot | str | Path = DEFAULT_ROBOT,
+    fleet: Fleet | str | Path | None = None,
+    *,
+    motors: int = 32,
+    steps: int = 10_000,
+    preset: str = "rollout",
+    seed: int = 0,
+    excitation: Path | None = None,
+    out: Path | None = None,
+    progress: Progress = SILENT,
+) -> MotorLog:
+    """Record physical motors of a fleet on a virtual dynamometer.
+
+    Args:
+        robot: for the loads of the motors; a name, the path of a .toml file, or the result of `load_robot`.
+        fleet: population of the motors; the robot's own if not given.
+        motors: number of motors.
+        steps: samples per motor.
+        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), narrow
+            (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
+        seed: draws the motors and their excitation; same arguments, same bytes.
+        excitation: a file of `fit_excitation` to play in every segment, on its loads, instead of the preset's.
+        out: folder for log.parquet and bench.json, which the same call reads; nothing is written without it.
+        progress: where to report to.
+
+    Returns:
+        A log of joints motor_000, motor_001, … with torques and loads.
+
+    Raises:
+        ConfigError: a number out of range, an unknown preset, or a fleet of another robot.
+        ArtifactError: a robot or a fleet that cannot be read, or ``out`` that cannot be written.
+    """
+    require_count("motors", motors)
+    require_count("steps", steps, 2)
+    require_seed(seed)
+    robot = as_robot(robot)
+    population, chosen = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
+    chosen, settings = chosen.with_excitation(excitation), BenchSettings(population, preset, motors, steps, seed)
+    if out is None:
+        log = record(settings.physical_motors(), chosen, steps, seed, population)
+        return replace(log, robot=population.robot)  # no bench.json names it
+    played = [] if excitation is None else [excitation]
+    wanted = description("bench", settings.as_json(), [*robot.files, *played], asdict(chosen))
+    if not is_finished(out, wanted):
+        title = f"bench {preset}: {motors} motors, {steps} steps"
+        with working(out, wanted), progress.start(title, 1) as task:
+            (out / BENCH_JSON).unlink(missing_ok=True)  # it may be of other motors
+            write_log(out / LOG, record(settings.physical_motors(), chosen, steps, seed, population))
+            write_json(out / BENCH_JSON, settings.as_json())
+            task.advance()
+    return read_bench(out)[0]

@@ -19,14 +19,11 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import BENCH, Response, Trial, bench_names, run
 from motorprior.bench.excitation import zero_order_hold
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.fleet import Fleet, load_robot_fleet
+from motorprior.bench.fleet import Fleet
 from motorprior.bench.learned_excitation import excitation_of
-from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import MotorLog
-from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
@@ -82,42 +79,6 @@ def preset_of_period(period: float) -> BenchPreset:
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
     """The motors of a bench with this seed; held-out motors use another random stream."""
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
-
-
-def record_bench(
-    robot: Robot | str | Path = DEFAULT_ROBOT,
-    fleet: Fleet | str | Path | None = None,
-    *,
-    motors: int = 32,
-    steps: int = 10_000,
-    preset: str = "rollout",
-    seed: int = 0,
-) -> MotorLog:
-    """Record physical motors of a fleet on a virtual dynamometer.
-
-    Args:
-        robot: for the loads of the motors; a name, the path of a .toml file, or the result of `load_robot`.
-        fleet: population of the motors; the robot's own if not given.
-        motors: number of motors.
-        steps: samples per motor.
-        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), narrow
-            (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
-        seed: draws the motors and their excitation; same arguments, same bytes.
-
-    Returns:
-        A log of joints motor_000, motor_001, … with torques and loads.
-
-    Raises:
-        ConfigError: a number out of range, an unknown preset, or a fleet of another robot.
-        ArtifactError: a robot or a fleet that cannot be read.
-    """
-    require_count("motors", motors)
-    require_count("steps", steps, 2)
-    require_seed(seed)
-    robot = as_robot(robot)
-    population, excitation = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
-    log = record(training_motors(population, motors, seed), excitation, steps, seed, population)
-    return replace(log, robot=population.robot)  # no bench.json names it
 
 
 def bench_trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:

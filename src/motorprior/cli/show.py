@@ -16,13 +16,11 @@ from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibra
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
-from motorprior.commands.study import run_study
-from motorprior.commands.study_settings import Study
-from motorprior.commands.transfer import Transfer, run_transfer
+from motorprior.commands.transfer import Transfer, run_study, run_transfer
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
-from motorprior.commands.walk import POLICY, SEED_FOLDER, Walk, run_walk, run_walk_seeds
+from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.identification.evaluation import errors as log_errors
 from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
@@ -36,6 +34,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
 from motorprior.studies.compare import DRAWS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
+from motorprior.studies.study_settings import Study
 
 _DISTRIBUTION = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample_auc")
 
@@ -177,9 +176,7 @@ def walk(config: WalkCommand) -> None:
     one = Walk(**{field.name: getattr(config, field.name) for field in fields(Walk)})
     evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
     if config.seeds == 1:
-        if not run_walk(one, TERMINAL):
-            TERMINAL.note(f"{config.out} is finished with these settings: nothing was trained")
-        folder, best = config.out, Policy.load(config.out / POLICY).provenance
+        folder, best = config.out, run_walk(one, TERMINAL).provenance
         print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
         if best["own_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"

@@ -5,16 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from motorprior.artifacts import write_json
-from motorprior.bench.bench_folder import BENCH_JSON, LOG, BenchSettings
-from motorprior.bench.fleet import fleet_files, load_robot_fleet
-from motorprior.bench.recording import bench_preset, record, training_motors
-from motorprior.bounds import require_count, require_seed
-from motorprior.logs.readers.motor_log_file import write_log
+from motorprior.bench.bench_folder import record_bench
 from motorprior.progress import SILENT, Progress
-from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, working
 
 
 @dataclass(frozen=True)
@@ -41,23 +34,5 @@ class Bench:
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
-    """Record, unless the stage is finished; errors for a setting, fleet or folder that cannot be used."""
-    require_count("motors", config.motors)
-    require_count("steps", config.steps, 2)
-    require_seed(config.seed)
-    robot = load_robot(config.robot)
-    fleet, preset = load_robot_fleet(robot, config.fleet), bench_preset(config.preset).for_robot(robot)
-    preset, played = preset.with_excitation(config.excitation), [config.excitation] if config.excitation else []
-    wanted = description(
-        "bench", asdict(config), [*fleet_files(robot, config.fleet), *robot.files, *played], recipe=asdict(preset)
-    )
-    if is_finished(config.out, wanted):
-        return
-    title = f"bench {config.preset}: {config.motors} motors, {config.steps} steps"
-    with working(config.out, wanted), progress.start(title, 1) as task:
-        (config.out / BENCH_JSON).unlink(missing_ok=True)  # it may be of other motors
-        motors = training_motors(fleet, config.motors, config.seed)
-        write_log(config.out / LOG, record(motors, preset, config.steps, config.seed, fleet))
-        settings = BenchSettings(fleet, config.preset, config.motors, config.steps, config.seed)
-        write_json(config.out / BENCH_JSON, settings.as_json())
-        task.advance()
+    """Record, unless the stage is finished; errors as `record_bench`."""
+    record_bench(**asdict(config), progress=progress)

@@ -13,11 +13,7 @@ import numpy as np
 from motorprior import stage
 from motorprior.artifacts import write_text
 from motorprior.bench.fleet import load_robot_fleet
-from motorprior.commands import study_conditions
 from motorprior.commands.real_motors import RealMotors, run_real_motors
-from motorprior.commands.study import study_walks
-from motorprior.commands.study_settings import Study
-from motorprior.commands.walk import POLICY
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.progress import SILENT, Progress
@@ -25,9 +21,12 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
 from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
-from motorprior.studies.summary import WalkRow, scores, summarise
+from motorprior.studies.statistics import WalkRow, scores, summarise
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import record_benches, study_walks
 
 if TYPE_CHECKING:
     from motorprior.report.page import Picture, Section
@@ -117,7 +116,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
             rest = f"The next stages use a virtual {config.robot}; stop here if you do not need them"
             progress.note(f"{shown} {rest}")
         bench = study.of_benches()[0]
-        study_conditions.record_benches(bench, progress)
+        record_benches(bench, progress)
         motors = page_sections.bench(bench.out / "bench" / "rollout")
         progress.note(f"first picture: {write_page([motors])}")
         walks = study_walks(study, progress)

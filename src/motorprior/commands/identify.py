@@ -57,8 +57,7 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, An
     folder = paths[0].parent if paths[0].name == LOG and (paths[0].parent / BENCH_JSON).is_file() else paths[0]
     if len(paths) == 1 and folder.is_dir():
         log, settings = read_bench(folder)
-        named = replace(log, source=str(folder / LOG), robot=settings.fleet.robot, motor=settings.fleet.motor)
-        return named, provenance_of([log], bench=settings.as_json())
+        return log, provenance_of([log], bench=settings.as_json())
     logs = [read_parquet(path) for path in paths]
     log = joined(logs)
     if log.robot == BENCH:

@@ -9,7 +9,7 @@ from typing import Literal
 
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
-from motorprior.commands.walk import POLICY, SEED_FOLDER
+from motorprior.commands.walk import SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
@@ -18,7 +18,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
-from motorprior.simulation.training import other_weight
+from motorprior.simulation.training import POLICY, other_weight
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene

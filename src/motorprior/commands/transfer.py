@@ -1,4 +1,4 @@
-"""Evaluate policies in their training simulation and on the twin."""
+"""Evaluate policies in their training simulation and on the twin; the transfer study."""
 
 from __future__ import annotations
 
@@ -8,18 +8,21 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
+from motorprior.artifacts import write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
-from motorprior.commands.walk import POLICY
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
-from motorprior.simulation.training import other_weight
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.simulation.training import POLICY, other_weight
+from motorprior.stage import PAGE, description, is_finished, locked, read_results, working, write_results
 from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
+from motorprior.studies.statistics import StudyStatistics, summarise
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import study_walks
 
 
 @dataclass(frozen=True)
@@ -74,3 +77,20 @@ def _evaluate(
 ) -> list[Result]:
     with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks", 1):
         return compare.evaluate(trained.policy, scenes, condition, seed)
+
+
+def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> StudyStatistics:
+    """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html."""
+    from motorprior.report.page import page  # here: they import matplotlib
+    from motorprior.report.study import study_sections
+
+    config.require_valid()
+    with locked(config.out):
+        found = summarise(study_walks(config, progress))
+        write_results(config.out, found.as_results())
+        validation = config.validation_fleet(load_robot(config.robot))
+        settings = asdict(config) | {"speed": config.commanded, "validation": validation}
+        for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
+            del settings[name]
+        write_text(config.out / PAGE, page("Transfer study", study_sections(found), settings, command))
+    return found

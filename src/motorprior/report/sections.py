@@ -23,8 +23,9 @@ from motorprior.report.plots_style import model_label, png_bytes
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.scene import Episode, WalkConfig
+from motorprior.simulation.training import POLICY
 from motorprior.stage import PAGE, read_results
-from motorprior.studies.compare import DURATION_STEPS, POLICY, TrainedPolicy, run_walks, straight_ahead
+from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 
 _LINES, _TRACES = "lines.json", "traces.png"
 

@@ -11,8 +11,7 @@ from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_style import TEXT, describe, model_color, model_label, new_figure, panels
 from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
-from motorprior.studies.statistics import Estimate
-from motorprior.studies.summary import (
+from motorprior.studies.statistics import (
     COMPARED,
     CONDITIONS,
     CONVERGED,
@@ -21,6 +20,7 @@ from motorprior.studies.summary import (
     OWN_FOREIGN,
     PLACES,
     REFERENCE,
+    Estimate,
     StudyStatistics,
 )
 

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import read_tensors, write_tensors, write_text
-from motorprior.bench.fleet import load_robot_fleet
+from motorprior.artifacts import read_tensors, write_json, write_tensors, write_text
+from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import Kind, make_executor
+from motorprior.locomotion.executor import Kind, make_executor, require_executor
 from motorprior.locomotion.policy import WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
@@ -29,10 +29,11 @@ from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.env import simulator_of
-from motorprior.simulation.motors import MotorSource, simulated_motors
+from motorprior.simulation.motors import MotorSource, motors_as_json, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
 from motorprior.simulation.world import FAULTS, TOO_STIFF
+from motorprior.stage import description, digest, is_finished, working
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,12 @@ def train_policy(
     motors: MotorSource,
     settings: WalkSettings | None = None,
     *,
-    start: Policy | None = None,
+    start: Policy | Path | None = None,
+    out: Path | None = None,
     workers: int | None = None,
+    executor: Kind = "threads",
+    ray_address: str | None = None,
+    name: str = "train",
     progress: Progress = SHOWN,
     **changes: Any,
 ) -> Policy:
@@ -85,7 +90,12 @@ def train_policy(
             draw from; fixed motors; or a function that draws them from a generator.
         settings: of the training.
         start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
+        out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads; an interrupted
+            training continues there. It needs motors, and a start, of files: a text, and a path.
         workers: episodes at a time, on which the result does not depend; up to two if not given.
+        executor: threads of this process, or Ray processes, on which the result does not depend.
+        ray_address: a running Ray cluster for the executor ray; Ray starts on this machine if not given.
+        name: of the training, in its progress.
         progress: where to report to.
         changes: fields of `WalkSettings`, such as iterations and gait; ``seed`` is that of the search.
 
@@ -102,13 +112,38 @@ def train_policy(
     settings = replace(settings, **changes)
     if seed is not None:
         settings = replace(settings, search=replace(settings.search, seed=seed))
-    training = Training(robot, motors, settings, start)
+    path, given = (start, Policy.load(start)) if isinstance(start, Path) else (None, start)
+    training = Training(robot, motors, settings, given, path or "start")
+    run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
+    if out is None:
+        training.note(progress)
+        run(ray_address)
+        return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
+    if not isinstance(motors, str) or isinstance(start, Policy):
+        raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
+    if path is not None and path.resolve() == (out / POLICY).resolve():
+        problem = f"start is {POLICY} of the folder out itself, which the training would overwrite"
+        raise ConfigError(problem, where=path, remedy="give another folder as out", argument="out")
+    inputs = [*training.motors.files, *robot.files, *([] if path is None else [path])]
+    inputs += [] if settings.validation is None else fleet_files(robot, settings.validation)
+    wanted = description("walk", asdict(settings) | {"motors": motors, "robot": robot.name}, inputs)
+    if is_finished(out, wanted):
+        progress.note(f"{out} is finished with these settings: nothing was trained")
+        return Policy.load(out / POLICY)
+    require_executor(executor, ray_address)
     training.note(progress)
-    training.run(min(2, os.cpu_count() or 1) if workers is None else workers, progress)
-    return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
+    with working(out, wanted):
+        run(ray_address, TrainingFiles(out, wanted))
+        start_sha256 = None if path is None else digest(path)
+        policy = training.policy(motors=motors_as_json(motors, out), start_sha256=start_sha256)
+        policy.save(out / POLICY)
+        write_json(out / CURVE, training.curve)
+    (out / CHECKPOINT).unlink(missing_ok=True)  # after the marker: a run killed before resumes from it
+    return policy
 
 
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
+POLICY, CURVE = "policy.safetensors", "curve.json"  # in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 

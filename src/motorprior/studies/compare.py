@@ -27,7 +27,6 @@ from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, requ
 from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import share_upright
 
-POLICY = "policy.safetensors"  # in the folder of a training
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 DRAWS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes

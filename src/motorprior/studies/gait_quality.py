@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,25 +11,22 @@ from motorprior.locomotion.control_step import RAMP
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.signals import rms
-from motorprior.simulation.rendering import FootMotion, foot_motion
+from motorprior.simulation.rendering import foot_motion
 from motorprior.simulation.scene import Episode
 
 WARM_UP = 1.0  # [s] from standing to a steady gait, not measured
 FALL_TIME = 0.5  # [s] before a fall, not measured
 CONTACT_HEIGHT = 0.0005  # [m] a foot whose lowest point is below is on the ground
-LIFTED = 4.0 * CONTACT_HEIGHT  # [m] a foot that stays below in a step is dragged
+LIFTED = 4.0 * CONTACT_HEIGHT  # [m] a swing that stays below does not count
 MIN_COMMAND = 0.1  # of the robot's maximum speed; below it measures relative to speed or distance are NaN
-_MIN_STROKE = 0.02  # of the standing height; a foot that moves less along the body makes no step
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
 UNITS = {  # of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
-    "foot_lift_mm": "mm", "dragged_steps": "1", "slip": "m/m", "step_frequency": "Hz", "body_rate": "rad/s",
-    "roll_deg": "°", "pitch_deg": "°", "torque": "N·m", "transport": "1", "drift": "m",
+    "foot_lift_mm": "mm", "slip": "m/m", "body_rate": "rad/s", "transport": "1", "drift": "m",
 }  # fmt: skip
-_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "step_frequency", "body_rate")
+_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "body_rate")
 
 
 def completed(episode: Episode, steps: int) -> bool:
@@ -53,12 +49,10 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time [m/s]; speed_error:
     |speed - command| / |command|; heading_deg_per_m: final |heading - commanded heading| over the distance [°/m];
     lateral_share: final lateral distance from the commanded path at the walk's own speed, over the distance;
-    foot_lift_mm/LEG: median over the swings of the maximum clearance of the foot [mm], of swings above 2 mm;
-    dragged_steps: share of a foot's steps in which its lowest point stays within 2 mm of the ground, mean over the feet
-    that make steps; slip: distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet,
-    over the distance [m/m]; step_frequency: swings per leg and second [Hz]; body_rate: RMS of the angular rate about
-    the body's x and y axes [rad/s]; roll_deg, pitch_deg: RMS [°]; torque: 99.9th percentile over time of the maximum
-    |torque| over the joints [N·m]; transport: mean of Σ |torque · joint velocity| over weight · |speed|.
+    foot_lift_mm/LEG: median over the swings of the maximum clearance of the foot [mm], of swings above 2 mm; slip:
+    distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet, over the distance [m/m];
+    body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; transport: mean of
+    Σ |torque · joint velocity| over weight · |speed|.
 
     ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this many control steps.
     """
@@ -73,14 +67,12 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     motion = episode.motion if len(episode.motion) else _motion_of(robot, episode.trace)
     qpos, moved = episode.trace[begin:end], motion[begin:end]
     qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
-    roll, pitch, _ = np.array([roll_pitch_yaw(quat) for quat in qpos[:, 3:7]]).T
     time = dt * (len(qpos) - 1)
     along = float(np.sum(steps_along_heading(qpos[:, :2], heading[begin:])))
     speed = along / time
     defined = walks and abs(along) >= _MIN_DISTANCE
     distance, pace = (abs(along), abs(speed)) if defined else (math.nan, math.nan)
     feet = foot_motion(robot, qpos, qvel)
-    lifts = {f"foot_lift_mm/{leg.name}": each for leg, each in zip(robot.legs, _swings(feet), strict=True)}
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
     return {
         "upright": upright,
@@ -88,14 +80,12 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         "speed_error": abs(speed - forward) / abs(forward) if walks else math.nan,
         "heading_deg_per_m": math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
         "lateral_share": abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
-        **{name: 1e3 * float(np.median(each or [0.0])) for name, each in lifts.items()},
-        "dragged_steps": _dragged(feet, _MIN_STROKE * robot.standing_height),
+        **{
+            f"foot_lift_mm/{leg.name}": 1e3 * _lift(each)
+            for leg, each in zip(robot.legs, feet.clearance.T, strict=True)
+        },
         "slip": float(np.mean(np.sum(feet.sliding * (feet.clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
-        "step_frequency": float(np.mean([len(each) for each in lifts.values()])) / time,
         "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
-        "roll_deg": math.degrees(float(rms(roll))),
-        "pitch_deg": math.degrees(float(rms(pitch))),
-        "torque": float(np.percentile(np.abs(torque).max(axis=1), 99.9)),
         "transport": power / (robot.weight * pace),
     }
 
@@ -156,37 +146,11 @@ def _lateral_distance(position: np.ndarray, goal: np.ndarray, step: float) -> fl
     return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
 
 
-def _swings(feet: FootMotion) -> list[list[float]]:
-    """Per leg the maximum clearance of every complete swing above LIFTED [m]."""
-    lifts = []
-    for clearance in feet.clearance.T:
-        edges = np.flatnonzero(np.diff((clearance >= CONTACT_HEIGHT).astype(int)))
-        swings = [each for each in np.split(clearance, edges + 1)[1:-1] if each[0] >= CONTACT_HEIGHT]
-        lifts.append([float(each.max()) for each in swings if each.max() > LIFTED])
-    return lifts
-
-
-def _dragged(feet: FootMotion, min_stroke: float) -> float:
-    """Mean over the feet of their share of steps without a lift; NaN if no foot moves by ``min_stroke`` [m]."""
-    peaks = [_step_peaks(*each, min_stroke) for each in zip(feet.clearance.T, feet.ahead.T, strict=True)]
-    shares = [float(np.mean(each <= LIFTED)) for each in peaks if len(each)]
-    return float(np.mean(shares)) if shares else math.nan
-
-
-def _step_peaks(clearance: np.ndarray, ahead: np.ndarray, min_stroke: float) -> np.ndarray:
-    """Maximum clearance [m] in every complete step of a foot, from its clearance and position along the body (F,) [m].
-
-    Steps are counted by stroke, not by lift. A foot passes the middle once it is a quarter of the stroke beyond.
-    """
-    rear, front = np.percentile(ahead, (5.0, 95.0))
-    if front - rear <= min_stroke:
-        return np.zeros(0)
-    off = (ahead - 0.5 * (front + rear)) / (front - rear)
-    beyond = np.flatnonzero(np.abs(off) > 0.25)
-    passes = 1 + np.flatnonzero(np.diff(np.sign(off[beyond])))
-    both = [beyond[passes[first::2]] for first in (0, 1)]  # forward, and backward
-    edges = min(both, key=lambda each: clearance[each].mean() if len(each) else math.inf)  # cut during stance
-    return np.array([clearance[begin:end].max() for begin, end in pairwise(edges)])
+def _lift(clearance: np.ndarray) -> float:
+    """Median over complete swings above LIFTED of their maximum clearance [m], from that of a foot (F,); 0 if none."""
+    edges = np.flatnonzero(np.diff((clearance >= CONTACT_HEIGHT).astype(int)))
+    swings = [each for each in np.split(clearance, edges + 1)[1:-1] if each[0] >= CONTACT_HEIGHT]
+    return float(np.median([each.max() for each in swings if each.max() > LIFTED] or [0.0]))
 
 
 def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Results:

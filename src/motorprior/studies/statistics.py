@@ -1,19 +1,47 @@
-"""Estimates over benches, and permutation tests, for few policies per bench.
+"""The table of the walks of a study, and its statistics for few policies per bench.
 
-Scores are (benches, policies, draws): a bench per own draw of motors, robots, floors and pushes; a row per trained
-policy; a column per sample of motors; NaN if undefined. A bench is a random effect: intervals are those of the mean of
+A walk is a row with the seed of its bench, its environment ("place"), training condition, training seed, draw, and
+measures by name, see `gait_quality.walk_measures`. The draw is the number of the sample of motors and conditions, the
+same for every policy of the bench in an environment.
+
+Scores are (benches, policies, draws), NaN if undefined. A bench is a random effect: intervals are those of the mean of
 the benches' statistics, so that they contain the differences between benches, policies and samples. Those of a single
 bench are over its samples: they contain no difference between trainings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
-from typing import TypeVar
+import csv
+import io
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
+
+from motorprior.actuator import motor_prior
+from motorprior.artifacts import write_text
+from motorprior.results import Result, Results
+from motorprior.studies.environments import ENVIRONMENTS
+from motorprior.studies.gait_quality import UNITS
+
+CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
+    "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
+    "sampled_prior", "adapted_prior", "robust_prior", "oracle",
+)  # fmt: skip
+# variants of the sampled prior, with the mean motor's values of these constants
+FROZEN = {f"frozen_{group}": group for group in motor_prior.FROZEN}
+ADAPTED = ("adapted_prior", "adapted_pd")  # the policy of seed k is fitted to robot k, and walks on it alone
+REFERENCE = "sampled_prior"
+COMPARED = ("speed", "upright")
+OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors
+PLACES = (OWN, OWN_FOREIGN, *ENVIRONMENTS)
+CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
+_KEYS = {"bench": int, "place": str, "condition": str, "seed": int, "draw": int}
+
+WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
 LEVEL = 0.95  # of intervals
 PERMUTATIONS = 20_000  # random assignments of a test
@@ -110,3 +138,97 @@ def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
     steps = [min(1.0, (len(ordered) - rank) * p_values[key]) for rank, key in enumerate(ordered)]
     corrected = dict(zip(ordered, np.maximum.accumulate(steps).tolist(), strict=True)) if ordered else {}
     return {key: corrected[key] for key in p_values}
+
+
+@dataclass(frozen=True)
+class StudyStatistics:
+    """Statistics of a table of walks, by (environment, condition, measure)."""
+
+    benches: tuple[int, ...]  # seeds of the benches
+    # mean over benches of the interquartile mean, of ``upright`` of the mean, with 95 % interval
+    estimates: dict[tuple[str, str, str], Estimate]
+    by_bench: dict[tuple[str, str, str], np.ndarray]  # (benches,) the statistics of the benches, of COMPARED measures
+    upright: dict[tuple[str, str], np.ndarray]  # (environment, condition) -> (benches, policies) mean time upright
+    # condition compared with the sampled prior; p is corrected for all of these comparisons
+    differences: dict[tuple[str, str, str], Comparison]
+
+    def as_results(self) -> Results:
+        """Rows PLACE/CONDITION/MEASURE with /low and /high, of every bench bench_SEED/PLACE/CONDITION/MEASURE.
+
+        Also PLACE/CONDITION/policies_upright, the share of policies that are upright for CONVERGED of the time, and
+        PLACE/CONDITION/MEASURE_p_against_sampled_prior.
+        """
+        rows = []
+        for (place, condition, measure), found in self.estimates.items():
+            unit, name = UNITS[measure.partition("/")[0]], f"{place}/{condition}/{measure}"
+            ends = {None: found.value, "low": found.low, "high": found.high}
+            rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
+        for (place, condition, measure), values in self.by_bench.items():
+            names = [f"bench_{bench}/{place}/{condition}/{measure}" for bench in self.benches]
+            rows += [Result(name, UNITS[measure], float(value)) for name, value in zip(names, values, strict=True)]
+        for (place, condition), policies in self.upright.items():
+            rows.append(Result(f"{place}/{condition}/policies_upright", "1", float(np.mean(policies >= CONVERGED))))
+        for (place, condition, measure), each in self.differences.items():
+            rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
+        return Results.of(rows)
+
+
+def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
+    """Write a CSV file, one row per walk; undefined measures are empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(walks[0])
+    for walk in walks:
+        numbers = ("" if np.isnan(walk[name]) else f"{walk[name]:.6g}" for name in walk if name not in _KEYS)
+        writer.writerow([*(walk[key] for key in _KEYS), *numbers])
+    write_text(path, text.getvalue())
+
+
+def read_walks(path: Path) -> list[WalkRow]:
+    """Read what `write_walks` wrote."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            {name: _KEYS[name](text) if name in _KEYS else float(text or "nan") for name, text in row.items()}
+            for row in csv.DictReader(file)
+        ]
+
+
+def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
+    """(benches, seeds, draws) of one measure of one condition in one environment, all sorted."""
+    ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["draw"]))
+    shape = (len({walk[key] for walk in walks}) for key in ("bench", "seed"))
+    return np.array([walk[measure] for walk in ordered]).reshape(*shape, -1)
+
+
+def statistic_of(measure: str) -> Statistic:
+    """Mean of the time upright (an interquartile mean would hide falls); interquartile mean of other measures."""
+    return means if measure == "upright" else iqms
+
+
+def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
+    """Statistics of all walks."""
+    cells: dict[tuple[str, str], list[WalkRow]] = {}
+    for walk in walks:
+        cells.setdefault((walk["place"], walk["condition"]), []).append(walk)
+    estimates, by_bench, upright, differences = {}, {}, {}, {}
+    places = [place for place, _ in cells]
+    for place, condition in sorted(cells, key=lambda cell: places.index(cell[0])):
+        cell, reference = cells[place, condition], cells.get((place, REFERENCE))
+        for measure in (name for name in cell[0] if name not in _KEYS):
+            if any(np.isfinite(walk[measure]) for walk in cell):
+                found = estimate(scores(cell, measure), statistic_of(measure))
+                if measure == "upright":
+                    found = replace(found, low=max(0.0, found.low), high=min(1.0, found.high))
+                estimates[place, condition, measure] = found
+        for measure in COMPARED:
+            of_cell = scores(cell, measure)
+            by_bench[place, condition, measure] = statistic_of(measure)(of_cell.reshape(len(of_cell), -1))
+        upright[place, condition] = means(scores(cell, "upright"))
+        if place in ENVIRONMENTS and condition != REFERENCE and reference is not None:
+            for measure in COMPARED:
+                one, other = scores(cell, measure), scores(reference, measure)
+                differences[place, condition, measure] = compare_scores(one, other, statistic_of(measure))
+    corrected = holm({key: each.p for key, each in differences.items()})
+    benches = tuple(sorted({walk["bench"] for walk in walks}))
+    differences = {key: replace(each, p=corrected[key]) for key, each in differences.items()}
+    return StudyStatistics(benches, estimates, by_bench, upright, differences)

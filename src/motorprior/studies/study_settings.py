@@ -16,7 +16,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
-from motorprior.studies.summary import CONDITIONS, FROZEN
+from motorprior.studies.statistics import CONDITIONS, FROZEN
 
 VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")

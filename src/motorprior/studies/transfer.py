@@ -1,0 +1,376 @@
+"""The transfer study: policies trained on each model of a bench's motors, evaluated on held-out robots.
+
+1. Record benches of motors; fit the models to them.
+2. Select the range of the randomised PD and the share of the adapted prior on a fleet that no test environment uses.
+3. Adapt the prior and a PD to ten seconds of log of each robot.
+4. Train a policy per bench, condition and seed; evaluate it in its training simulation and in four environments.
+
+`statistics` summarises the walks.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.registry import motor_text
+from motorprior.artifacts import read_json, write_json
+from motorprior.bench.bench_folder import record_bench
+from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
+from motorprior.bench.recording import bench_preset, record
+from motorprior.bounds import seed_of
+from motorprior.exceptions import ConfigError
+from motorprior.identification.adapt import adapt
+from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
+from motorprior.identification.fit_prior import PRIOR, fit_prior
+from motorprior.identification.presets import network_steps
+from motorprior.locomotion.ars import ArsConfig
+from motorprior.locomotion.control_step import TaskWeights
+from motorprior.locomotion.executor import make_executor, ray_cluster
+from motorprior.logs.motor_log import MotorLog, log_digest
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
+from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
+from motorprior.simulation.bullet_world import import_bullet
+from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.training import POLICY, WalkSettings, train_policy
+from motorprior.stage import description, is_finished, working
+from motorprior.studies.compare import TrainedPolicy, run_walks
+from motorprior.studies.environments import (
+    ENVIRONMENTS,
+    IN_FAMILY,
+    NOISY,
+    OUT_OF_FAMILY,
+    motors_of_robot,
+    motors_of_walk,
+    twin_scene,
+    walk_seed,
+)
+from motorprior.studies.gait_quality import walk_measures
+from motorprior.studies.statistics import (
+    ADAPTED,
+    CONDITIONS,
+    FROZEN,
+    OWN,
+    OWN_FOREIGN,
+    WalkRow,
+    read_walks,
+    write_walks,
+)
+from motorprior.studies.study_settings import VALIDATION, Study
+
+WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
+# conditions whose motors are PDs fitted to the bench: their free constants; random_pd is friction_pd with a range
+FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "friction_pd": WITH_FRICTION}
+PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.fromkeys(
+    ("central_motor", "sampled_prior", "adapted_prior", "robust_prior", *FROZEN), "rollout"
+)  # condition -> preset of its prior
+PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
+LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
+LOG_STREAM = 0x20B2  # random stream of these logs
+
+CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
+_AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the faster setting is selected [-]
+SELECTION_SEEDS = range(900, 902)  # of policies and robots, used by no condition
+
+SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
+# of every training in addition to the motors: the sensor noise of the environments, and pushes; without any disturbance
+# policies overfit one deterministic walk, and fall more often on held-out robots
+TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
+_EPISODE_STEPS = 500  # of training
+# of the search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
+_STEP_SIZE, _DELTA_STD = 0.03, 0.04
+
+
+def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
+    """The walks of a study, also in WALKS: of policies that are trained and evaluated unless they are finished."""
+    threads = usable_threads(config.workers, progress)
+    config = config if config.ray_address else replace(config, workers=threads)
+    fit_models(config.of_benches(), threads, progress)
+    config = with_selected(config, threads, progress)
+    benches = config.of_benches()
+    adapt_robots([robot for bench in benches for robot in robots_of(bench)], threads, progress)
+    of_seeds = ((bench, seed) for seed in range(config.seeds) for bench in benches)
+    policies = [each for bench, seed in of_seeds for each in conditions_of(bench, seed)]
+    policies.sort(key=lambda each: each.name != "oracle")  # the longest first, otherwise they run alone at the end
+    walks = walk_table(config, policies, progress)
+    write_walks(config.out / WALKS, walks)
+    return walks
+
+
+# 1. Benches, and the models fitted to them
+
+
+def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
+    """Record the motors of a bench; excitation -> log, the paper's only if a condition needs it."""
+    kinds = ["paper"] if "paper" in bench.conditions else []
+    if _fitted_pds(bench) or any(PRESETS.get(name, "paper") != "paper" for name in bench.conditions):
+        kinds.append("rollout")
+    return {
+        kind: record_bench(
+            bench.robot, bench.fleet, motors=bench.motors, steps=bench.bench_steps, preset=kind, seed=bench.seed,
+            out=bench.out / "bench" / kind, progress=progress,
+        )
+        for kind in kinds
+    }  # fmt: skip
+
+
+def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> None:
+    """Record the motors of the benches; identify the priors and fit the PDs that the conditions need."""
+    works = []
+    for bench in benches:
+        logs = record_benches(bench, progress)
+        # the longest fit first
+        for preset in sorted({PRESETS[name] for name in bench.conditions if name in PRESETS}, reverse=True):
+            log, steps = logs["paper" if preset == "paper" else "rollout"], network_steps(preset, bench.adam_steps)
+            works.append(partial(_fit_prior, log, preset, bench.seed, steps, prior_path(bench, preset).parent))
+        if kinds := _fitted_pds(bench):
+            works.append(partial(_fit_pds, bench, logs["rollout"], bench.out / "fits", kinds))
+    in_parallel(works, threads, progress)
+
+
+def _fit_prior(log: MotorLog, preset: str, seed: int, steps: int | None, out: Path, progress: Progress) -> None:
+    fit_prior(log, preset, seed, steps=steps, out=out, progress=progress)
+
+
+def prior_path(bench: Study, preset: str) -> Path:
+    """The prior of a preset."""
+    return bench.out / "priors" / preset / PRIOR
+
+
+def _fitted_pds(bench: Study) -> dict[str, tuple[str, ...]]:
+    """PDs that the conditions need, and their fitted constants."""
+    needed = {"friction_pd" if name == "random_pd" else name for name in bench.conditions}
+    return {name: free for name, free in FITTED_PDS.items() if name in needed}
+
+
+def _fit_pds(
+    bench: Study, log: MotorLog, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress
+) -> None:
+    """Fit PDs to a log with known loads; FITS has constants and error."""
+    robot = load_robot(bench.robot)
+    nominal = nominal_pd(load_robot_fleet(robot, bench.fleet), 1)
+    start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
+    wanted = description("study", {"start": start, "kinds": kinds, "log": log_digest(log)}, robot.files)
+    if is_finished(folder, wanted):
+        return
+    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * RESTARTS) as task:
+        fits = {name: fit_pd(log, free, start, task.advance) for name, free in kinds.items()}
+        write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
+
+
+# 2. Settings selected on the validation fleet
+
+
+def with_selected(config: Study, threads: int, progress: Progress) -> Study:
+    """The study with the settings whose policies are upright for longest on robots of the validation fleet, and fast.
+
+    They are selected once for all benches, with the models of the first.
+    """
+    first, fleet = config.of_benches()[0], config.validation_fleet(load_robot(config.robot))
+    bench = replace(first, out=config.out / "selection", foreign=str(fleet), validation=fleet)
+    chosen = {}
+    for setting, name in config.to_select().items():
+        if name in ADAPTED:
+            robots = [(first, VALIDATION, seed) for seed in SELECTION_SEEDS]
+            adapt_robots(robots, threads, progress)
+        found = {}
+        for value in CHOICES[setting]:
+            policies = []
+            for seed in SELECTION_SEEDS:
+                motors = condition_motors(replace(first, **{setting: value}), name, VALIDATION, seed)
+                robot, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
+                policies.append(
+                    Condition(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot=robot)
+                )
+            walks = [walk for walk in walk_table(config, policies, progress) if walk["place"] in ENVIRONMENTS]
+            found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
+        max_needed = max(upright for upright, _ in found.values()) - _AS_GOOD
+        chosen[setting] = max(found, key=lambda value: (min(found[value][0], max_needed), found[value][1]))
+        write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
+        progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")
+    return replace(config, **chosen)
+
+
+# 3. Robots, and the models adapted to their logs
+
+
+def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progress: Progress) -> None:
+    """Record LOG_SECONDS of the motors of robots (bench, population, number), and adapt to them."""
+    in_parallel([partial(_adapt, *robot) for robot in robots], threads, progress)
+
+
+def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
+    """The robots that policies of a bench are adapted to."""
+    adapted = any(name in bench.conditions for name in ADAPTED)
+    numbers = sorted({bench.robot_of(seed) for seed in range(bench.seeds)}) if adapted else []
+    return [(bench, population, number) for number in numbers for population in (IN_FAMILY, OUT_OF_FAMILY)]
+
+
+def _robot_folder(bench: Study, population: str, number: int) -> Path:
+    return bench.out / "robots" / f"{population}_{number}"
+
+
+def _adapt(bench: Study, population: str, number: int, progress: Progress) -> None:
+    robot, folder = load_robot(bench.robot), _robot_folder(bench, population, number)
+    fleet, preset = load_robot_fleet(robot, bench.fleet_of(population)), bench_preset("adapt").for_robot(robot)
+    priors = [prior_path(bench, "rollout")] if "adapted_prior" in bench.conditions else []
+    settings = {"study": bench.seed, "robot": number, "seconds": LOG_SECONDS}
+    wanted = description("study", settings, [*priors, *fleet_files(robot, bench.fleet_of(population)), *robot.files])
+    if not is_finished(folder, wanted):
+        name = f"bench {bench.seed}: adapt to robot {folder.name}"
+        with working(folder, wanted), progress.start(name, 1):
+            motors = motors_of_robot(robot, fleet, bench.seed, number)
+            steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, number)
+            write_log(folder / LOG, log := record(motors, preset, steps, log_seed, fleet))
+            for path in priors:
+                adapt(MotorPrior.load(path), log, anyway=True, progress=SILENT).save(folder / POSTERIOR)
+    if "adapted_pd" in bench.conditions and population != VALIDATION:
+        _fit_pds(bench, read_parquet(folder / LOG), folder / "adapted_pd", {"adapted_pd": WITH_FRICTION}, progress)
+
+
+# 4. Policies
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A policy to train and to evaluate."""
+
+    bench: Study  # settings of its bench, see `Study.of_benches`
+    name: str  # of the training condition, in tables
+    seed: int  # of the training
+    motors: str  # of the training episodes
+    randomization: Randomization = TRAINING  # of the training episodes, in addition to the motors
+    population: str = IN_FAMILY  # OUT_OF_FAMILY for conditions trained for out-of-family motors
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # in which it is evaluated
+    robot: int | None = None  # number of the only robot that it walks on; all if None
+
+    @property
+    def folder(self) -> str:
+        """Name of the policy's folder."""
+        population = "" if self.population == IN_FAMILY else f"_{self.population}"
+        return re.sub(r"[^\w.=-]", "_", f"{self.name}{population}_{self.seed}")
+
+
+def conditions_of(bench: Study, seed: int) -> list[Condition]:
+    """The policies of this seed on a bench."""
+    made = []
+    for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
+        robot = bench.robot_of(seed) if name in ADAPTED else None
+        randomization = ROBUST if name == "robust_prior" else TRAINING
+        for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
+            within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
+            environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
+            motors = condition_motors(bench, name, population, bench.robot_of(seed))
+            made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
+    return made
+
+
+def condition_motors(bench: Study, name: str, population: str, number: int) -> str:
+    """Motors of a condition: fitted to the bench or to the log of a robot, or those of a population."""
+    if name not in (*CONDITIONS, *FROZEN):
+        return name
+    if name == "oracle":
+        return motor_text("fleet", fleet=bench.fleet_of(population))
+    robot = _robot_folder(bench, population, number)
+    if name == "adapted_pd":
+        return motor_text("pd", **read_json(robot / name / FITS)[name]["constants"])
+    if name in (*FITTED_PDS, "random_pd"):
+        kind, pd_range = ("friction_pd", bench.pd_range) if name == "random_pd" else (name, None)
+        return motor_text("pd", spread=pd_range, **read_json(bench.out / "fits" / FITS)[kind]["constants"])
+    prior = prior_path(bench, PRESETS[name])
+    if name == "adapted_prior":
+        return motor_text("posterior", file=robot / POSTERIOR, prior=prior, prior_share=bench.prior_share)
+    spread = 0.0 if name == "central_motor" else None
+    return motor_text("prior", file=prior, latent_spread=spread, frozen=FROZEN.get(name))
+
+
+def walk_table(config: Study, policies: Sequence[Condition], progress: Progress = SILENT) -> list[WalkRow]:
+    """Train and evaluate policies; finished ones are read."""
+    environments = tuple(ENVIRONMENTS)
+    try:
+        import_bullet()
+    except ConfigError as error:
+        progress.note(f"note: skipped the environment pybullet: {error}")
+        environments = tuple(name for name, each in ENVIRONMENTS.items() if each.engine != "pybullet")
+    at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
+    processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
+    name = f"study: {len(policies)} policies, {config.draws} walks per environment"
+    cluster = ray_cluster(processes, config.ray_address) if config.executor == "ray" else nullcontext()
+    with progress.start(name, len(policies)) as task, cluster:
+        works = [partial(_walks_of, environments, policy, task) for policy in policies]
+        return [walk for walks in in_parallel(works, at_a_time, progress) for walk in walks]
+
+
+def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, progress: Progress) -> list[WalkRow]:
+    """Train and evaluate one policy."""
+    bench, robot = condition.bench, load_robot(condition.bench.robot)
+    policy, folder = _train(robot, condition, progress), bench.out / "watched" / condition.folder
+    tested = tuple(each for each in condition.environments if each in environments)
+    settings = {
+        "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded,
+        "study": bench.seed, "condition": condition.name, "robot": condition.robot,
+    }  # fmt: skip
+    fleets = [file for fleet in (bench.fleet, bench.foreign) for file in fleet_files(robot, fleet)]
+    wanted = description("study", settings, [policy, *fleets, *robot.files])
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            write_walks(folder / WALKS, _evaluate(TrainedPolicy.load(policy, robot), condition, tested))
+    walks = read_walks(folder / WALKS)
+    if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
+        name = f"bench {bench.seed}, {condition.folder}"
+        progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: excluded from all figures")
+    task.advance(1, f"bench {bench.seed}, {condition.folder}")
+    return walks
+
+
+def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
+    """The policy's file."""
+    bench, name = condition.bench, condition.folder
+    # a robot that stands earns a little; with the default, weak robots earn less by stumbling on than by falling early,
+    # and their search ends there
+    task = TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
+    seed, top = SEEDS_APART * bench.seed + condition.seed, max(1, bench.directions // 2)
+    search = ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
+    settings = WalkSettings(
+        randomization=condition.randomization, commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS,
+        iterations=bench.iterations, search=search, validation=bench.validation_fleet(robot),
+    )  # fmt: skip
+    out = bench.out / "walk" / name
+    train_policy(
+        robot, condition.motors, settings, out=out, workers=bench.episodes_at_a_time, executor=bench.executor,
+        ray_address=bench.ray_address, name=f"bench {bench.seed}, {name}", progress=progress,
+    )  # fmt: skip
+    return out / POLICY
+
+
+def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...]) -> list[WalkRow]:
+    """Walks of a policy in its training simulation and in environments."""
+    bench, robot, policy, draws = condition.bench, trained.robot, trained.policy.arrays, range(condition.bench.draws)
+    steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
+    walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait)
+    executor = partial(make_executor, workers=bench.episodes_at_a_time, kind=bench.executor, address=bench.ray_address)
+    own = OWN_FOREIGN if condition.population == OUT_OF_FAMILY else OWN
+    scene = trained.scene(replace(walk, randomization=condition.randomization))
+    episodes = {own: run_walks(scene, policy, draws, seed_of, executor=executor)}
+    for name in environments:
+        environment = ENVIRONMENTS[name]
+        fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
+        motors = partial(motors_of_walk, robot, fleet, bench.seed, condition.robot)
+        scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
+        episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
+    return [
+        {"bench": bench.seed, "place": place, "condition": condition.name, "seed": condition.seed, "draw": draw}
+        | walk_measures(robot, episode, bench.commanded, steps)
+        for place, walked in episodes.items()
+        for draw, episode in enumerate(walked)
+    ]
