@@ -75,7 +75,9 @@ def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
     fleet.write_text(text, "utf-8")
     assert motorprior(*line).code == 0
     before = modified(out)
-    fleet.write_text(text + "\n# the same numbers, another file\n", "utf-8")
+    fleet.write_text(text + "\n# the same numbers\n", "utf-8")
+    assert motorprior(*line).code == 0 and modified(out) == before
+    fleet.write_text(text.replace("center = 8.8", "center = 8.9"), "utf-8")
     assert motorprior(*line).code == 0
     assert set(before.items()).isdisjoint(modified(out).items())
 

@@ -13,7 +13,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.real_motors import RealMotors, loads_of, read_logs_of, run_real_motors
-from motorprior.identification.evaluation.errors import CONSTANT, FREE_RUN_RMSE, WHOLE_RUN_RMSE, constants_in
+from motorprior.identification.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.page import page
@@ -35,25 +35,24 @@ def logs(tmp_path: Path) -> Path:
     return tmp_path / "logs"
 
 
-def report_of(logs: Path, out: Path) -> tuple[Results, list[str]]:
-    return run_real_motors(RealMotors(logs, out)), read_json(out / "lines.json")
+def report_of(logs: Path, out: Path) -> tuple[Results, dict[str, list]]:
+    return run_real_motors(RealMotors(logs, out)), read_json(out / "notes.json")
 
 
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
     out = tmp_path / "run"
-    found, lines = report_of(logs, out)
+    found, notes = report_of(logs, out)
     for quantity in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
         prior, pd = (
             found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
         )
         assert prior < 0.4 * pd
-    assert {row.part for row in found.where(quantity=f"{CONSTANT}kp", statistic=None)} == set(JOINTS)
-    assert any("armature" in name for name in constants_in(found))
-    assert {"loads: from the logs", "train: first; test: second"} <= set(lines)
+    assert {"kp", "armature"} <= {row[0] for row in notes["constants"][1]}
+    assert {"loads: from the logs", "train: first; test: second"} <= set(notes["lines"])
     html = page("t", [models_of_logs(out, "Your motors", WHOLE_RUN_RMSE)], {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
     before = (out / "traces.png").stat().st_mtime_ns
-    assert report_of(logs, out) == (found, lines)
+    assert report_of(logs, out) == (found, notes)
     assert (out / "traces.png").stat().st_mtime_ns == before, "once"
 
 
@@ -62,10 +61,10 @@ def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, small_sear
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))
-    found, lines = report_of(logs, tmp_path / "out")
+    found, notes = report_of(logs, tmp_path / "out")
     assert set(found.where(quantity=WHOLE_RUN_RMSE).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
-    assert any(line.startswith("loads: unknown") for line in lines)
-    assert any("bandwidth" in name for name in constants_in(found))
+    assert any(line.startswith("loads: unknown") for line in notes["lines"])
+    assert "bandwidth" in {row[0] for row in notes["constants"][1]}
     total = {row.model: row.value for row in found.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)}
     assert total["second_order"] < total["pure_delay"]
 

@@ -46,7 +46,7 @@ def test_every_policy_walks_every_draw_in_its_environments(done: Study):
 
 @pytest.mark.slow
 def test_walks_have_the_command_of_the_training(done: Study):
-    folder = done.out / "bench_0" / "walk" / "oracle_0"
+    folder = done.out / "bench_0" / "policies" / "oracle_0"
     trained = TrainedPolicy.load(folder / POLICY, load_robot(done.robot))
     low, high = trained.policy.provenance["commands"]["forward"]
     assert low == high == pytest.approx(0.75)
@@ -79,8 +79,8 @@ def test_figures_have_intervals_and_p_values(done: Study):
 @pytest.mark.slow
 def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
     before = (done.out / WALKS).read_bytes()
-    shutil.rmtree(done.out / "bench_0" / "watched" / "sampled_prior_0")
-    (done.out / "bench_1" / "walk" / "sampled_prior_0" / "stage.json").unlink()
+    shutil.rmtree(done.out / "bench_0" / "walks" / "sampled_prior_0")
+    (done.out / "bench_1" / "policies" / "sampled_prior_0" / "stage.json").unlink()
     run_study(done)
     assert (done.out / WALKS).read_bytes() == before
 

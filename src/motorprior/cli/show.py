@@ -90,7 +90,6 @@ def demo(config: Demo) -> None:
         spans = {log_errors.FREE_RUN_RMSE: "1 s", log_errors.WHOLE_RUN_RMSE: "whole log"}
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
         table("Your motors: free runs, joint RMSE [mrad], over joints", *log_errors.error_table(results, titles))
-        table("Constants of your motors", *log_errors.constant_table(log_errors.constants_in(results)))
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 

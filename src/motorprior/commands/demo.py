@@ -156,7 +156,7 @@ def study_of(config: Demo) -> Study:
 
 def _folders(bench: Study, name: str) -> list[Path]:
     """Trainings of a condition, one per seed."""
-    return [bench.out / "walk" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
+    return [bench.out / "policies" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
 def _policies(bench: Study, name: str) -> list[TrainedPolicy]:

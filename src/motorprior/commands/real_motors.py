@@ -20,7 +20,7 @@ from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, read_results, working
 
 # training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
 # most of the minute
@@ -74,7 +74,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
 
 def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
-    from motorprior.report.sections import write_traces  # here: it imports matplotlib
+    from motorprior.report.sections import write_validation  # here: it imports matplotlib
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
@@ -86,11 +86,10 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     joints = moving_joints(logs.train)
     logs = logs.map(lambda log: log.with_joints(joints))
     if prepare is None:
-        results, traces, warnings = report_without_loads(logs, config.seed, progress)
+        found = report_without_loads(logs, config.seed, progress)
     else:
-        results, traces, warnings = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
-    write_results(config.out, results)
-    write_traces(config.out, traces, [*lines, loads, logs.rule, *warnings])
+        found = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
+    write_validation(config.out, found, [*lines, loads, logs.rule])
 
 
 def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:

@@ -8,13 +8,12 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
 from motorprior.identification.adapt import note_training_log
-from motorprior.identification.evaluation.free_runs import Trace
 from motorprior.identification.prior_file import load_prior
-from motorprior.identification.validate import validate
+from motorprior.identification.validate import Validation, validate
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
-from motorprior.stage import PAGE, description, is_finished, read_results, working, write_results
+from motorprior.stage import PAGE, description, is_finished, read_results, working
 
 
 @dataclass(frozen=True)
@@ -47,20 +46,19 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
         note_training_log(prior, log, progress)
         return read_results(config.out)
     with working(config.out, wanted):
-        results, traces, warnings = validate(
+        found = validate(
             prior, log, fitted_on=fitted_on, seconds=config.seconds, adam_steps=config.adam_steps, seed=config.seed,
             folder=config.out / "baselines", progress=progress,
         )  # fmt: skip
-        write_results(config.out, results)
-        _write_page(config, traces, warnings)
+        _write_page(config, prior, found)
     return read_results(config.out)
 
 
-def _write_page(config: ValidateLog, traces: list[Trace], lines: list[str]) -> None:
+def _write_page(config: ValidateLog, prior: MotorPrior, found: Validation) -> None:
     from motorprior.report.page import page
-    from motorprior.report.sections import models_of_logs, samples, write_traces  # here: they import matplotlib
+    from motorprior.report.sections import models_of_logs, samples, write_validation  # here: they import matplotlib
 
-    write_traces(config.out, traces, lines)
+    write_validation(config.out, found)
     title = f"Motors in a held-out log: {config.log.name}"
-    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(MotorPrior.load(config.prior))]
+    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(prior)]
     write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

@@ -7,18 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.actuator.constants import UNITS, named_constants
-from motorprior.actuator.geared_motor_step import parameters_of
-from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
-from motorprior.actuator.motor_prior import IDENTIFIED, MotorPrior
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
 from motorprior.identification.evaluation.errors import (
-    CONSTANT,
     FREE_RUN_RMSE,
-    UNIDENTIFIED,
     WHOLE_RUN_RMSE,
     LogErrors,
     error_results,
@@ -32,7 +27,6 @@ from motorprior.identification.evaluation.free_runs import (
     traces,
 )
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.motor_problem import near_bounds
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.identification.validate import Validation
@@ -41,16 +35,15 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import Split
 from motorprior.progress import WARNING, Notes, Progress
-from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
-SHOWN = ("kp", "kd_over_kp", "delay", "armature", "coulomb", "viscous_damping", "backlash")
-# constant of servo_limits, factor and unit
+# constant of servo_limits, factor to its unit, and unit
 RESPONSE_CONSTANTS = {
-    "delay": ("delay", 1e3, "ms"), "bandwidth": ("rate", 0.5 / np.pi, "Hz"), "dead_band": ("band", 1e3, "mrad")
-}  # fmt: skip
-MIN_RATIO = 1.05  # a constant is identifiable if its maximum over its minimum over the motors exceeds this
+    "delay": ("delay", 1.0, "s"),
+    "bandwidth": ("rate", 0.5 / np.pi, "Hz"),
+    "dead_band": ("band", 1.0, "rad"),
+}
 
 
 def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> Validation:
@@ -70,12 +63,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
     drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
     results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
-    for name, values in named_constants(prior.model, prior.mean, train.gains).items():
-        if name in SHOWN and not (prior.model.gain_unit and name in ("kp", "kd_over_kp")):  # logged gains: not fitted
-            kept = _identified(prior, name, values)
-            results += _constant_results(name, UNITS[name], values, train.joint_names, kept)
     lines = (*warnings, *whole.warnings("prior"))
-    return Validation(results, drawn, [line.removeprefix(WARNING) for line in lines])
+    return Validation(results, drawn, [line.removeprefix(WARNING) for line in lines], prior.constants())
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
@@ -85,16 +74,19 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     runs = {name: whole_runs(with_some_load(log), preset) for name, log in logs.test.items()}
     errors = _errors(logs, runs, models)
     drawn = traces(errors, "servo_limits", runs, models, ("second_order", "servo_limits"))
-    fitted = dict(zip(CONSTANTS, models["servo_limits"].constants.T, strict=True))
-    results, warnings, bounds = error_results(errors, WHOLE_RUN_RMSE), [], at_bounds(models["servo_limits"])
-    for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
-        values, reached = factor * fitted[key], bounds[key]
-        results += _constant_results(name, unit, values, train.joint_names, ~reached)
-        if reached.any():
-            found = [f"{train.joint_names[i]} {values[i]:.3g} {unit}" for i in np.flatnonzero(reached)]
-            problem = f"{name.replace('_', ' ')} at a bound of the search, so not identifiable"
-            warnings.append(f"{problem}: {listed(found, 6)}")
-    return Validation(results, drawn, warnings)
+    responses = models["servo_limits"]
+    fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
+    values = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
+    reached = {name: bounds[key] for name, (key, _, _) in RESPONSE_CONSTANTS.items()}
+    units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
+    warnings = [
+        f"{name} at a bound of the search, so not identifiable: "
+        + listed([f"{train.joint_names[i]} {values[name][i]:.3g} {units[name]}" for i in np.flatnonzero(joints)], 6)
+        for name, joints in reached.items()
+        if joints.any()
+    ]
+    constants = Constants.of(values, units, {name: not joints.any() for name, joints in reached.items()})
+    return Validation(error_results(errors, WHOLE_RUN_RMSE), drawn, warnings, constants)
 
 
 def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, MotorModel]) -> LogErrors:
@@ -112,23 +104,3 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     if described is None or log.stated_kp is not None:
         return {}
     return {"ideal_pd": IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)}
-
-
-def _constant_results(name: str, unit: str, values: np.ndarray, joints: Sequence[str], kept: np.ndarray) -> Results:
-    """A constant of the ``kept`` (J,) joints; its median as unidentified if there are none."""
-    quantity = f"{CONSTANT}{name}"
-    if not kept.any():
-        return Results.of([Result(quantity, unit, float(np.median(values)), statistic=UNIDENTIFIED)])
-    pairs = zip(np.array(joints)[kept].tolist(), values[kept].tolist(), strict=True)
-    return Results.of([Result(quantity, unit, value, part=joint) for joint, value in pairs])
-
-
-def _identified(prior: MotorPrior, name: str, values: np.ndarray) -> np.ndarray:
-    """(M,) motors whose constant is identified, by the training log or as the motors differ in it, within bounds."""
-    differ = np.max(values) / max(np.min(values), 1e-12) > MIN_RATIO
-    kept = np.full(len(values), prior.metrics.get(f"{IDENTIFIED}{name}", 0.0) > 0.0 or differ)
-    model = prior.model
-    assert isinstance(model, GreyBox)
-    names, reached = parameters_of(model.motor.terms), near_bounds(model.decoder_latents(prior.mean))
-    # otherwise latents are no constants
-    return kept & ~reached[:, names.index(name)] if reached.shape[1] == len(names) else kept

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motorprior.actuator.constants import Constants
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
@@ -59,6 +60,7 @@ class Validation(NamedTuple):
     results: Results
     traces: list[Trace]
     warnings: list[str]
+    constants: Constants | None = None  # of the fitted models
 
 
 def validate(

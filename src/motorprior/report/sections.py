@@ -15,7 +15,7 @@ from motorprior.bench.class_behaviour import LOADS, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.evaluation.free_runs import Trace
+from motorprior.identification.validate import Validation
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture
@@ -24,10 +24,10 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.simulation.training import POLICY
-from motorprior.stage import PAGE, read_results
+from motorprior.stage import PAGE, read_results, write_results
 from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 
-_LINES, _TRACES = "lines.json", "traces.png"
+_NOTES, _TRACES = "notes.json", "traces.png"
 
 
 def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
@@ -42,26 +42,28 @@ def samples(prior: MotorPrior) -> Section:
     return _section("Samples of the prior", text, figure, caption)
 
 
-def write_traces(folder: Path, traces: Sequence[Trace], lines: Sequence[str]) -> None:
-    """Write a picture of the traces, and lines for the user, for `models_of_logs`."""
-    (folder / _TRACES).write_bytes(png_bytes(plots.draw_traces(traces)))
-    write_json(folder / _LINES, lines)
+def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ()) -> None:
+    """Write results, a picture of the traces, and notes of a validation, for `models_of_logs`."""
+    write_results(folder, found.results)
+    (folder / _TRACES).write_bytes(png_bytes(plots.draw_traces(found.traces)))
+    constants = [] if found.constants is None else [found.constants.columns, found.constants.cells]
+    write_json(folder / _NOTES, {"lines": [*lines, *found.warnings], "constants": constants})
 
 
 def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
-    results, lines = read_results(folder), read_json(folder / _LINES)
+    results, notes = read_results(folder), read_json(folder / _NOTES)
     tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
-    if constants := log_errors.constants_in(results):
-        tables.append(Table(*log_errors.constant_table(constants), "Constants of your motors, over joints."))
+    if notes["constants"]:
+        tables.append(Table(*notes["constants"], caption="Constants of the motors."))
     for row in results.where(quantity="whole_run_coverage90"):
-        lines.append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
+        notes["lines"].append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
         picture(plots.draw_errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
         Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
-    return Section(title, (text, *lines), pictures, tuple(tables))
+    return Section(title, (text, *notes["lines"]), pictures, tuple(tables))
 
 
 def bench(folder: Path) -> Section:

@@ -314,7 +314,7 @@ def walk_table(config: Study, policies: Sequence[Condition], progress: Progress 
 def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, progress: Progress) -> list[WalkRow]:
     """Train and evaluate one policy."""
     bench, robot = condition.bench, load_robot(condition.bench.robot)
-    policy, folder = _train(robot, condition, progress), bench.out / "watched" / condition.folder
+    policy, folder = _train(robot, condition, progress), bench.out / "walks" / condition.folder
     tested = tuple(each for each in condition.environments if each in environments)
     settings = {
         "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded,
@@ -345,7 +345,7 @@ def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
         randomization=condition.randomization, commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS,
         iterations=bench.iterations, search=search, validation=bench.validation_fleet(robot),
     )  # fmt: skip
-    out = bench.out / "walk" / name
+    out = bench.out / "policies" / name
     train_policy(
         robot, condition.motors, settings, out=out, workers=bench.episodes_at_a_time, executor=bench.executor,
         ray_address=bench.ray_address, name=f"bench {bench.seed}, {name}", progress=progress,

@@ -39,9 +39,8 @@ MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lack
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
 _MAX_SEGMENTS = 20  # of a replay
-# quantities of the quick report: errors of free runs of whole segments and of 1 s, and the prefix of constants
-WHOLE_RUN_RMSE, FREE_RUN_RMSE, CONSTANT = "real_motors_rmse", "real_motors_free_run_rmse", "real_motors_"
-UNIDENTIFIED = "unidentified"  # statistic of a constant that the logs do not identify; its value is the median of a fit
+# quantities of the quick report: errors of free runs of whole segments and of 1 s
+WHOLE_RUN_RMSE, FREE_RUN_RMSE = "real_motors_rmse", "real_motors_free_run_rmse"
 
 
 def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndarray:
@@ -225,22 +224,3 @@ def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[s
         for model, errors in errors_by_joint(results, quantity).items():
             rows.setdefault(model, [model]).extend(summary(errors))
     return ["model", *columns], list(rows.values())
-
-
-def constant_table(constants: Mapping[str, Sequence[float] | np.ndarray]) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per constant with its minimum, median and maximum over motors, or "not identifiable"."""
-    rows = []
-    for name, values in constants.items():
-        cells = [f"{value:.3g}" for value in np.quantile(values, [0.0, 0.5, 1.0])] if len(values) else []
-        rows.append([name, *(cells or ("", "not identifiable", ""))])
-    return ["constant", "minimum", "median", "maximum"], rows
-
-
-def constants_in(results: Results) -> dict[str, list[float]]:
-    """Constants of a quick report, by name and unit: a value per motor, or none if the logs do not identify it."""
-    found: dict[str, list[float]] = {}
-    for row in results:
-        if row.quantity.startswith(CONSTANT) and row.quantity not in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
-            name = row.quantity.removeprefix(CONSTANT).replace("_", " ") + f" [{row.unit}]"
-            found.setdefault(name, []).extend([] if row.statistic == UNIDENTIFIED else [row.value])
-    return found
