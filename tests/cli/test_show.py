@@ -1,4 +1,4 @@
-"""`motorprior show` prints what a file holds."""
+"""`motorprior show` prints what a file holds, and `motorprior export` writes motors."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -30,3 +30,9 @@ def test_a_log_a_prior_a_posterior_a_policy_a_fleet_and_a_robot_are_shown(
     missing = motorprior("show", tmp_path / "posterior.safetensors")
     assert missing.code == 2 and "--prior" in missing.err
     assert "0.4 (pan)" in motorprior("show", tmp_path / "posterior.safetensors", "--prior", prior).out
+
+
+def test_samples_of_a_prior_are_exported_with_their_loss(motorprior: Callable[..., Any], prior: Path, tmp_path: Path):
+    done = motorprior("export", prior, "--format", "table", "--motors", 2, "--out", tmp_path / "motors")
+    assert done.code == 0 and "mrad" in done.err + done.out
+    assert len(list((tmp_path / "motors").iterdir())) > 0

@@ -30,8 +30,9 @@ class Identify:
     """Folder for prior.safetensors."""
     preset: str = "rollout"
     """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for real servos),
-    quick (long_runs without a search for optional terms), paper (torque regression), or one of the baselines
-    per_motor, latent_network, one_network, actuator_net, paper_wide."""
+    quick (long_runs without a search for optional terms), rigid (quick with stiff gears, for legs whose gears the logs
+    do not identify), paper (torque regression), or one of the baselines per_motor, latent_network, one_network,
+    actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None

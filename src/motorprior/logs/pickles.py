@@ -61,7 +61,7 @@ _STORAGES = {
 # (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and Python, and tensors
 _ALLOWED: dict[tuple[str, str], Any] = {
     ("_codecs", "encode"): codecs.encode,
-    **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), bytes),
+    **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), lambda: b""),  # others are literals
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): _NumberType,
     ("torch._utils", "_rebuild_tensor_v2"): _view,

@@ -76,6 +76,8 @@ CASES: dict[str, tuple[str, str, int | None, Callable[[MotorLog], MotorLog]]] = 
         "torque_sign", "warning", 0,
         lambda log: replace(log, joint_torque=5.0 * (log.joint_pos - log.position_target), load_inertia=None),
     ),
+    "reversed torque of a load": ("torque_sign", "warning", 0, changed(joint_torque=np.negative)),
+    "torque in N·cm": ("torque_scale", "warning", 0, changed(joint_torque=lambda torque: 100.0 * torque)),
     "|current|": ("unsigned_torque", "warning", 0, changed(joint_torque=np.abs)),
 }  # fmt: skip
 """Check, severity and first row (None for any) of a change to a healthy log."""

@@ -3,12 +3,15 @@
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from motorprior.artifacts import MAX_BYTES
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
 from motorprior.logs.readers.motor_log_file import METADATA_KEY, read_parquet, write_log
+from motorprior.logs.readers.table import parquet_table
 
 
 def rewrite(path, **header):
@@ -55,3 +58,11 @@ def test_other_parquet_files_are_refused(written):
     pq.write_table(pq.read_table(written).replace_schema_metadata(None), other)
     with pytest.raises(LogError, match="no motorprior header"):
         read_parquet(other)
+
+
+def test_a_small_file_that_unpacks_to_much_is_refused(tmp_path):
+    path = tmp_path / "equal.parquet"
+    pq.write_table(pa.table({"t": np.zeros(MAX_BYTES // 8 + 1, np.int8)}), path)
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(LogError, match=f"more than {MAX_BYTES} bytes"):
+        parquet_table(path)

@@ -32,6 +32,11 @@ def test_a_pickle_calls_nothing_else(tmp_path: Path, function):
     assert victim.exists()
 
 
+def test_a_small_pickle_cannot_ask_for_much_memory():
+    with pytest.raises(LogError, match="not a complete pickle"):
+        load_pickle(b"cbuiltins\nbytes\n(I1000000000000\ntR.")
+
+
 def test_a_truncated_pickle_is_an_error():
     with pytest.raises(LogError, match="not a complete pickle"):
         load_pickle(pickle.dumps([1.0, 2.0])[:-3])

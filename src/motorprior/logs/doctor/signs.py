@@ -1,4 +1,4 @@
-"""Checks of signs: joint_torque against the motion, and joints against the gravity of the robot's model."""
+"""Checks of signs: joint_torque against motion or load, and joints against the gravity of the robot's model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from motorprior.robots.robot import Robot
 MAX_OFFSET = 0.01  # maximum, between angle and command [rad]; a larger one would absorb gravity that barely changes
 MIN_GAIN = 0.25  # reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has 0.14
 MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
-MIN_ROWS = 20  # of steady motion
+MIN_ROWS = 20  # of steady motion, and of a window with a known load
+MAX_RATIO = 3.0  # of a torque over that of its load [-]; friction and armature explain less
+_REVERSE = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
 
 
 def torque_sign(window: MotorLog) -> Iterator[Finding]:
@@ -34,15 +36,38 @@ def torque_sign(window: MotorLog) -> Iterator[Finding]:
         remedy = f"it is the magnitude of a current: leave it out of the file, or {IN_MAP}"
         yield Finding("warning", "unsigned_torque", float(low), message, remedy, joint)
         return
+    if window.load_inertia is not None and window.external_torque is not None:
+        yield from _against_load(window)
+        return
     error, work = window.position_target[:, 0] - angle, 0.5 * (torque[1:] + torque[:-1]) * np.diff(angle)
     share = float(work.sum() / max(np.abs(work).sum(), 1e-300))
     correlation = float(np.corrcoef(torque, error)[0, 1]) if np.ptp(error) > 0.0 else 0.0
-    if window.load_inertia is not None or (correlation >= -0.5 and (share >= -0.3 or correlation > 0.0)):
+    if correlation >= -0.5 and (share >= -0.3 or correlation > 0.0):
         return
     message = f"joint_torque/{joint} pushes away from the command: correlation {correlation:.2f} with the position "
     message += f"error, {share:+.2f} of the work goes into the joint"
-    remedy = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
-    yield Finding("warning", "torque_sign", correlation, message, remedy, joint)
+    yield Finding("warning", "torque_sign", correlation, message, _REVERSE, joint)
+
+
+def _against_load(window: MotorLog) -> Iterator[Finding]:
+    """A torque that opposes that of the known load, J·q̈ - external torque, or has another scale."""
+    assert window.joint_torque is not None and window.load_inertia is not None and window.external_torque is not None
+    half = max(1, round(0.02 / window.period))
+    if window.num_rows < MIN_ROWS + 2 * half:
+        return
+    angle, rows, joint = window.joint_pos[:, 0], slice(half, -half), window.joint_names[0]
+    acceleration = (angle[2 * half :] - 2.0 * angle[rows] + angle[: -2 * half]) / (half * window.period) ** 2
+    load = window.load_inertia[rows, 0] * acceleration - window.external_torque[rows, 0]
+    torque = window.joint_torque[rows, 0]
+    correlation = float(np.corrcoef(torque, load)[0, 1]) if np.ptp(load) > 0.0 else 0.0
+    ratio = float(np.std(torque) / max(np.std(load), 1e-300))
+    message = f"joint_torque/{joint} has a correlation of {correlation:.2f} with the torque of its known load, and "
+    message += f"{ratio:.2g} times its standard deviation"
+    if correlation < -0.5:
+        yield Finding("warning", "torque_sign", correlation, message, _REVERSE, joint)
+    elif correlation > 0.8 and not 1.0 / MAX_RATIO <= ratio <= MAX_RATIO:
+        remedy = f"convert it to N·m at the joint in the file, or {IN_MAP} by scale; or correct the load"
+        yield Finding("warning", "torque_scale", ratio, message, remedy, joint)
 
 
 def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.artifacts import read_bytes, require_file
+from motorprior.artifacts import read_bytes, require_file, require_size
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import COPY_AGAIN, CORRECT, bad_value, missing_column, unreadable
@@ -135,6 +135,10 @@ def parquet_table(path: Path, names: Sequence[str] | None = None) -> Any:
     require_file(path, LogError)
     try:
         with pq.ParquetFile(path) as file:
+            groups, rows = range(file.num_row_groups), file.metadata.num_rows
+            unpacked = sum(file.metadata.row_group(each).total_byte_size for each in groups)
+            # equal numbers are packed in every size that the file states
+            require_size(max(unpacked, 8 * rows * file.metadata.num_columns), path, LogError)
             wanted = None if names is None else required_columns(file.schema_arrow.names, names, path)
             table = file.read(columns=wanted)
     except (pa.ArrowException, OSError) as error:
