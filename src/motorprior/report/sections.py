@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
-from motorprior.bench.class_behaviour import LOADS, class_behaviours
+from motorprior.bench.class_behaviour import LOAD, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import errors as log_errors
@@ -37,7 +37,7 @@ def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table
 def samples(prior: MotorPrior) -> Section:
     """Behaviour of samples of each class of joints, and where their spread comes from."""
     figure = plots.draw_class_behaviours(class_behaviours(prior))
-    caption = f"Responses on a load of {LOADS[1]:g} times the armature, and friction; a row per class of joints."
+    caption = f"Responses on a load of {LOAD:g} times the armature, and friction; a row per class of joints."
     text = " ".join(f"{line[0].upper()}{line[1:]}." for line in prior.spread_notes())
     return _section("Samples of the prior", text, figure, caption)
 
