@@ -41,7 +41,7 @@ class RobotChoice:
 
 @dataclass(frozen=True)
 class Deploy(DeploySettings, RobotChoice):
-    """Walk a robot: check, arm, stand up, walk, sit down, record."""
+    """Run a policy on a robot."""
 
     policy: tyro.conf.Positional[Path] = field(kw_only=True)
     """Policy that `motorprior walk` wrote."""
@@ -49,12 +49,12 @@ class Deploy(DeploySettings, RobotChoice):
 
 @dataclass(frozen=True)
 class Record(RecordSettings, RobotChoice):
-    """Excite the motors of a suspended or standing robot and record them."""
+    """Excite and record the motors of a robot."""
 
 
 @dataclass(frozen=True)
 class Doctor(RobotChoice):
-    """Check a robot's telemetry: frames, age, IMU, joints, currents. Sends nothing, unless --idle."""
+    """Check a robot's telemetry; sends nothing without --idle."""
 
     seconds: float = 3.0
     """Duration of the check [s]."""

@@ -72,7 +72,7 @@ def logs_check(config: LogsCheck) -> None:
 
 @dataclass(frozen=True)
 class Show:
-    """Print what a file holds: constants of a prior, posterior or fleet with units and ranges, a log, or a policy."""
+    """Print what a file holds, such as a prior's constants."""
 
     file: Path
     """A .safetensors of identify, adapt or walk, a log in any format, a .toml file of a fleet or robot, or a shipped
@@ -198,15 +198,12 @@ def play(config: Play) -> None:
 
 @dataclass(frozen=True)
 class TransferCommand(Transfer, Study):
-    """Evaluate policies in their training simulation and on the twin: unseen motors, 1 kHz, encoder noise.
-
-    With --study, policies are trained on each model of a bench's motors, with several seeds, and evaluated in their
-    training simulation and four environments; the folder gets walks.csv, figures.json and report.html.
-    """
+    """Evaluate policies on held-out robots, or run the study."""
 
     walks: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
-    """Run the whole study, about three hours on two cores; a rerun resumes. Study options require it."""
+    """Train policies on each model of a bench's motors, and evaluate them in their training simulation and in four
+    environments: about three hours on two cores; a rerun resumes. Study options require it."""
 
 
 def transfer(config: TransferCommand) -> None:
@@ -233,7 +230,7 @@ def transfer(config: TransferCommand) -> None:
 
 @dataclass(frozen=True)
 class Report:
-    """Write a page of trained policies: learning curves and films."""
+    """Write a page of trained policies."""
 
     run: Path
     """Folder that `motorprior walk` wrote, or a folder of such folders."""

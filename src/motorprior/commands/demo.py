@@ -42,10 +42,7 @@ _PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 @dataclass(frozen=True)
 class Demo:
-    """The paper's experiment in minutes: do policies trained on learned motors walk on robots they have never seen?
-
-    A rerun continues where the last one stopped.
-    """
+    """Run the paper's experiment in minutes; a rerun resumes."""
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""

@@ -25,7 +25,7 @@ from motorprior.robots.load import load_robot
 
 @dataclass(frozen=True)
 class Excite:
-    """Learn an excitation that looks like runs of a robot; play it with `bench` or `record`."""
+    """Learn an excitation that looks like runs of a robot."""
 
     runs: tuple[Path, ...]
     """Logs in any format of docs/logs.md: recordings of `deploy` and `record`, logs of `simulate`, imported logs."""

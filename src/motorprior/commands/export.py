@@ -15,7 +15,7 @@ from motorprior.progress import SILENT, Progress
 
 @dataclass(frozen=True)
 class Export:
-    """Write sampled motors for another simulator, and measure what the format loses."""
+    """Write sampled motors for another simulator."""
 
     motors_of: Path
     """Prior, or posterior with --prior."""

@@ -21,7 +21,7 @@ from motorprior.progress import SILENT, Progress
 
 @dataclass(frozen=True)
 class Identify:
-    """Learn a motor prior from the log of a bench, or from logs of a suspended robot."""
+    """Learn a motor prior from motor logs."""
 
     bench: Path | tuple[Path, ...]
     """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different

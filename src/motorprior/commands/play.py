@@ -29,7 +29,7 @@ _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "
 
 @dataclass(frozen=True)
 class Play:
-    """Render policies as a film and measure their walks. Several walks are shown one below the other."""
+    """Render walks of policies as a film and measure them."""
 
     policies: tuple[Path, ...]
     """Policies, or folders that `motorprior walk` wrote."""

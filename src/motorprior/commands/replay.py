@@ -26,7 +26,7 @@ from motorprior.studies.log_replay import PostureName, Replayer, motors_with_log
 
 @dataclass(frozen=True)
 class Replay:
-    """Replay the commands of real logs on simulated motors and compare the joint angles."""
+    """Replay the commands of real logs on simulated motors."""
 
     logs: Path
     """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""

@@ -22,7 +22,7 @@ LOG = "log.parquet"
 
 @dataclass(frozen=True)
 class Simulate:
-    """Excite a simulated robot, with a fixed base or suspended, and record a motor log."""
+    """Excite a simulated robot and record a motor log."""
 
     out: Path
     """Folder for log.parquet."""

@@ -27,7 +27,7 @@ from motorprior.studies.transfer import study_walks
 
 @dataclass(frozen=True)
 class Transfer:
-    """Evaluate policies in their training simulation and on the twin: unseen motors, 1 kHz, encoder noise."""
+    """Evaluate policies in their training simulation and on the twin."""
 
     walks: tuple[Path, ...]
     """Folders of `motorprior walk`; seeds of one actuator model are averaged."""

@@ -28,7 +28,7 @@ from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 @dataclass(frozen=True)
 class Validate:
-    """Measure how far simulated motors are from the physical ones, in closed loop, on held-out excitation."""
+    """Compare priors with the physical motors of a bench."""
 
     priors: tuple[Path, ...]
     """Prior files that `motorprior identify` wrote, all from benches of the same motors."""

@@ -18,7 +18,7 @@ from motorprior.stage import PAGE, description, is_finished, read_results, worki
 
 @dataclass(frozen=True)
 class ValidateLog:
-    """Measure the errors of a prior's motors and of baselines in free runs on a held-out log."""
+    """Compare a prior and baselines on a held-out log."""
 
     prior: Path
     """Prior that `motorprior identify` wrote from other logs of the robot that the log names."""
