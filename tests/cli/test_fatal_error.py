@@ -54,3 +54,11 @@ def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tm
     assert int(state["iteration"]) == len(header["curve"]) == 10
     assert not (tmp_path / "walk" / "stage.json").exists() and not list(tmp_path.glob("MUJOCO_LOG*"))
     assert run("-m", "motorprior.cli.main").returncode == 0
+
+
+def test_a_reader_that_ends_early_is_no_error():
+    words = [sys.executable, "-m", "motorprior", "--help"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.wait(timeout=120.0) == 141 and process.stderr.read() == ""

@@ -143,6 +143,9 @@ def main() -> None:
         RUN[type(config)](config)
     except MotorPriorError as error:
         _fail(error.on_command_line())
+    except BrokenPipeError:  # the reader of the output, such as `head`, has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(141) from None
     except OSError as error:  # a folder that disappears, a full disk
         where = f"{error.filename}: " if error.filename is not None else ""
         _fail(f"{where}{error.strerror or error} -> check the path, its permissions and the free space")
