@@ -29,3 +29,13 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     for one, other in zip(found.arrays, walked.arrays, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found.provenance["own_return"] == walked.provenance["own_return"]
+
+
+def test_a_folder_needs_motors_that_can_be_found_again(tmp_path: Path):
+    with pytest.raises(mp.ConfigError, match="out needs motors and start of files"):
+        mp.train_policy(PUPPER_V2, mp.load_fleet("pupper_v2"), out=tmp_path, **SHORT)
+    first = mp.train_policy(PUPPER_V2, "fleet", out=tmp_path, **SHORT)
+    written = (tmp_path / POLICY).stat().st_mtime_ns
+    again = mp.train_policy(PUPPER_V2, "fleet", out=tmp_path, **SHORT)
+    np.testing.assert_array_equal(again.arrays.weights, first.arrays.weights)
+    assert (tmp_path / POLICY).stat().st_mtime_ns == written
