@@ -90,7 +90,7 @@ class Header:
     file: str  # default name
     command: str  # writes it
 
-    def write(self, **entries: Any) -> dict[str, Any]:
+    def make(self, **entries: Any) -> dict[str, Any]:
         """The header with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 

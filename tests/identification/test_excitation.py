@@ -93,4 +93,4 @@ def test_the_plan_prefers_motion_and_shrinks_every_constant():
         assert plan.seconds == pytest.approx(1.28 * len(plan.windows))
     hip, knee = (np.mean(list(plan.after.values())) for plan in plans)
     assert knee < hip  # larger motion
-    assert made.play == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)
+    assert made.method == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)

@@ -224,9 +224,9 @@ def step(
             integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
         )
         push = push + state.integral
-    for law_of_term in (TERMS[name].law for name in terms):
-        if law_of_term is not None:
-            push = law_of_term(p, push, v, arithmetic)
+    for control_law_of_term in (TERMS[name].law for name in terms):
+        if control_law_of_term is not None:
+            push = control_law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
     old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the control law
     if "current" in terms:

@@ -354,7 +354,7 @@ class MotorPrior(Printable):
             network |= {name: getattr(model, name) for name in _SCALES}
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
-        header = _HEADER.write(
+        header = _HEADER.make(
             units=_UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
             period=model.period, network=network, grey_box=isinstance(model, GreyBox),
             standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,

@@ -152,7 +152,7 @@ class LearnedExcitation:
     Targets are relative to the joint's mean target in its run [rad], external torques in N·m.
     """
 
-    play: str  # how streams are made: one of MAKERS
+    method: str  # one of MAKERS, makes the streams
     classes: tuple[str, ...]  # C joint classes
     period: float  # control period, of a frame [s]
     windows: np.ndarray  # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
@@ -167,11 +167,11 @@ class LearnedExcitation:
     jumps: ClassVar[bool] = False
     is_bounded: ClassVar[bool] = True
 
-    def playing(self, play: str) -> LearnedExcitation:
-        """The same runs, played in another way of MAKERS; raises `ConfigError` without a generator."""
-        if play == "generated" and not self.weights:
+    def with_method(self, method: str) -> LearnedExcitation:
+        """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""
+        if method == "generated" and not self.weights:
             raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="play")
-        return replace(self, play=play)
+        return replace(self, method=method)
 
     def within(self, limits: Bounds) -> LearnedExcitation:
         """The same with bounds that are at most these limits, each a number."""
@@ -203,7 +203,7 @@ class LearnedExcitation:
 
     def frames(self, rng: Rng, frames: int, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Targets (frames, n) [rad] and external torques (frames·SUB, n) [N·m] of joints of classes ``which`` (n,)."""
-        raw = MAKERS[self.play](self, rng, frames + BURN_IN + 1, which)
+        raw = MAKERS[self.method](self, rng, frames + BURN_IN + 1, which)
         limits = Bounds(*self.bounds[which].T)
         target = bounded(raw[..., 0], limits, self.period)[BURN_IN:]
         torque = soft(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
@@ -212,8 +212,8 @@ class LearnedExcitation:
     def save(self, path: Path) -> None:
         """Write it as one safetensors file."""
         tensors = {name: getattr(self, name) for name in _TENSORS} | dict(self.weights)
-        entries = {"play": self.play, "classes": list(self.classes), "period": self.period}
-        header = _HEADER.write(**entries, provenance=dict(self.provenance))
+        entries = {"play": self.method, "classes": list(self.classes), "period": self.period}
+        header = _HEADER.make(**entries, provenance=dict(self.provenance))
         write_tensors(path, {name: np.asarray(value, np.float64) for name, value in tensors.items()}, header)
 
     @classmethod

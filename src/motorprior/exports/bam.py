@@ -38,7 +38,7 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import TABLE, number, one_of, require
 from motorprior.exceptions import ConfigError
-from motorprior.exports.exporter import Constants, Exporter, Request, one_motor
+from motorprior.exports.exporter import ConstantArrays, Exporter, Request, one_motor
 from motorprior.identification.physics.motor_problem import encoded
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
@@ -122,7 +122,7 @@ class BamMotor:
         return out
 
 
-def motors_of(values: Constants, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
+def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
     """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms."""
     raw = encoded({**values, "kd_over_kp": values["kd"] / values["kp"]}, terms).T
     center = raw.mean(axis=0)
@@ -190,7 +190,7 @@ def _write(request: Request) -> list[Path]:
     return files
 
 
-def _replay(values: Constants, given: Trial) -> np.ndarray:
+def _replay(values: ConstantArrays, given: Trial) -> np.ndarray:
     """(steps, n) joint angles [rad] of BAM's control law and its own integration."""
     servos = [BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))]
     return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)

@@ -78,7 +78,7 @@ class ControlLoop:
         self._slow_host = SlowHost(limits, self._period)
         self._deadline, self._paused = time.monotonic() + self._period, False
 
-    def play(
+    def run_motion(
         self,
         motion: Motion,
         mode: Mode,

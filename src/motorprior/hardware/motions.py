@@ -113,7 +113,7 @@ def walk(
             return motion(measurement)
 
         with steering as operator:
-            loop.play(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
+            loop.run_motion(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
 
     session.run(work, stopping=motion.stopping)
 
@@ -237,6 +237,6 @@ def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
             session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
+        loop.run_motion(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
 
     session.run(work, crouch=not suspended)

@@ -139,7 +139,7 @@ class Session:
         """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
         gate = self.link.gate
         gate.slow, start = True, pose if gate.target is None else gate.target
-        loop.play(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
+        loop.run_motion(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
 
     def _descend(self, fault: RobotFault | None = None) -> None:
         """Slow down, then crouch; after a fault in the descent it continues from there."""
@@ -155,7 +155,7 @@ class Session:
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
         loop = ControlLoop(link, lenient, lambda: False)  # a stop of the previous motion must not stop this one
         if self._stopping is not None:
-            loop.play(self._stopping(), Mode.WALK)
+            loop.run_motion(self._stopping(), Mode.WALK)
         self._stopping = None
         self._ramp(loop, link.robot.require_wire().crouch_pose, Mode.CROUCH)
 

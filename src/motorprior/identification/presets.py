@@ -11,7 +11,7 @@ from motorprior.actuator.motor_prior import FROZEN, MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
+from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, channels
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Preset:
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
     # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
     firmware: tuple[tuple[str, float], ...] = ()
-    # logged channels of `motor_log.CONDITIONS`, each with its minimum over segment means, its median and its maximum
+    # logged OPERATING_CONDITIONS, each with its minimum over segment means, its median and its maximum
     # [V], [°C]; constants are those at the medians
     conditions: tuple[tuple[str, float, float, float], ...] = ()
     # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
@@ -160,7 +160,7 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
     if log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     conditions = []
-    for name in sorted(CONDITIONS.keys() & channels(log).keys()):
+    for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):
         means = np.array([part.conditions[name] for part in log.segments()])
         nominal = np.median(channels(log)[name])
         conditions.append((name, float(means.min()), float(nominal), float(means.max())))

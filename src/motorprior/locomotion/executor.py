@@ -25,7 +25,7 @@ from typing import Any, Literal, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 Kind = Literal["threads", "ray"]
 RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
@@ -64,10 +64,10 @@ class ThreadExecutor:
             self._idle.put(simulator)
         self._pool = ThreadPoolExecutor(workers)
 
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
         """Results in the order of ``tasks``; the function may depend on its arguments only."""
 
-        def run(task: Any) -> Result:
+        def run(task: Any) -> T:
             simulator = self._idle.get()
             try:
                 return function(simulator, shared, task)
@@ -94,7 +94,7 @@ class RayExecutor:
         options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
         self._run = self._ray.remote(_run_chunk).options(**options)
 
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
         """See `ThreadExecutor.map`.
 
         Raises:

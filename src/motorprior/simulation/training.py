@@ -22,7 +22,7 @@ from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, make_executor, require_executor
-from motorprior.locomotion.policy import WEIGHT, Policy
+from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
@@ -150,7 +150,7 @@ Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Ite
 
 def other_weight(policy: Policy, robot: Robot) -> str:
     """A warning if a policy was trained on a robot of another weight, otherwise empty."""
-    trained = policy.provenance.get(WEIGHT, robot.weight)
+    trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
@@ -286,6 +286,6 @@ class Training:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
-        found |= {WEIGHT: self.robot.weight}
+        found |= {ROBOT_WEIGHT: self.robot.weight}
         gait, provenance = self.settings.gait, settings | found | provenance
         return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)

@@ -5,8 +5,8 @@ measures by name, see `gait_quality.walk_measures`. The draw is the number of th
 same for every policy of the bench in an environment.
 
 Scores are (benches, policies, draws), NaN if undefined. A bench is a random effect: intervals are those of the mean of
-the benches' statistics, so that they contain the differences between benches, policies and samples. Those of a single
-bench are over its samples: they contain no difference between trainings.
+the benches' statistics, which includes the variation between benches, policies and samples. Intervals of a single bench
+are over its samples and exclude variation between trainings.
 """
 
 from __future__ import annotations

@@ -267,7 +267,7 @@ def _without(
     useless = without.loss * (1.0 - MIN_SAVING) < fit.loss
     kept = GaussianPrior(select(useless, mean, prior.mean), select(useless, precision, prior.precision))
     chosen = np.flatnonzero(useless)
-    return fit.replaced(chosen, without.of(chosen)), kept
+    return fit.replaced(chosen, without.subset(chosen)), kept
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:

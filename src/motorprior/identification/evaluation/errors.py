@@ -168,7 +168,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     found = []
     if static := static_joints(log):
         found.append(
-            f"warning: did not move: {', '.join(static)}; their constants and errors mean nothing -> exclude these "
+            f"warning: did not move: {', '.join(static)}; their constants are not identifiable -> exclude these "
             "joints, or record them in motion"
         )
     for name, lowest, nominal, highest in recipe.conditions:

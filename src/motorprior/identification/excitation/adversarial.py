@@ -28,7 +28,7 @@ DECAY = 0.995  # of the moving average
 _LAYERS, _TAPS, _STRIDE = 3, 5, 2  # convolutions of the critic
 _STREAM = 53
 Weights: TypeAlias = dict[str, Any]
-Report = Callable[[int, str], None]  # (steps made, text)
+ReportProgress = Callable[[int, str], None]  # (steps made, text)
 
 
 def train_generator(
@@ -37,7 +37,7 @@ def train_generator(
     seed: int,
     checkpoint: Path | None = None,
     identity: Mapping[str, Any] | None = None,
-    report: Report = lambda count, text: None,
+    report: ReportProgress = lambda count, text: None,
 ) -> dict[str, np.ndarray]:
     """Weights of a generator of windows like those of ``runs``; same arguments, same bytes.
 

@@ -79,7 +79,7 @@ def fit_excitation(
             weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
         progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
-    found = replace(found.playing(play), provenance=origin)
+    found = replace(found.with_method(play), provenance=origin)
     if out is not None:
         found.save(Path(out))
         Path(out).with_suffix(".checkpoint").unlink(missing_ok=True)

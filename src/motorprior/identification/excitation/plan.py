@@ -66,7 +66,7 @@ def active(
         kept.append(windows[plans[-1].windows])
     chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
     rest = np.zeros(len(chosen))
-    made = replace(excitation, play="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
+    made = replace(excitation, method="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
     return made, plans
 
 

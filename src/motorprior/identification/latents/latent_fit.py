@@ -46,7 +46,7 @@ _SAME = 1e-9  # up to this standard deviation of a latent, training motors diffe
 
 
 @dataclass(frozen=True)
-class Posterior:
+class LatentPosterior:
     """Posterior of M motors with Z latents each."""
 
     mean: np.ndarray  # (M, Z)
@@ -72,7 +72,7 @@ def fit_posterior(
     temperature: float,
     start: np.ndarray | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Posterior:
+) -> LatentPosterior:
     """The posterior of every motor in ``data``.
 
     ``temperature`` is T, the mean window loss of the prior's training motors (`reference.reference_metrics`), ``start``
@@ -89,7 +89,7 @@ def fit_posterior(
     # damped steps end before they reach the mean
     found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
     likelihood *= (temperature / np.maximum(found.loss, temperature))[:, None, None]
-    return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
+    return LatentPosterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
 def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:

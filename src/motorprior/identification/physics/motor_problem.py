@@ -86,7 +86,7 @@ def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
 
 
 def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> tuple[np.ndarray, np.ndarray]:
-    """The simplest motor that is nested in those with these terms, and (K,) the constants that it lacks.
+    """The simplest motor that is nested in those with these terms, and (K,) its missing constants.
 
     Limits and optional terms have no effect, and the gear is rigid with Coulomb and viscous friction.
     """
@@ -96,8 +96,8 @@ def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) ->
     raw = np.where(np.isin(names, (*NEGLIGIBLE, "torque_limit")), simple, center)
     raw += np.array([np.log(RIGID.get(name, 1.0)) for name in names])
     fixed = fixed_constants(terms, runs)
-    lacks = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
-    return np.where(fixed, center, raw), lacks
+    missing = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
+    return np.where(fixed, center, raw), missing
 
 
 def with_more_terms(raw: np.ndarray, before: tuple[str, ...], terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:

@@ -42,7 +42,7 @@ class LogReport:
 
     findings: tuple[Finding, ...]
 
-    def of(self, check: str) -> tuple[Finding, ...]:
+    def by_check(self, check: str) -> tuple[Finding, ...]:
         """Findings of one check."""
         return tuple(finding for finding in self.findings if finding.check == check)
 

@@ -29,7 +29,7 @@ TEST_SECONDS = 120.0
 
 
 @dataclass(frozen=True)
-class RealMotors:
+class QuickReport:
     """Fit models to the motors of real logs, and evaluate them on held-out logs."""
 
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
@@ -40,7 +40,7 @@ class RealMotors:
     robot: str = DEFAULT_ROBOT  # name or .toml file of the robot of the logs; not used for logs with other joints
 
 
-def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
+def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
@@ -52,7 +52,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
     return read_results(config.out)
 
 
-def read_logs_of(config: RealMotors) -> LogFolder:
+def read_logs_of(config: QuickReport) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
@@ -72,7 +72,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     return found
 
 
-def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
+def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
     from motorprior.report.sections import write_validation  # here: it imports matplotlib
 
@@ -92,7 +92,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     write_validation(config.out, found, [*lines, loads, logs.rule])
 
 
-def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
+def _without_gaps(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
@@ -108,7 +108,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
 
 
 def loads_of(
-    config: RealMotors, logs: dict[str, MotorLog], robot: Robot | None
+    config: QuickReport, logs: dict[str, MotorLog], robot: Robot | None
 ) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
     """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
     if all(log.load_inertia is not None and log.external_torque is not None for log in logs.values()):
