@@ -32,7 +32,7 @@ class Schema:
     """Declaration of a table."""
 
     fields: Mapping[str, Field]  # key -> declared value
-    remedy: str  # for errors
+    remedy: str  # remedy in errors
     optional: frozenset[str] = frozenset()  # keys that may be missing
     name: str = ""  # of the table, if a file has several
 
@@ -83,10 +83,10 @@ def check_tensors(
 class Header:
     """Declaration of the JSON header of an artefact."""
 
-    kind: str  # of artefact
+    kind: str  # kind of artefact
     version: int  # of the header's keys
     fields: Mapping[str, Field]  # key -> declared value
-    remedy: str  # for errors
+    remedy: str  # remedy in errors
     file: str  # default name
     command: str  # writes it
 

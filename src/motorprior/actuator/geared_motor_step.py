@@ -155,7 +155,7 @@ class Arithmetic(NamedTuple):
     clip: Callable[[Values, Values], Values]  # (x, limit): x within ±limit
     positive_part: Callable[[Values], Values]  # max(x, 0); NaN stays NaN
     with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude with the sign of ``other``
-    sqrt: Callable[[Values], Values]  # of numbers >= 0
+    sqrt: Callable[[Values], Values]  # defined for numbers >= 0
 
 
 def step(

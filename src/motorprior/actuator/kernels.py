@@ -44,8 +44,8 @@ class ActuatorKind:
     The functions are compiled (``njit``), write into their last argument and do not raise. Vectors are (n,) float64.
     """
 
-    name: str  # in files and figures
-    title: str  # in reports
+    name: str  # name in files and figures
+    title: str  # name in reports
     reset: Any  # (arrays, position_target [rad], joint_pos [rad]) resets the memory to a static motor
     # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
     # torque of the coming step, and ``arrays.damping`` if it changes

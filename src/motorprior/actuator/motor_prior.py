@@ -142,8 +142,8 @@ class MotorPrior(Printable):
     robot: str
     motor: str  # motor model
     provenance: dict[str, Any]  # source of the logs (for a bench, its fleet with all distributions), recipe, seed
-    metrics: dict[str, float]  # of the training
-    joint_names: tuple[str, ...] = ()  # of the training motors; none for a bench
+    metrics: dict[str, float]  # metrics of the training
+    joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
     gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     stated_classes: JointClasses | None = None  # `classes`; None: one class
     # (M,) residual of each training motor over that of all at its speeds (`reference.residual_scale`) [-]; none: 1

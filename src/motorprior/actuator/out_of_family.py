@@ -126,7 +126,7 @@ class OutOfFamilyMotors(TrueMotors):
     position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
     position_phase: Annotated[np.ndarray, "rad"]
     backlash: Annotated[np.ndarray, "rad"]  # full play
-    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # at first contact, without the slider
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness at first contact, without the slider
     gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
     gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
     slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider

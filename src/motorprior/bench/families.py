@@ -16,7 +16,7 @@ from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import MotorParameters, TrueMotors
 from motorprior.exceptions import ConfigError
 
-MAX_VALUE = 1e9  # of parameters without another bound
+MAX_VALUE = 1e9  # upper bound of parameters without another bound
 _SECONDS = ("delay", "servo_period", "velocity_filter")  # parameters of at most 1 s
 _SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase")
 
@@ -25,7 +25,7 @@ _SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "positi
 class Family:
     """Motors with the same equations; the parameters are the fields of ``make``, with kd_over_kp [s] instead of kd."""
 
-    name: str  # in a fleet file and in bench.json
+    name: str  # name in a fleet file and in bench.json
     motor: str  # description for the report
     kind: ActuatorKind
     make: type[MotorParameters | OutOfFamilyMotors]

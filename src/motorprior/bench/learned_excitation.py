@@ -28,8 +28,8 @@ BURN_IN = 50  # frames before a stream, in which it gets up to speed
 FADE = 10  # frames of a cross-fade between two windows
 NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
 STYLE_FRAMES = 250  # after which the slow inputs have changed
-HARMONICS = 2  # of the gait's phase that the generator gets
-NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # of the generator's convolutions
+HARMONICS = 2  # harmonics of the gait's phase: inputs of the generator
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # channels, taps and dilations of the generator's convolutions
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
 _MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
@@ -162,7 +162,7 @@ class LearnedExcitation:
     scales: np.ndarray  # (C, 1 + SUB) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
     load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²]
-    weights: Mapping[str, np.ndarray] = field(default_factory=dict)  # of the generator; none if it was not trained
+    weights: Mapping[str, np.ndarray] = field(default_factory=dict)  # of the generator; empty if not trained
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
     jumps: ClassVar[bool] = False
     is_bounded: ClassVar[bool] = True

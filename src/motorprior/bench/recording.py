@@ -34,7 +34,7 @@ class BenchPreset:
     segment_steps: int  # samples per contiguous recording
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
     kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS` or files, cycled over the segments
-    hold_steps: int  # in every second segment, targets are held for so many samples
+    hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
 
     def with_excitation(self, file: Path | None) -> BenchPreset:

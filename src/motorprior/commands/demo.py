@@ -106,7 +106,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         return out / stage.PAGE
 
     with stage.locked(out):
-        for name in (stage.RESULTS, stage.FIGURES):  # of other settings
+        for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
         if given.logs is not None:
             real = QuickReport(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)

@@ -36,7 +36,7 @@ class QuickReport:
     out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
     suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
-    seed: int = 0  # of the fits and samples
+    seed: int = 0  # random seed of fits and samples
     robot: str = DEFAULT_ROBOT  # name or .toml file of the robot of the logs; not used for logs with other joints
 
 

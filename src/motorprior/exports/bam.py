@@ -51,17 +51,17 @@ _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
-RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
+RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # gear mode of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
 @dataclass(frozen=True)
 class BamMotor:
     """One servo; its control law in units of the joint."""
 
-    values: Mapping[str, float]  # by BAM's names; those of other models are 0
+    values: Mapping[str, float]  # constants by BAM's names; those of other models are 0
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
-    max_torque: float  # at standstill [N·m]
+    max_torque: float  # torque limit at standstill [N·m]
     limits_damping: bool  # whether max_torque also limits kd·dq, as in the law with torque
 
     @classmethod

@@ -60,7 +60,7 @@ class Request:
 class Exporter:
     """A format."""
 
-    name: str  # of the option --format
+    name: str  # value of the option --format
     drops: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
     replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms

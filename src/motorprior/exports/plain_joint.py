@@ -33,14 +33,14 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
-Element: TypeAlias = Any  # of minidom, whose types let every parent be None
+Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
 
 
 @dataclass
 class Mjcf:
     """A document, and the model that it was before any change."""
 
-    document: Any  # of minidom
+    document: Any  # minidom document
     compiled: mujoco.MjModel
     path: Path | None = None
 

@@ -48,7 +48,7 @@ class Timing:
 
     sent: list[float] = field(default_factory=list)  # when the command was sent
     late: list[float] = field(default_factory=list)  # time after the deadline
-    age: list[float] = field(default_factory=list)  # of the measurement used, when the command was sent
+    age: list[float] = field(default_factory=list)  # age of the measurement used, when the command was sent
     skipped: int = 0  # steps skipped because the previous one took too long
 
 

@@ -89,7 +89,7 @@ class Session:
     """A run of a robot, from idle to idle."""
 
     link: RobotLink
-    gains: Gains  # to send
+    gains: Gains  # gains to send
     stop: StopRequest = field(default_factory=StopRequest)  # ends the run when it is set
     need_imu: bool = True  # reject a robot whose IMU is not read
     confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming

@@ -28,7 +28,7 @@ from motorprior.robots.robot import Robot
 ADAPTED_SECONDS = 10.0  # log from which held-out motors are adapted for the fidelity table
 POPULATION, COMPARISONS = 256, 5
 _MOTORS, _SAMPLES = 29, 31  # tags of random streams
-# of the classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
+# classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
 _CLIP, _RIDGE = 4.0, 0.02
 _FOLDS, _REPEATS, _NEWTON_STEPS = 5, 4, 8
 

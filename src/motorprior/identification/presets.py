@@ -22,11 +22,11 @@ class Preset:
     period: float  # sample period of the motors [s]
     # ``together``, with a Gaussian over the motors, or ``alone``; "": a network, trained by Adam
     grey_boxes: str = ""
-    taps: tuple[int, ...] = (0,)  # of networks: ages of the history inputs [periods]
-    has_armature: bool = False  # of networks: decode an armature from z for the engine
-    num_latents: int = 4  # of networks: size of z; 0 gives one network for all motors
+    taps: tuple[int, ...] = (0,)  # networks: ages of the history inputs [periods]
+    has_armature: bool = False  # networks: decode an armature from z for the engine
+    num_latents: int = 4  # networks: size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
-    kl_weight: float = 1e-3  # of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors
+    kl_weight: float = 1e-3  # weight of KL(N(μ, σ²) ‖ N(0, I)), sum over latents, mean over motors
     # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
     # warm-up biases friction low
     warm_up: int = 0

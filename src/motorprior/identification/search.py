@@ -2,9 +2,9 @@
 
     minimise  U(x) = loss(x) + ½·Σ_k precision_k·(x_k - mean_k)²,    loss = weight·mean of huber(residuals)
 
-A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
-optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
-meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
+A fit samples candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's
+best optimum was found several times. Derivatives are central differences over a wide step, since stiction makes small
+ones meaningless. A step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
 lanes of a compiled simulation; a problem that is done drops out.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from motorprior.compiled import njit
 
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
-MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
+MAX_STEP = 0.5  # maximum change of an unknown in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
 SAME_OPTIMUM = 3e-3  # relative difference of U up to which two optima are the same
 CONFIRMATIONS = 2  # times that `Search.until_found_again` finds the best optimum again

@@ -35,8 +35,8 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
-WORK = 100  # of every stage of a fit of grey boxes, in Adam steps
-SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last descents; rows, or windows if more
+WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
+SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last descents, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 ReportProgress = Callable[[int, str], None]  # (work since the last call, text)
@@ -48,7 +48,7 @@ Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, comput
 class Identified:
     """A decoder with the posteriors of the training motors."""
 
-    model: Decoder  # of the prior
+    model: Decoder  # decoder of the prior
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
@@ -57,7 +57,7 @@ class Identified:
     # see `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
-    classes: JointClasses | None = None  # of the prior; None: one class
+    classes: JointClasses | None = None  # joint classes of the prior; None: one class
 
 
 def work_of(preset: Preset) -> int:

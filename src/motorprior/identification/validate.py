@@ -51,7 +51,7 @@ TRAINED_ON = "prior_was_trained_on_this_log"
 BASELINE_PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction
 LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
-BASELINE_PERIOD = 0.002  # of these presets [s]; priors with another period have no such baselines
+BASELINE_PERIOD = 0.002  # sample period of these presets [s]; priors with another period have no such baselines
 
 
 class Validation(NamedTuple):
@@ -60,7 +60,7 @@ class Validation(NamedTuple):
     results: Results
     traces: list[Trace]
     warnings: list[str]
-    constants: Constants | None = None  # of the fitted models
+    constants: Constants | None = None  # constants of the fitted models
 
 
 def validate(

@@ -31,7 +31,7 @@ RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
 _REMEDY = "read Ray's logs; finished iterations are kept"
-_SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
+_SIMULATORS: dict[str, Any] = {}  # simulators of a worker process, for the latest two executors (training, evaluation)
 _NUMBERS = itertools.count()
 
 

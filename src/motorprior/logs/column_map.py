@@ -117,11 +117,11 @@ class ColumnMap:
     encoder: str = ""
     time: str | None = None  # its column, or None with rate
     time_scale: float = 1.0  # seconds per unit of that column
-    rate: float | None = None  # of the rows [Hz]
+    rate: float | None = None  # row rate [Hz]
     segment: str | None = None  # column with the index of the recording
     posture: str | None = None
     base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
-    conditions: Mapping[str, float] = field(default_factory=dict)  # for all rows and joints
+    conditions: Mapping[str, float] = field(default_factory=dict)  # values for all rows and joints
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 

@@ -29,7 +29,7 @@ from motorprior.progress import WARNED, WARNING, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
-PERIOD = 0.002  # of the presets of identification for real motors [s]
+PERIOD = 0.002  # sample period of the identification presets for real motors [s]
 READERS: tuple[LogReader, ...] = tuple(
     import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
 )
@@ -102,7 +102,7 @@ class LogFolder:
     """The logs of a folder."""
 
     logs: dict[str, MotorLog]  # by short name, sorted
-    paths: tuple[Path, ...]  # of the logs
+    paths: tuple[Path, ...]  # files of the logs
     unreadable: tuple[str, ...] = ()  # "NAME: reason" for each file that looks like a log but cannot be read
 
     @property

@@ -82,12 +82,12 @@ def train_policy(
     progress: Progress = SHOWN,
     **changes: Any,
 ) -> Policy:
-    """Train a walking policy by augmented random search, on motors drawn for every episode.
+    """Train a walking policy by augmented random search, on motors sampled for every episode.
 
     Args:
         robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
         motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior or a fleet to
-            draw from; fixed motors; or a function that draws them from a generator.
+            sample from; fixed motors; or a function that samples them with a generator.
         settings: of the training.
         start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
         out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads; an interrupted
@@ -143,7 +143,7 @@ def train_policy(
 
 
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
-POLICY, CURVE = "policy.safetensors", "curve.json"  # in the folder of a training
+POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 

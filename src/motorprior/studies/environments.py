@@ -76,7 +76,7 @@ def _twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuat
 
 def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> TrueMotors:
     """Motors of robot ``number`` of the study with seed ``study``, see `Fleet.sample`."""
-    # with the name: fleets of one motor family would draw the same parameters in the same order
+    # with the name: fleets of one motor family would sample the same parameters in the same order
     stream = [ROBOT_STREAM, study, number, crc32(fleet.name.encode())]
     return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 

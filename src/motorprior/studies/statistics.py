@@ -27,7 +27,7 @@ from motorprior.results import Result, Results
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.gait_quality import UNITS
 
-CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
+CONDITIONS = (  # training conditions, in the order of every table, see docs/transfer.md
     "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
     "sampled_prior", "adapted_prior", "robust_prior", "oracle",
 )  # fmt: skip
@@ -43,7 +43,7 @@ _KEYS = {"bench": int, "place": str, "condition": str, "seed": int, "draw": int}
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
-LEVEL = 0.95  # of intervals
+LEVEL = 0.95  # confidence level of intervals
 PERMUTATIONS = 20_000  # random assignments of a test
 _SEED = 0x57A7
 Statistic = Callable[[np.ndarray], np.ndarray]  # (..., scores) -> (...) of the finite scores; NaN if there are none

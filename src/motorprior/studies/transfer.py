@@ -75,19 +75,19 @@ CONDITION_PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.from
     ("central_motor", "sampled_prior", "adapted_prior", "robust_prior", *FROZEN), "rollout"
 )  # condition -> preset of its prior
 PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
-LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
+LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # random stream of these logs
 
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
 _AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the faster setting is selected [-]
-SELECTION_SEEDS = range(900, 902)  # of policies and robots, used by no condition
+SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no condition
 
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
-# of every training in addition to the motors: the sensor noise of the environments, and pushes; without any disturbance
+# training disturbances in addition to the motors: sensor noise of the environments, and pushes. Without any disturbance
 # policies overfit one deterministic walk, and fall more often on held-out robots
 TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
-_EPISODE_STEPS = 500  # of training
-# of the search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
+_EPISODE_STEPS = 500  # episode length in training [control steps]
+# search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
 _STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 
@@ -246,10 +246,10 @@ class PolicyRun:
     """A policy to train and to evaluate."""
 
     bench: Study  # settings of its bench, see `Study.of_benches`
-    name: str  # of the training condition, in tables
+    name: str  # training condition in tables
     seed: int  # of the training
-    motors: str  # of the training episodes
-    randomization: Randomization = TRAINING  # of the training episodes, in addition to the motors
+    motors: str  # motors of the training episodes
+    randomization: Randomization = TRAINING  # randomisation of the training episodes, in addition to the motors
     population: str = IN_FAMILY  # OUT_OF_FAMILY for conditions trained for out-of-family motors
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # in which it is evaluated
     robot_number: int | None = None  # the only robot that it walks on; all if None

@@ -30,13 +30,13 @@ from motorprior.signals import rmse
 ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]  # indices of motors -> a model of these motors
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
-HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
+HELD_OUT_SEED = 7_000_000  # seed of held-out random streams, never used for training
 MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]
 _REPEATS = 4  # trials per excitation
 _TRIALS, _WORK = 17, 53  # tags of random streams
 DRAWS = 40  # samples of the posterior
-LEVELS = (50, 90)  # of the bands [%]
+LEVELS = (50, 90)  # coverage of the bands [%]
 _COVERED = 2  # held-out trials per excitation: one held at 100 Hz, one not
 _LOG_STREAM, _BENCH_STREAM = 53, 23  # tags of random streams
 

@@ -26,7 +26,7 @@ from motorprior.identification.training_data.windows import training_data, with_
 CANDIDATES = 64  # windows of each class to choose from
 ENOUGH = 1.1  # standard deviations, over those after all candidates, at which more seconds do not pay
 IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant
-_NUDGE = 0.05  # of z, for the derivatives of constants
+_NUDGE = 0.05  # difference in z for the derivatives of constants
 
 
 @dataclass(frozen=True)

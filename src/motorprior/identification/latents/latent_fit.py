@@ -38,7 +38,7 @@ from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
 DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
-STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
+STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
 PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors

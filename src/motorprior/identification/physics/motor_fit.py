@@ -52,13 +52,13 @@ from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianP
 from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
-RESTARTS, DRAWS = 48, 256  # at most, and candidates of each
+RESTARTS, DRAWS = 48, 256  # maximum number of restarts, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
-RIGID_STEPS = ((10, WIDE), (6, NARROW))  # of a descent of the simplest motors
-# of other descents: the widest differences cross ripples of the loss, which impacts cause
+RIGID_STEPS = ((10, WIDE), (6, NARROW))  # descent of the simplest motors
+# other descents: the widest differences cross ripples of the loss, which impacts cause
 STEPS = ((8, 0.5), (8, 0.2), (8, WIDE), (6, NARROW))
 FINEST = 0.01  # step of the differences of the last descent
-TURNS = 8  # of empirical Bayes
+TURNS = 8  # iterations of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # factors on constants of the initial motor with which its gear is stiff. Short velocity filters in the same way would
@@ -66,7 +66,7 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
-LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
 _STREAM = 41

@@ -25,7 +25,7 @@ from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
-# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
+# standard deviation of log(time constant) of velocity filters around the initial motor's: real ones are short
 FILTER_STD = 1.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction

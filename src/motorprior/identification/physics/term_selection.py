@@ -1,7 +1,7 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
 Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
-selected is added to the best fit so far, with its constants drawn around the initial motor, so that a motor with more
+selected is added to the best fit so far, with its constants sampled around the initial motor, so that a motor with more
 terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
 effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
 together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
@@ -39,7 +39,7 @@ from motorprior.identification.search import WIDE, Fit, Steps
 
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
-# of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
+# size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
@@ -47,7 +47,7 @@ MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PAR
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
-_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
+_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # signed-rank test: for removals, for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
 _SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
@@ -228,7 +228,7 @@ class _TermEvaluation:
         steps: Steps,
         fixed: np.ndarray | bool = False,
     ) -> _State:
-        """Descents from ``raw`` (m, K), with ``new`` constants drawn around the initial motor's, and half of others.
+        """Descents from ``raw`` (m, K), with ``new`` constants sampled around the initial motor's, and half of others.
 
         Constants that are ``fixed`` (K,) do not change.
         """

@@ -62,7 +62,7 @@ class TrainingData:
     STIFFNESS,  # load_stiffness, 0 if missing
     READING,  # joint_reading
 ) = range(CHANNELS := 13)
-VELOCITY_NOISE = 0.02  # of differences of readings, at most [rad/s]
+VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 

@@ -11,12 +11,12 @@ from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
 from motorprior.robots.robot import Robot
 
-RATES = (5.0, 2e4)  # of motor logs [Hz]; other rates mean another unit of time
+RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
 MAX_JITTER = 0.5
 READINGS = 5  # maximum duration of a failed read
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
-MAX_TURNS = 4.0  # of a joint without known limits
+MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
 FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
 WRAPS = "by a turn"

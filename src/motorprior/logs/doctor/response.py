@@ -19,11 +19,11 @@ from motorprior.signals import runs_of_true
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
 TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
-MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos less
+MAX_OFFSET = 1.2  # maximum offset of an angle from its command [rad]; loads deflect servos less
 CERTAIN_CORRELATION = 0.8  # correlation above which sign and order of a joint are certain
-RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
+RATIOS = (0.1, 3.0)  # plausible motion / command; others mean a failed motion or another unit
 MIN_REVERSALS = 4
-MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
+MIN_ROWS, MAX_ROWS = 20, 20_000  # size of a window
 
 
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
