@@ -271,7 +271,7 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
     for kind in (*settings.kinds, "active"):
         if kind == "active" and not (settings.out / "active.safetensors").exists():
             prior, _ = _prior(settings, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
-            active(excitation.playing("generated"), prior)[0].save(settings.out / "active.safetensors")
+            active(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:
             cells = [

@@ -57,7 +57,7 @@ def windows_of_kind(
 ) -> np.ndarray:
     """(count, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
     names = {"sinusoid": ("sine",), "rollout": BENCH_PRESETS["rollout"].kinds}.get(kind)
-    sources = [EXCITATIONS[n] for n in names] if names else [runs.playing(kind)]
+    sources = [EXCITATIONS[n] for n in names] if names else [runs.with_method(kind)]
     frames, each = runs.windows.shape[1], -(-count // (STREAMS * len(sources)))
     parts = []
     for source in sources:

@@ -123,4 +123,4 @@ def test_files_that_do_not_fit_are_rejected(tmp_path: Path):
     with pytest.raises(ArtifactError, match="scales"):
         LearnedExcitation.load(path)
     with pytest.raises(ConfigError, match="no generator"):
-        replace(sample(), weights={}).playing("generated")
+        replace(sample(), weights={}).with_method("generated")

@@ -15,7 +15,7 @@ from motorprior.identification.excitation.plan import active
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import SILENT, Notes
+from motorprior.progress import SILENT, NoteProgress
 
 NAMES = ("L_hip", "L_knee", "R_hip", "R_knee")
 
@@ -64,7 +64,7 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     class Stop(Exception):
         pass
 
-    class Stopping(Notes):
+    class Stopping(NoteProgress):
         def advance(self, count: int = 1, note: str = "") -> None:
             raise Stop
 

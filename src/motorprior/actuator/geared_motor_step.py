@@ -11,7 +11,7 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
               twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
+    control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
               h/2·(v̄ - v) + encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to
               t + h/2; softened is the share of the twist s that a gear softened for the step adds
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
@@ -236,12 +236,12 @@ def step(
     dry = _DryFriction(p, state.bristle, friction, h, arithmetic, terms)
     in_force, eased = old + share * push, share * braking
     free, bristle = dry.velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
-    law = push - 0.5 * braking * (free - v)
-    bounded = arithmetic.clip(law, p.torque_limit)
+    control_law = push - 0.5 * braking * (free - v)
+    bounded = arithmetic.clip(control_law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
     bounded_vel, bounded_bristle = dry.velocity_after(carried + h * (old + share * bounded), inertia)
-    limited = abs(law) > p.torque_limit if "torque_speed" not in terms else abs(law - bounded) > 0.0
+    limited = abs(control_law) > p.torque_limit if "torque_speed" not in terms else abs(control_law - bounded) > 0.0
     after = where(limited, bounded_vel, free)
 
     mean = 0.5 * (v + after)
@@ -257,7 +257,7 @@ def step(
         expected_change=expected,
     )
     if "current" in terms:
-        wanted = where(limited, bounded, law)
+        wanted = where(limited, bounded, control_law)
         moved = moved._replace(current=state.current + p.current_gain * (wanted - state.current))
     if "presliding" in terms:
         moved = moved._replace(bristle=where(limited, bounded_bristle, bristle))

@@ -51,8 +51,7 @@ class ActuatorKind:
     # torque of the coming step, and ``arrays.damping`` if it changes
     step: Any
     measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
-    # (arrays, joint_vel [rad/s], torque [N·m]) moves a changing damping from ``arrays`` into the torque, for an engine
-    # whose damping is constant
+    # (arrays, joint_vel [rad/s], torque [N·m]): moves changing dampings into the torque if the engine's are constant
     make_explicit: Any = keep_implicit
     # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness

@@ -50,8 +50,7 @@ _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-# assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
-# equal joints of one robot differ by 13 to 17 %
+# assumed deviation from the training motor of the joint, in prior standard deviations: friction differs by 13 to 17 %
 SAME_JOINT_STD = 0.3
 # factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
 # share. Chosen on eight simulated arms, where 90 % intervals hold 93 % (benchmarks/simulated_arms.py)

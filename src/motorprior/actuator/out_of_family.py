@@ -7,7 +7,7 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
               reference += T·v,   with d = position_target(t - delay) - reference, a = profile_acceleration
     encoder   θ = round((x or q + encoder_zero) / encoder_quantum)·encoder_quantum, at the time of the tick
     velocity  u += (1 - exp(-T / velocity_filter))·((θ - θ_last) / T - u)
-    law       e = deadzone(reference - θ, dead_zone),   I = clip(I + T·ki·e, ±integral_limit)
+    control   e = deadzone(reference - θ, dead_zone),   I = clip(I + T·ki·e, ±integral_limit)
               command = clip(kp·e + I - kd·u, ±torque_limit), held until the next tick
     voltage   |command| <= stall_torque - sag·|τ| - stall_torque·w / no_load_speed in the driving direction
     current   τ += (1 - exp(-h / current_time))·(command - τ)

@@ -22,8 +22,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working
 
-# training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
-# most of the minute
+# training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes most of the minute
 MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0
 TEST_SECONDS = 120.0
 

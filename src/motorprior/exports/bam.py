@@ -13,7 +13,7 @@ torque of the motor and E that of the load on it [N·m]:
 A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the
 torque in the gear, and the Stribeck velocity is our own.
 
-A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
+A motor of ours becomes friction m5 with the actuator unitree_go1 (torque control law, no velocity filter). In a
 rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
 load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
 BAM's models: set them where the file is used.
@@ -62,7 +62,7 @@ class BamMotor:
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
     max_torque: float  # torque limit at standstill [N·m]
-    limits_damping: bool  # whether max_torque also limits kd·dq, as in the law with torque
+    limits_damping: bool  # whether max_torque also limits kd·dq, as in the control law with torque
 
     @classmethod
     def of(

@@ -188,8 +188,7 @@ def hardware_targets(
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
     away = np.concatenate([_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts])
     if kind == "varied":
-        # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
-        # better damped than they are.
+        # A joint's load depends on the motion of all. If all jump at once, gears seem better damped than they are.
         bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
         for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
             away[steps // 2 : first, joint] = away[end:, joint] = 0.0

@@ -168,8 +168,7 @@ def fault_of(error: Exception) -> RobotFault:
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
-# may be lost.
+# Per control period of the robot's clock: buffered frames and a busy host have no influence. The rest may be lost.
 _MIN_FRAMES = 0.8
 _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 

@@ -35,8 +35,7 @@ _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 class OutlierTest:
     """Whether the M motors of a log are outliers of the prior's fleet."""
 
-    # (M,) twice the smaller of two p-values, at most 1: that of the fit to its log (`reference.loss_p_value`) and that
-    # of the distance of its constants (`latent_fit.outliers`)
+    # (M,) min(1, 2·min p): of the fit to the log (`reference.loss_p_value`), of the constants (`latent_fit.outliers`)
     p_value: np.ndarray
     reason: tuple[str, ...]  # (M,) the largest deviation of each outlier; "" of the others
 

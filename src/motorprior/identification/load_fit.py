@@ -3,7 +3,7 @@
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
 with the joint's angle q. Free runs of the grey box have three more latents, ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp,
-around a regression of the logged proportional law,
+around a regression of the logged proportional control law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
@@ -100,7 +100,7 @@ def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray,
 
 
 def _regression(runs: WindowRuns) -> np.ndarray:
-    """(3,) J₀, s₀, c₀ of the logged proportional law on all rows."""
+    """(3,) J₀, s₀, c₀ of the logged proportional control law on all rows."""
     regressors, torques = [], []
     for segment in runs.segments:
         target, angle, speed, kp = segment.rows[:, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0].T

@@ -27,8 +27,7 @@ class Preset:
     num_latents: int = 4  # networks: size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
     kl_weight: float = 1e-3  # weight of KL(N(μ, σ²) ‖ N(0, I)), sum over latents, mean over motors
-    # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
-    # warm-up biases friction low
+    # steps before a window that follow the recorded joint until the hidden state converges; too few bias friction low
     warm_up: int = 0
     window: int = 64  # steps of a rollout (1 for torque regression)
     noisy: bool = True  # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
@@ -45,8 +44,7 @@ class Preset:
     # logged OPERATING_CONDITIONS, each with its minimum over segment means, its median and its maximum
     # [V], [°C]; constants are those at the medians
     conditions: tuple[tuple[str, float, float, float], ...] = ()
-    # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
-    # by a Laplace approximation (`standard_posterior`)
+    # after the training, make latents N(0, 1) over the motors, with Laplace posteriors (`standard_posterior`)
     standardise: bool = False
 
     @property

@@ -23,8 +23,7 @@ from motorprior.compiled import njit
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
 MAX_STEP = 0.5  # maximum change of an unknown in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-SAME_OPTIMUM = 3e-3  # relative difference of U up to which two optima are the same
-CONFIRMATIONS = 2  # times that `Search.until_found_again` finds the best optimum again
+SAME_OPTIMUM, CONFIRMATIONS = 3e-3, 2  # maximum relative difference of U; number, see `Search.until_found_again`
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # descents at a time: of the last problems, several restarts

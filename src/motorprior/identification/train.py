@@ -53,8 +53,7 @@ class Identified:
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
     losses: np.ndarray  # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
-    # ``saved_TERM``, share of the held-out loss that a term saves; ``unidentified_LIMIT`` and ``unknown_torque_scale``,
-    # see `motor_prior`
+    # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``, ``unknown_torque_scale``: `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
     classes: JointClasses | None = None  # joint classes of the prior; None: one class

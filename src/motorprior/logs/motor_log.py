@@ -37,8 +37,7 @@ BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# Firmware registers, of the profile and the dead zone, and operating conditions: lowest and highest value, unit; a
-# register of 0 is off
+# Registers of the profile and the dead zone (0: off), and operating conditions: lowest and highest value, unit
 FIRMWARE = {
     "profile_speed": (1e-3, 1e6, "rad/s"),
     "profile_acceleration": (1e-3, 1e9, "rad/s²"),
@@ -80,8 +79,7 @@ class MotorLog(Printable):
     segment: np.ndarray | None = None  # (T,) index of the contiguous recording; None for a single one
     base_orientation: np.ndarray | None = None  # (T, 2) roll and pitch of the base [rad]
     posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
-    # where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash and elasticity of
-    # the gear (angles are at the output shaft in both cases)
+    # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the output shaft in both
     encoder: str = "joint"
     stated_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
     stated_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with stated_kp

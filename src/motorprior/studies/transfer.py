@@ -83,11 +83,10 @@ _AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the
 SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no condition
 
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
-# training disturbances in addition to the motors: sensor noise of the environments, and pushes. Without any disturbance
-# policies overfit one deterministic walk, and fall more often on held-out robots
+# without any disturbance policies overfit one deterministic walk, and fall more often on held-out robots
 TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
 _EPISODE_STEPS = 500  # episode length in training [control steps]
-# search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
+# with the search's defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
 _STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 

@@ -7,8 +7,8 @@
 
 They need neither torque nor inertia, and hold for these gains and this load only. u [rad] is the command, linear in
 time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m] is the log's external torque;
-``compliance`` [rad/(N·m)] is that of a proportional law. If a log has no load, ``sine`` and ``cosine`` [rad] of the
-joint's own angle replace it.
+``compliance`` [rad/(N·m)] is that of a proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of
+the joint's own angle replace it.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive constants within
 BOUNDS, and others in UNITS around their neutral values. Every model starts at the optimum of the simpler one. An

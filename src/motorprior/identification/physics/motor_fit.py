@@ -4,13 +4,12 @@ Unknowns are the logarithms of the constants (linear where they may be negative)
 latent is one output. Each motor alone:
 
 1. Fit the simplest motor: a rigid gear with Coulomb and viscous friction, and a torque limit if it improves the fit.
-   No descent from a motor without a limit finds the constants of a motor at its limit.
+   No descent from a motor without a limit finds a motor at its limit.
 2. Restart from this optimum with missing constants sampled around the initial motor, from the best motor so far with a
    random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
 3. Stop when the best optimum of each motor was found three times.
 
-All motors together: empirical Bayes with a Gaussian over the motors. It starts from the separate fits (random effects,
-DerSimonian and Laird, 1986); each turn updates
+Together: empirical Bayes from the separate fits (random effects, DerSimonian and Laird, 1986). Each turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix

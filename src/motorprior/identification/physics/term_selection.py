@@ -95,25 +95,25 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    evaluation = _TermEvaluation(runs, parts, seed)
-    rigid = evaluation.rigid(given)
-    best, saved = evaluation.with_all_constants(rigid), {}
+    fits = _TermEvaluation(runs, parts, seed)
+    rigid = fits.rigid(given)
+    best, saved = fits.with_all_constants(rigid), {}
     groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
     for round_number in range(len(CANDIDATES)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         left += [together] * (len(together) > 1)
-        tried = {group: evaluation.short_search(best, group) for group in left}
+        tried = {group: fits.short_search(best, group) for group in left}
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
         finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: evaluation.long_search(tried[group], group) for group in finalists}
+        polished = {group: fits.long_search(tried[group], group) for group in finalists}
         if left:
-            simple = {group: evaluation.simplest_with(rigid, group) for group in left}
+            simple = {group: fits.simplest_with(rigid, group) for group in left}
             first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
-            other = evaluation.with_all_constants(simple[first])
+            other = fits.with_all_constants(simple[first])
             if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
                 polished[first] = other
         saved |= {group[0]: _saved(best, more) for group, more in (tried | polished).items() if len(group) == 1}
@@ -121,17 +121,17 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         if not passed:
             break
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
-        best, rigid = passed[chosen], evaluation.simplest_with(rigid, chosen)
+        best, rigid = passed[chosen], fits.simplest_with(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
-    return Selection(*_drop_unneeded(evaluation, best, given, saved, report))
+    return Selection(*_drop_unneeded(fits, best, given, saved, report))
 
 
 def _drop_unneeded(
-    evaluation: _TermEvaluation, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable
+    fits: _TermEvaluation, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """The terms that are needed, and ``saved`` with what they save."""
     for name in [name for name in best.terms if name not in given]:
-        less = evaluation.without(best, name)
+        less = fits.without(best, name)
         saved[name] = _saved(less, best)
         if not _saves_enough(less, best, _LEVEL):
             best = less

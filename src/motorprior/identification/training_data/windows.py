@@ -32,9 +32,8 @@ class Measured:
 class TrainingData:
     """Logs of M motors with R rows each."""
 
-    # (M, R, CHANNELS) float32. For a rollout noisy positions are smoothed (`smoothing`) except for joint_reading,
-    # velocities are those of half a period earlier and torques are averages centred on the sample, as a semi-implicit
-    # step needs them
+    # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a semi-implicit step,
+    # velocities are those of half a period earlier and torques are averages centred on the sample
     series: np.ndarray
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
