@@ -26,7 +26,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.learned_excitation import LearnedExcitation
-from motorprior.bench.recording import PRESETS, BenchPreset, bench_preset, record, training_motors
+from motorprior.bench.recording import BENCH_PRESETS, BenchPreset, bench_preset, record, training_motors
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.excitation.fit_excitation import fit_excitation
@@ -137,8 +137,8 @@ def learned(settings: Settings, robot: Robot, fleet: Fleet) -> tuple[LearnedExci
         fit_excitation(logs[settings.runs :], "recorded", out=paths[1], progress=PROGRESS)
     seconds = float(read_json(settings.out / "training.json")["seconds"])
     found, test = (LearnedExcitation.load(path) for path in paths)
-    for play in ("generated", "surrogate", "recorded"):
-        found.playing(play).save(settings.out / f"{play}.safetensors")
+    for method in ("generated", "surrogate", "recorded"):
+        found.with_method(method).save(settings.out / f"{method}.safetensors")
     return found, test, seconds
 
 
@@ -148,7 +148,7 @@ def bench_of(settings: Settings, robot: Robot, loss: str, kind: str) -> BenchPre
     if kind not in ("sinusoid", "rollout"):
         base = base.with_excitation(settings.out / f"{kind}.safetensors")
     if loss == "paper":
-        slow = PRESETS["paper"].period
+        slow = BENCH_PRESETS["paper"].period
         base = replace(base, period=slow, segment_steps=round(base.segment_steps * base.period / slow), hold_steps=1)
     return base
 
@@ -271,7 +271,7 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
     for kind in (*settings.kinds, "active"):
         if kind == "active" and not (settings.out / "active.safetensors").exists():
             prior, _ = _prior(settings, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
-            active(excitation.playing("generated"), prior)[0].save(settings.out / "active.safetensors")
+            active(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:
             cells = [

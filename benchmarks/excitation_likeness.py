@@ -9,7 +9,7 @@ import numpy as np
 
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.learned_excitation import SUB, LearnedExcitation
-from motorprior.bench.recording import PRESETS
+from motorprior.bench.recording import BENCH_PRESETS
 from motorprior.identification.held_out import standardise, two_sample_auc
 from motorprior.results import Result, Results
 
@@ -56,8 +56,8 @@ def windows_of_kind(
     runs: LearnedExcitation, kind: str, joint_class: str, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """(count, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
-    names = {"sinusoid": ("sine",), "rollout": PRESETS["rollout"].kinds}.get(kind)
-    sources = [EXCITATIONS[n] for n in names] if names else [runs.playing(kind)]
+    names = {"sinusoid": ("sine",), "rollout": BENCH_PRESETS["rollout"].kinds}.get(kind)
+    sources = [EXCITATIONS[n] for n in names] if names else [runs.with_method(kind)]
     frames, each = runs.windows.shape[1], -(-count // (STREAMS * len(sources)))
     parts = []
     for source in sources:

@@ -41,7 +41,7 @@ from motorprior.identification.baselines.response_fit import fitted_responses
 from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.fit_prior import fit_prior, fit_recipe
-from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.identification.validate import baseline_recipes, fitted_baselines
@@ -142,13 +142,13 @@ def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
     return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
 
 
-def adapted_to_start(prior: MotorPrior, log: MotorLog) -> tuple[Posterior, MotorLog]:
+def adapted_to_start(prior: MotorPrior, log: MotorLog) -> tuple[LatentPosterior, MotorLog]:
     """The motors of the start of a log, and its rest."""
     first, rest = start_and_rest(log)
     return adapt_to(prior, first), rest
 
 
-def _coverages(prior: MotorPrior, posterior: Posterior, rest: MotorLog) -> Figures:
+def _coverages(prior: MotorPrior, posterior: LatentPosterior, rest: MotorLog) -> Figures:
     """Shares inside the bands: of the adapted prior, and of the prior without a log."""
     runs, bands = whole_runs(rest, recipe_of(prior)), {"coverage": posterior, "unseen": zero_shot(prior, rest)}
     return {

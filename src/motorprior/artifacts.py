@@ -19,7 +19,7 @@ import numpy as np
 from motorprior.bounds import first_not_finite
 from motorprior.exceptions import ArtifactError, MotorPriorError
 
-MAX_BYTES = 1_000_000_000  # of a file, and of an unpacked one; each is held in memory
+MAX_BYTES = 1_000_000_000  # maximum size of a file, packed and unpacked; each is held in memory
 
 
 def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> None:

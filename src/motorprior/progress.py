@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol, TextIO, TypeVar
 
 WARNING = "warning: "  # prefix of the notes that are warnings
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 
 class Task(Protocol):
@@ -33,7 +33,7 @@ class Progress(Protocol):
         """Report a line to the user."""
 
 
-class Notes(Progress, Task):
+class NoteProgress(Progress, Task):
     """Gives notes to a function, and progress to another `Progress`, if there is one."""
 
     def __init__(self, note: Callable[[str], None], progress: Progress | None = None):
@@ -62,7 +62,7 @@ class Lines:
         """See `Progress.start`."""
         started = time.monotonic()
         self.note(f"{name} ...")
-        yield Ticks(self.note, name, total)
+        yield TextTask(self.note, name, total)
         self.note(f"{name}: {time.monotonic() - started:.1f} s")
 
     def note(self, text: str) -> None:
@@ -72,7 +72,7 @@ class Lines:
         stream.flush()
 
 
-class Ticks(Task):
+class TextTask(Task):
     """A unit of work that reports its finished parts every ten seconds."""
 
     def __init__(self, note: Callable[[str], None], name: str, total: int):
@@ -91,9 +91,9 @@ def _warn(text: str) -> None:
         warnings.warn(text.removeprefix(WARNING), stacklevel=3)  # of the caller of note
 
 
-SILENT = Notes(lambda text: None)
-WARNED = Notes(_warn)  # warnings become Python warnings; default of the Python API
-SHOWN = Notes(_warn, Lines())  # and units of work are lines on stderr; default of what takes minutes
+SILENT = NoteProgress(lambda text: None)
+WARNED = NoteProgress(_warn)  # warnings become Python warnings; default of the Python API
+SHOWN = NoteProgress(_warn, Lines())  # and units of work are lines on stderr; default of what takes minutes
 
 
 def usable_threads(workers: int, progress: Progress) -> int:
@@ -104,7 +104,7 @@ def usable_threads(workers: int, progress: Progress) -> int:
     return min(workers, cores)
 
 
-def in_parallel(works: Sequence[Callable[[Progress], Result]], threads: int, progress: Progress) -> list[Result]:
+def in_parallel(works: Sequence[Callable[[Progress], T]], threads: int, progress: Progress) -> list[T]:
     """Results of functions of a `Progress`, in order, ``threads`` at a time.
 
     Raises:

@@ -26,8 +26,8 @@ class Result:
     value: float  # finite
     model: str | None = None  # actuator model, or the one that a policy was trained on
     motors: str | None = None  # train or held_out; for a walk, own (training motors) or twin
-    statistic: str | None = None  # over motors or samples: median, mean, low, high, p05, p95
-    seed: int | None = None  # of the training
+    statistic: str | None = None  # statistic over motors or samples: median, mean, low, high, p05, p95
+    seed: int | None = None  # training seed
     log: str | None = None  # name of a log of the real robot
     part: str | None = None  # joint, excitation or feature
     seconds: float | None = None  # duration of the log of the motors [s]

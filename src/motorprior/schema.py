@@ -32,7 +32,7 @@ class Schema:
     """Declaration of a table."""
 
     fields: Mapping[str, Field]  # key -> declared value
-    remedy: str  # for errors
+    remedy: str  # remedy in errors
     optional: frozenset[str] = frozenset()  # keys that may be missing
     name: str = ""  # of the table, if a file has several
 
@@ -83,14 +83,14 @@ def check_tensors(
 class Header:
     """Declaration of the JSON header of an artefact."""
 
-    kind: str  # of artefact
+    kind: str  # kind of artefact
     version: int  # of the header's keys
     fields: Mapping[str, Field]  # key -> declared value
-    remedy: str  # for errors
+    remedy: str  # remedy in errors
     file: str  # default name
     command: str  # writes it
 
-    def write(self, **entries: Any) -> dict[str, Any]:
+    def make(self, **entries: Any) -> dict[str, Any]:
         """The header with these entries."""
         return {"kind": self.kind, "schema_version": self.version, **entries}
 

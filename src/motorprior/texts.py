@@ -6,8 +6,8 @@ import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-MAX_LINES = 10  # of a repr
-_MAX_LETTERS = 160  # of a fact
+MAX_LINES = 10  # maximum lines of a repr
+_MAX_LETTERS = 160  # maximum length of a fact
 
 
 def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

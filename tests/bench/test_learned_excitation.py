@@ -23,7 +23,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 DT = 0.01
 
 
-def sample(play: str = "recorded") -> LearnedExcitation:
+def sample(method: str = "recorded") -> LearnedExcitation:
     """Two classes: sines with impacts, of different size; a generator of random weights."""
     rng = np.random.default_rng(3)
     which = np.repeat([0, 1], 10)
@@ -39,7 +39,7 @@ def sample(play: str = "recorded") -> LearnedExcitation:
     }
     scales = np.stack([windows[which == kind].std(axis=(0, 1)) for kind in (0, 1)])
     return LearnedExcitation(
-        play, ("hip", "knee"), DT, windows, which, np.zeros(20), frequency, scales, limits,
+        method, ("hip", "knee"), DT, windows, which, np.zeros(20), frequency, scales, limits,
         np.array([[1e-3, 2e-3], [1e-4, 2e-4]]), weights, {"trained_on": [{"source": "made up"}]},
     )  # fmt: skip
 
@@ -66,9 +66,9 @@ def test_a_signal_well_inside_the_bounds_is_kept():
     assert np.abs(found - raw[1:])[100:].max() < 0.002
 
 
-@pytest.mark.parametrize("play", ["recorded", "surrogate", "generated"])
-def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(play: str):
-    excitation = sample(play)
+@pytest.mark.parametrize("method", ["recorded", "surrogate", "generated"])
+def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
+    excitation = sample(method)
     frames, which = 500, np.array([0, 1, 1])  # eight windows long
     target, torque = excitation.frames(np.random.default_rng(1), frames, which)
     again, _ = excitation.frames(np.random.default_rng(1), frames, which)
@@ -123,4 +123,4 @@ def test_files_that_do_not_fit_are_rejected(tmp_path: Path):
     with pytest.raises(ArtifactError, match="scales"):
         LearnedExcitation.load(path)
     with pytest.raises(ConfigError, match="no generator"):
-        replace(sample(), weights={}).playing("generated")
+        replace(sample(), weights={}).with_method("generated")

@@ -16,7 +16,7 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.walk import Walk, run_walk
-from motorprior.progress import Ticks
+from motorprior.progress import TextTask
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -90,13 +90,13 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     def at(advance_number: int) -> None:
         calls = 0
 
-        def advance(self: Ticks, count: int = 1, note: str = "") -> None:
+        def advance(self: TextTask, count: int = 1, note: str = "") -> None:
             nonlocal calls
             calls += 1
             if calls == advance_number:
                 signal.raise_signal(signal.SIGINT)
 
-        monkeypatch.setattr(Ticks, "advance", advance)
+        monkeypatch.setattr(TextTask, "advance", advance)
 
     yield at
     signal.signal(signal.SIGINT, old)

@@ -10,10 +10,10 @@ import pytest
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run
-from motorprior.bench.recording import PRESETS, bench_trial
+from motorprior.bench.recording import BENCH_PRESETS, bench_trial
 from motorprior.identification.training_data.windows import Measured, TrainingData
 
-BENCH = PRESETS["rollout"]
+BENCH = BENCH_PRESETS["rollout"]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 
 

@@ -15,7 +15,7 @@ from motorprior.identification.excitation.plan import active
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import SILENT, Notes
+from motorprior.progress import SILENT, NoteProgress
 
 NAMES = ("L_hip", "L_knee", "R_hip", "R_knee")
 
@@ -64,7 +64,7 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     class Stop(Exception):
         pass
 
-    class Stopping(Notes):
+    class Stopping(NoteProgress):
         def advance(self, count: int = 1, note: str = "") -> None:
             raise Stop
 
@@ -93,4 +93,4 @@ def test_the_plan_prefers_motion_and_shrinks_every_constant():
         assert plan.seconds == pytest.approx(1.28 * len(plan.windows))
     hip, knee = (np.mean(list(plan.after.values())) for plan in plans)
     assert knee < hip  # larger motion
-    assert made.play == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)
+    assert made.method == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)

@@ -10,8 +10,8 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import MotorParameters
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import PRESETS, record
-from motorprior.identification.latents.latent_fit import Posterior, fit_posterior
+from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.train import Identified, identify
 from motorprior.identification.training_data.windows import training_data
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")
 RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}  # factors
 TRAINED, NEW = 10, 5  # motors per constant
-BENCH = replace(PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
+BENCH = replace(BENCH_PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
@@ -50,7 +50,7 @@ def prior(log: MotorLog) -> Identified:
 
 
 @pytest.fixture(scope="module")
-def posterior(log: MotorLog, prior: Identified) -> Posterior:
+def posterior(log: MotorLog, prior: Identified) -> LatentPosterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
@@ -73,13 +73,13 @@ def test_a_prior_ranks_its_training_motors_by_the_constant_that_varies(prior: Id
     assert min(found.values()) >= 0.8, found
 
 
-def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, posterior: Posterior):
+def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, posterior: LatentPosterior):
     found = rank_correlations(prior, posterior.mean, fleets(NEW, 2))
     assert min(found.values()) >= 0.8, found
 
 
 @pytest.mark.parametrize(("name", "bound"), [("armature", 0.12), ("kp", 0.05), ("coulomb", 0.25), ("backlash", 0.25)])
-def test_adapt_recovers_the_constant_that_varies(prior: Identified, posterior: Posterior, name: str, bound: float):
+def test_adapt_recovers_the_varying_constant(prior: Identified, posterior: LatentPosterior, name: str, bound: float):
     """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %."""
     assert isinstance(prior.model, GreyBox)
     group = list(RANGES).index(name)

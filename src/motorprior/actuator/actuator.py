@@ -118,7 +118,7 @@ def require_motors(actuator: object, count: int) -> None:
         found = f"{type(actuator).__name__} is not an actuator" if given is None else f"{given} motors"
         raise ConfigError(
             f"motors: {found} for the {count} joints of the robot",
-            remedy=f"draw {count} motors, for example with MotorPrior.sample", argument="motors",
+            remedy=f"sample {count} motors, for example with MotorPrior.sample", argument="motors",
         )  # fmt: skip
 
 

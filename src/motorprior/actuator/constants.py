@@ -16,7 +16,7 @@ from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.texts import html_table, text_table
 
-DRAWS = 1000  # of the quantiles of a distribution
+DRAWS = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
 UNITS = {
     "kp": "N·m/rad", "kd_over_kp": "s", "velocity_filter": "s", "delay": "s", "torque_limit": "N·m",
@@ -26,7 +26,7 @@ UNITS = {
     f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}", **{each.name: each.unit for each in CONSTANTS.values()},
 }  # fmt: skip
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
-_PICTURES = "motorprior.report.plots"  # of a layer above, imported when a picture is drawn
+_PICTURES = "motorprior.report.plots"  # a layer above: imported only to draw a picture
 
 
 class ConstantSummary(NamedTuple):
@@ -37,7 +37,7 @@ class ConstantSummary(NamedTuple):
     median: float
     low: float  # 5 % of the units are below
     high: float  # 5 % are above
-    identifiable: bool | None  # from the logs; None if unknown
+    identifiable: bool | None  # whether the logs identify it; None if unknown
 
     def __str__(self) -> str:
         return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {self.low:.3g} to {self.high:.3g}"

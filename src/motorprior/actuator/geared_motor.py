@@ -53,7 +53,7 @@ class GearedMotor:
 
     center: np.ndarray  # (P,)
     slope: np.ndarray  # (Z, P)
-    terms: tuple[str, ...] = ()  # of `optional_terms`, in that order
+    terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
 
     def decode(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
         """(n,) constants by name of motors with latents z (n, Z) at these conditions."""

@@ -11,7 +11,7 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
               twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    law       τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
+    control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
               h/2·(v̄ - v) + encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to
               t + h/2; softened is the share of the twist s that a gear softened for the step adds
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
@@ -155,7 +155,7 @@ class Arithmetic(NamedTuple):
     clip: Callable[[Values, Values], Values]  # (x, limit): x within ±limit
     positive_part: Callable[[Values], Values]  # max(x, 0); NaN stays NaN
     with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude with the sign of ``other``
-    sqrt: Callable[[Values], Values]  # of numbers >= 0
+    sqrt: Callable[[Values], Values]  # defined for numbers >= 0
 
 
 def step(
@@ -224,9 +224,9 @@ def step(
             integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
         )
         push = push + state.integral
-    for law_of_term in (TERMS[name].law for name in terms):
-        if law_of_term is not None:
-            push = law_of_term(p, push, v, arithmetic)
+    for control_law_of_term in (TERMS[name].law for name in terms):
+        if control_law_of_term is not None:
+            push = control_law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
     old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the control law
     if "current" in terms:
@@ -236,12 +236,12 @@ def step(
     dry = _DryFriction(p, state.bristle, friction, h, arithmetic, terms)
     in_force, eased = old + share * push, share * braking
     free, bristle = dry.velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
-    law = push - 0.5 * braking * (free - v)
-    bounded = arithmetic.clip(law, p.torque_limit)
+    control_law = push - 0.5 * braking * (free - v)
+    bounded = arithmetic.clip(control_law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
     bounded_vel, bounded_bristle = dry.velocity_after(carried + h * (old + share * bounded), inertia)
-    limited = abs(law) > p.torque_limit if "torque_speed" not in terms else abs(law - bounded) > 0.0
+    limited = abs(control_law) > p.torque_limit if "torque_speed" not in terms else abs(control_law - bounded) > 0.0
     after = where(limited, bounded_vel, free)
 
     mean = 0.5 * (v + after)
@@ -257,7 +257,7 @@ def step(
         expected_change=expected,
     )
     if "current" in terms:
-        wanted = where(limited, bounded, law)
+        wanted = where(limited, bounded, control_law)
         moved = moved._replace(current=state.current + p.current_gain * (wanted - state.current))
     if "presliding" in terms:
         moved = moved._replace(bristle=where(limited, bounded_bristle, bristle))

@@ -34,8 +34,8 @@ class GreyBox:
     """The decoder from a latent z to the constants of a geared motor."""
 
     motor: GearedMotor
-    period: float  # of the logs that it was fitted to, the largest physics step [s]
-    copula: Copula | None = None  # from z ~ N(0, I) to the latents of the decoder; None: z itself
+    period: float  # sample period of the fitted logs, the largest physics step [s]
+    copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
     gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
 
     @property
@@ -79,7 +79,7 @@ class GreyBoxActuator(Actuator):
     z: np.ndarray  # (n, Z)
     conditions: OperatingConditions = HALF_WARM
     gains: np.ndarray | None = None  # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
-    factors: Factors | None = None  # on the constants
+    factors: Factors | None = None  # multiply the constants
 
     def __repr__(self) -> str:
         return f"{self.num_motors} grey-box motors, see constants()"

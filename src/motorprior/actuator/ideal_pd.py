@@ -110,7 +110,7 @@ class IdealPd:
 class GainScaledPd:
     """PD motors fitted to a log with logged gains; their gains scale with the logged gains."""
 
-    pd: IdealPd  # at the median logged gains
+    pd: IdealPd  # PD at the median logged gains
     logged: np.ndarray  # (2,) median logged kp and kd, in the unit of the log
 
     def at(self, gains: np.ndarray) -> IdealPd:

@@ -44,15 +44,14 @@ class ActuatorKind:
     The functions are compiled (``njit``), write into their last argument and do not raise. Vectors are (n,) float64.
     """
 
-    name: str  # in files and figures
-    title: str  # in reports
+    name: str  # name in files and figures
+    title: str  # name in reports
     reset: Any  # (arrays, position_target [rad], joint_pos [rad]) resets the memory to a static motor
     # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
     # torque of the coming step, and ``arrays.damping`` if it changes
     step: Any
     measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
-    # (arrays, joint_vel [rad/s], torque [N·m]) moves a changing damping from ``arrays`` into the torque, for an engine
-    # whose damping is constant
+    # (arrays, joint_vel [rad/s], torque [N·m]): moves changing dampings into the torque if the engine's are constant
     make_explicit: Any = keep_implicit
     # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness

@@ -56,7 +56,7 @@ class LatentNetwork:
     torque_scale: float  # [N·m]
     torque_limit: float  # [N·m]
     has_armature: bool
-    copula: Copula | None = None  # from z ~ N(0, I) to the latents of the decoder; None: z itself
+    copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
     gain_unit = ""  # a network has no gains
 
     @property

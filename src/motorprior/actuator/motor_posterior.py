@@ -150,7 +150,7 @@ class MotorPosterior(Printable):
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
-        header = _HEADER.write(
+        header = _HEADER.make(
             joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
             surprise=list(self.outlier_p_value),
         )  # fmt: skip

@@ -50,8 +50,7 @@ _SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-# assumed standard deviation from the training motor of the same joint name, in prior standard deviations; frictions of
-# equal joints of one robot differ by 13 to 17 %
+# assumed deviation from the training motor of the joint, in prior standard deviations: friction differs by 13 to 17 %
 SAME_JOINT_STD = 0.3
 # factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
 # share. Chosen on eight simulated arms, where 90 % intervals hold 93 % (benchmarks/simulated_arms.py)
@@ -142,8 +141,8 @@ class MotorPrior(Printable):
     robot: str
     motor: str  # motor model
     provenance: dict[str, Any]  # source of the logs (for a bench, its fleet with all distributions), recipe, seed
-    metrics: dict[str, float]  # of the training
-    joint_names: tuple[str, ...] = ()  # of the training motors; none for a bench
+    metrics: dict[str, float]  # metrics of the training
+    joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
     gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     stated_classes: JointClasses | None = None  # `classes`; None: one class
     # (M,) residual of each training motor over that of all at its speeds (`reference.residual_scale`) [-]; none: 1
@@ -354,7 +353,7 @@ class MotorPrior(Printable):
             network |= {name: getattr(model, name) for name in _SCALES}
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
-        header = _HEADER.write(
+        header = _HEADER.make(
             units=_UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
             period=model.period, network=network, grey_box=isinstance(model, GreyBox),
             standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,

@@ -44,8 +44,8 @@ class TermConstant(NamedTuple):
 
     name: str
     unit: str
-    initial: float  # at the start of a search
-    negligible: float  # at the start of a second search: the term has almost no effect
+    initial: float  # value at the start of a search
+    negligible: float  # value at the start of a second search: almost no effect
     disabled: float | None = None  # without effect in a step; None: it changes other constants, not the step
     signed: float = 0.0  # value per unit of decoder output, if it may be negative; all others are exp(output)
     max: float = 0.0  # bound of the magnitude, 0: none
@@ -66,7 +66,7 @@ class Term(NamedTuple):
 
     constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
-    is_usual: bool = False  # in hobby servos
+    is_usual: bool = False  # whether hobby servos usually have it
     # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
 
@@ -127,12 +127,12 @@ TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_lo
 class OperatingConditions(NamedTuple):
     """Operating conditions, per motor or the same for all."""
 
-    warmth: Any = 0.0  # of the term heat, from 0 (cold) to 1
+    warmth: Any = 0.0  # state of the term heat, from 0 (cold) to 1
     supply: Any = 1.0  # supply voltage / nominal voltage [-]
     temperature_rise: Any = 0.0  # temperature above the nominal one [K]
 
 
-# at nominal voltage and temperature, at the start of operation and at an unknown time
+# nominal voltage and temperature; motor at the start of operation, and at an unknown time
 COLD, HALF_WARM = OperatingConditions(), OperatingConditions(warmth=0.5)
 
 

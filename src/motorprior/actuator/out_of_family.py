@@ -7,7 +7,7 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
               reference += T·v,   with d = position_target(t - delay) - reference, a = profile_acceleration
     encoder   θ = round((x or q + encoder_zero) / encoder_quantum)·encoder_quantum, at the time of the tick
     velocity  u += (1 - exp(-T / velocity_filter))·((θ - θ_last) / T - u)
-    law       e = deadzone(reference - θ, dead_zone),   I = clip(I + T·ki·e, ±integral_limit)
+    control   e = deadzone(reference - θ, dead_zone),   I = clip(I + T·ki·e, ±integral_limit)
               command = clip(kp·e + I - kd·u, ±torque_limit), held until the next tick
     voltage   |command| <= stall_torque - sag·|τ| - stall_torque·w / no_load_speed in the driving direction
     current   τ += (1 - exp(-h / current_time))·(command - τ)
@@ -126,7 +126,7 @@ class OutOfFamilyMotors(TrueMotors):
     position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
     position_phase: Annotated[np.ndarray, "rad"]
     backlash: Annotated[np.ndarray, "rad"]  # full play
-    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # at first contact, without the slider
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness at first contact, without the slider
     gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
     gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
     slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider
@@ -140,8 +140,8 @@ class OutOfFamilyMotors(TrueMotors):
 
     @property
     def kind(self) -> ActuatorKind:
-        """OUT_OF_FAMILY."""
-        return OUT_OF_FAMILY
+        """OUT_OF_FAMILY_KIND."""
+        return OUT_OF_FAMILY_KIND
 
     def after(self, seconds: float) -> OutOfFamilyMotors:
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
@@ -175,7 +175,7 @@ class OutOfFamilyMotors(TrueMotors):
         table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
         table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
         table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
-        return empty_arrays(OUT_OF_FAMILY, table, LINE + line, substeps, self.output_damping)
+        return empty_arrays(OUT_OF_FAMILY_KIND, table, LINE + line, substeps, self.output_damping)
 
 
 def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
@@ -341,6 +341,6 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
         out[motor] = _reading(p, motor, joint_pos[motor] if on_output else arrays.memory[ROTOR_POS, motor])
 
 
-OUT_OF_FAMILY = ActuatorKind(
+OUT_OF_FAMILY_KIND = ActuatorKind(
     "foreign", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
 )

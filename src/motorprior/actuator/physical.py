@@ -4,7 +4,7 @@ All quantities are at the output shaft. Per substep h (<= 0.25 ms), with the joi
 
     encoder   θ = rotor_pos + encoder_zero            (on the rotor, so it does not measure backlash)
     filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
-    law       τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
+    control   τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
     speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
     gear      p = deadzone(rotor_pos - joint_pos, backlash / 2)
               τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact, never pulling

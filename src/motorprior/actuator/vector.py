@@ -18,7 +18,7 @@ from motorprior.actuator.geared_motor_step import Arithmetic
 
 _DOUBLE, _FLOAT = ir.DoubleType(), ir.FloatType()
 _BYTES = {_DOUBLE: 8, _FLOAT: 4}
-LANES = 16  # of float32, for networks
+LANES = 16  # float32 values per vector, for networks
 
 
 class Vector:

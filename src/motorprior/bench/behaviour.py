@@ -28,7 +28,7 @@ from motorprior.bench.dynamometer import Response, Trial, run
 PERIOD = 0.002  # sample period of all trials [s]
 LOAD_INERTIA, HEAVY_INERTIA = 0.003, 0.03  # inertia of a leg, and of one that carries the robot [kg·m²]
 PRELOAD = 0.05  # torque that presses the gear to one side, below the friction of most motors [N·m]
-FREQUENCIES, AMPLITUDE = (1, 2, 4, 8), 0.15  # of the sines [Hz], with whole cycles in SINE_WINDOW, [rad]
+FREQUENCIES, AMPLITUDE = (1, 2, 4, 8), 0.15  # of sines [Hz], [rad]; SINE_WINDOW contains whole cycles
 SINE_SETTLE, SINE_WINDOW = 1.0, 1.0  # time of a sine before and in the evaluation [s]
 UNMOVED_GAIN = 1e-3  # gain below which the phase is undefined [-]
 STEP, STEP_SETTLE, STEP_DURATION = 0.3, 0.3, 1.2  # height of the step [rad], time before and after it [s]
@@ -41,7 +41,7 @@ STALL_ERROR, STALL_INERTIA = 0.6, 1e5  # position error [rad], inertia that bloc
 STALL_LEAD, STALL_HOLD, STALL_FINAL = 1.5, 0.3, 0.1  # times of motion, of holding, and of the evaluation [s]
 # peak speed: height of the step [rad], inertia of a nearly bare joint [kg·m²], time after the step, averaging time [s]
 FAST_STEP, FAST_INERTIA, FAST_DURATION, SPEED_WINDOW = 1.2, 3e-4, 0.8, 0.02
-# in the unit of the feature
+# values are rounded to these, in the unit of the feature
 RESOLUTION = {
     "gain": 1e-3, "lag": 2e-4, "rise time": 1e-3, "overshoot": 5e-3,
     "dead band": 2e-4, "breakaway": 2e-3, "stall torque": 2e-3, "peak speed": 0.02,

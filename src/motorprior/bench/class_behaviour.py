@@ -15,7 +15,7 @@ from motorprior.bench.dynamometer import Trial, run
 LOAD = 3.0  # inertia of the load over the motor's armature [-]
 SETTLE, STEP, STEP_DURATION = 0.1, 0.2, 1.5  # before the step [s], its height [rad], time after it [s]
 CHIRP, CHIRP_DURATION, CHIRP_AMPLITUDE = (0.5, 8.0), 4.0, 0.1  # first and last frequency [Hz], [s], [rad]
-SPEEDS = np.linspace(0.0, 6.0, 61)  # of the friction [rad/s]
+SPEEDS = np.linspace(0.0, 6.0, 61)  # at which friction is evaluated [rad/s]
 DRAWS = 100
 
 

@@ -31,7 +31,7 @@ class Excitation:
     """Excitation of a motor."""
 
     target: Signal  # position targets [rad]
-    external_torque: Signal | None = None  # on the joint, on a bench, in units that `streams` gets; 0 if None
+    external_torque: Signal | None = None  # acts on the joint, in units that `streams` gets; 0 if None
     jumps: bool = False  # whether targets change faster than any speed limit
     is_bounded: ClassVar[bool] = False  # whether targets have a size of their own, which a robot may only reduce
 

@@ -16,7 +16,7 @@ from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import MotorParameters, TrueMotors
 from motorprior.exceptions import ConfigError
 
-MAX_VALUE = 1e9  # of parameters without another bound
+MAX_VALUE = 1e9  # upper bound of parameters without another bound
 _SECONDS = ("delay", "servo_period", "velocity_filter")  # parameters of at most 1 s
 _SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "position_phase")
 
@@ -25,7 +25,7 @@ _SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "positi
 class Family:
     """Motors with the same equations; the parameters are the fields of ``make``, with kd_over_kp [s] instead of kd."""
 
-    name: str  # in a fleet file and in bench.json
+    name: str  # name in a fleet file and in bench.json
     motor: str  # description for the report
     kind: ActuatorKind
     make: type[MotorParameters | OutOfFamilyMotors]
@@ -108,11 +108,11 @@ GEARED = Family(
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
 # motors of `actuator.out_of_family`
-OUT_OF_FAMILY = Family(
+OUT_OF_FAMILY_MOTORS = Family(
     name="foreign",
     motor="The out-of-family motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a "
-    "gear that hardens and has play and hysteresis; most of its equations are in no learned model.",
-    kind=out_of_family.OUT_OF_FAMILY,
+    "gear that hardens and has play and hysteresis. The learned models lack most of these equations.",
+    kind=out_of_family.OUT_OF_FAMILY_KIND,
     make=OutOfFamilyMotors,
     positive=frozenset({"kp", "torque_limit", "armature", "gear_stiffness"}),
     substep=out_of_family.SUBSTEP,
@@ -120,7 +120,7 @@ OUT_OF_FAMILY = Family(
     damping=("gear_damping", "bristle_damping"),
     has_optional=True,
 )
-FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY)}
+FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY_MOTORS)}
 
 
 def require_geared(motors: TrueMotors) -> MotorParameters:

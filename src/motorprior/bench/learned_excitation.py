@@ -28,8 +28,8 @@ BURN_IN = 50  # frames before a stream, in which it gets up to speed
 FADE = 10  # frames of a cross-fade between two windows
 NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
 STYLE_FRAMES = 250  # after which the slow inputs have changed
-HARMONICS = 2  # of the gait's phase that the generator gets
-NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # of the generator's convolutions
+HARMONICS = 2  # harmonics of the gait's phase: inputs of the generator
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # channels, taps and dilations of the generator's convolutions
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
 _MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
@@ -152,7 +152,7 @@ class LearnedExcitation:
     Targets are relative to the joint's mean target in its run [rad], external torques in N·m.
     """
 
-    play: str  # how streams are made: one of MAKERS
+    method: str  # one of MAKERS, makes the streams
     classes: tuple[str, ...]  # C joint classes
     period: float  # control period, of a frame [s]
     windows: np.ndarray  # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
@@ -162,16 +162,16 @@ class LearnedExcitation:
     scales: np.ndarray  # (C, 1 + SUB) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
     load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²]
-    weights: Mapping[str, np.ndarray] = field(default_factory=dict)  # of the generator; none if it was not trained
+    weights: Mapping[str, np.ndarray] = field(default_factory=dict)  # of the generator; empty if not trained
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
     jumps: ClassVar[bool] = False
     is_bounded: ClassVar[bool] = True
 
-    def playing(self, play: str) -> LearnedExcitation:
-        """The same runs, played in another way of MAKERS; raises `ConfigError` without a generator."""
-        if play == "generated" and not self.weights:
+    def with_method(self, method: str) -> LearnedExcitation:
+        """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""
+        if method == "generated" and not self.weights:
             raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="play")
-        return replace(self, play=play)
+        return replace(self, method=method)
 
     def within(self, limits: Bounds) -> LearnedExcitation:
         """The same with bounds that are at most these limits, each a number."""
@@ -203,7 +203,7 @@ class LearnedExcitation:
 
     def frames(self, rng: Rng, frames: int, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Targets (frames, n) [rad] and external torques (frames·SUB, n) [N·m] of joints of classes ``which`` (n,)."""
-        raw = MAKERS[self.play](self, rng, frames + BURN_IN + 1, which)
+        raw = MAKERS[self.method](self, rng, frames + BURN_IN + 1, which)
         limits = Bounds(*self.bounds[which].T)
         target = bounded(raw[..., 0], limits, self.period)[BURN_IN:]
         torque = soft(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
@@ -212,8 +212,8 @@ class LearnedExcitation:
     def save(self, path: Path) -> None:
         """Write it as one safetensors file."""
         tensors = {name: getattr(self, name) for name in _TENSORS} | dict(self.weights)
-        entries = {"play": self.play, "classes": list(self.classes), "period": self.period}
-        header = _HEADER.write(**entries, provenance=dict(self.provenance))
+        entries = {"play": self.method, "classes": list(self.classes), "period": self.period}
+        header = _HEADER.make(**entries, provenance=dict(self.provenance))
         write_tensors(path, {name: np.asarray(value, np.float64) for name, value in tensors.items()}, header)
 
     @classmethod

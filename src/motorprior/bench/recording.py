@@ -34,7 +34,7 @@ class BenchPreset:
     segment_steps: int  # samples per contiguous recording
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
     kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS` or files, cycled over the segments
-    hold_steps: int  # in every second segment, targets are held for so many samples
+    hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
 
     def with_excitation(self, file: Path | None) -> BenchPreset:
@@ -53,24 +53,25 @@ MOTORS_STREAM, EXCITATION_STREAM, INSTRUMENTS_STREAM = 11, 13, 47  # tags of ran
 MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
 MAX_HALVINGS = 4
 MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
-PRESETS = {
+_ROLLOUT = BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "steps", "gait", "impacts", "creep"), 5)
+BENCH_PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
-    "rollout": BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "steps", "gait", "impacts", "creep"), 5),
+    "rollout": _ROLLOUT,
+    "adapt": replace(_ROLLOUT, segment_steps=500),
+    "narrow": replace(_ROLLOUT, load_inertia=(0.002, 0.002), kinds=("sine",)),
 }
-PRESETS["adapt"] = replace(PRESETS["rollout"], segment_steps=500)
-PRESETS["narrow"] = replace(PRESETS["rollout"], load_inertia=PRESETS["paper"].load_inertia, kinds=("sine",))
 
 
 def bench_preset(name: str) -> BenchPreset:
     """The preset of that name; raises `ConfigError` if there is none."""
-    if name not in PRESETS:
-        raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
-    return PRESETS[name]
+    if name not in BENCH_PRESETS:
+        raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}")
+    return BENCH_PRESETS[name]
 
 
 def preset_of_period(period: float) -> BenchPreset:
     """The preset with this sample period [s]; raises `ConfigError` if there is none."""
-    for preset in PRESETS.values():
+    for preset in BENCH_PRESETS.values():
         if preset.period == period:
             return preset
     raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")

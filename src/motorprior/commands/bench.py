@@ -22,7 +22,7 @@ class Bench:
     """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, in short), narrow (sinusoids on
     one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
     motors: int = 32
-    """Number of motors drawn from the fleet."""
+    """Number of motors sampled from the fleet."""
     steps: int = 10_000
     """Samples per motor."""
     seed: int = 0

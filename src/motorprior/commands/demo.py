@@ -13,7 +13,7 @@ import numpy as np
 from motorprior import stage
 from motorprior.artifacts import write_text
 from motorprior.bench.fleet import load_robot_fleet
-from motorprior.commands.real_motors import RealMotors, run_real_motors
+from motorprior.commands.quick_report import QuickReport, run_quick_report
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.progress import SILENT, Progress
@@ -103,11 +103,11 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         return out / stage.PAGE
 
     with stage.locked(out):
-        for name in (stage.RESULTS, stage.FIGURES):  # of other settings
+        for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
         if given.logs is not None:
-            real = RealMotors(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
-            results += run_real_motors(real, progress)
+            real = QuickReport(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
+            results += run_quick_report(real, progress)
             own.append(page_sections.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE))
             shown = f"Report on your motors: {write_page([])}."
             rest = f"The next stages use a virtual {config.robot}; stop here if you do not need them"
@@ -121,7 +121,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         film = _film(bench, walks, progress)
         (out / FILM).write_bytes(film.data)
         sections = [
-            study_page.answer(found, study.commanded, film),
+            study_page.results_section(found, study.commanded, film),
             study_page.robustness(_maps(bench, progress)),
             study_page.own_simulations(found),
             motors,

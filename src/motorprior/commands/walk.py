@@ -1,4 +1,4 @@
-"""Train walking policies into folders, on motors drawn for every episode: with one seed or several."""
+"""Train walking policies into folders, on motors sampled for every episode: with one seed or several."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ torque of the motor and E that of the load on it [N·m]:
 A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the
 torque in the gear, and the Stribeck velocity is our own.
 
-A motor of ours becomes friction m5 with the actuator unitree_go1, the second law: ours without velocity filter. In a
+A motor of ours becomes friction m5 with the actuator unitree_go1 (torque control law, no velocity filter). In a
 rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
 load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
 BAM's models: set them where the file is used.
@@ -38,7 +38,7 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import TABLE, number, one_of, require
 from motorprior.exceptions import ConfigError
-from motorprior.exports.exporter import Constants, Exporter, Request, one_motor
+from motorprior.exports.exporter import ConstantArrays, Exporter, Request, one_motor
 from motorprior.identification.physics.motor_problem import encoded
 
 # name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
@@ -51,18 +51,18 @@ _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
-RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
+RIGID_FREQUENCY, RIGID_DAMPING_RATIO = 500.0, 0.3  # gear mode of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 
 
 @dataclass(frozen=True)
 class BamMotor:
     """One servo; its control law in units of the joint."""
 
-    values: Mapping[str, float]  # by BAM's names; those of other models are 0
+    values: Mapping[str, float]  # constants by BAM's names; those of other models are 0
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
-    max_torque: float  # at standstill [N·m]
-    limits_damping: bool  # whether max_torque also limits kd·dq, as in the law with torque
+    max_torque: float  # torque limit at standstill [N·m]
+    limits_damping: bool  # whether max_torque also limits kd·dq, as in the control law with torque
 
     @classmethod
     def of(
@@ -122,7 +122,7 @@ class BamMotor:
         return out
 
 
-def motors_of(values: Constants, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
+def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
     """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms."""
     raw = encoded({**values, "kd_over_kp": values["kd"] / values["kp"]}, terms).T
     center = raw.mean(axis=0)
@@ -190,7 +190,7 @@ def _write(request: Request) -> list[Path]:
     return files
 
 
-def _replay(values: Constants, given: Trial) -> np.ndarray:
+def _replay(values: ConstantArrays, given: Trial) -> np.ndarray:
     """(steps, n) joint angles [rad] of BAM's control law and its own integration."""
     servos = [BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))]
     return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)

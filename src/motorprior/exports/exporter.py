@@ -17,9 +17,9 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ConfigError
 
-Constants: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
+ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
-Replay: TypeAlias = Callable[[Constants, Trial], np.ndarray]
+Replay: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Request:
     source: MotorPrior | MotorPosterior
     joint_names: tuple[str, ...]  # J
     seed: int
-    constants: Constants  # (K, J), and `registry.carried`
+    constants: ConstantArrays  # (K, J), and `registry.carried`
     out: Path
     model: Path | None  # the user's MJCF
     losses: Mapping[str, float]  # `registry.losses` by load [rad]
@@ -60,7 +60,7 @@ class Request:
 class Exporter:
     """A format."""
 
-    name: str  # of the option --format
+    name: str  # value of the option --format
     drops: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
     replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
@@ -91,13 +91,13 @@ def sampled(
     return replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
 
 
-def with_kd(values: Constants) -> dict[str, np.ndarray]:
+def with_kd(values: ConstantArrays) -> dict[str, np.ndarray]:
     """The constants with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp."""
     others = {name: value for name, value in values.items() if name != "kd_over_kp"}
     return others | {"kd": values["kp"] * values["kd_over_kp"]}
 
 
-def one_motor(values: Constants, index: int | tuple[int, int]) -> dict[str, float]:
+def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str, float]:
     """The constants of one motor of (n,) or (K, J)."""
     return {name: float(value[index]) for name, value in values.items()}
 

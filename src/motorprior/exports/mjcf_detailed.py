@@ -28,7 +28,7 @@ from motorprior.exports.plain_joint import Mjcf, drive, friction, number, replay
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-# of gear_stiffness·h²/armature: MuJoCo's explicit spring of a stiffer gear would be unstable on a light link
+# maximum gear_stiffness·h²/armature: MuJoCo's explicit spring of a stiffer gear is unstable on a light link
 MAX_STIFFNESS = 0.25
 
 

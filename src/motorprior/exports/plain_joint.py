@@ -24,7 +24,7 @@ import numpy as np
 from motorprior.artifacts import read_text, write_json, write_text
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.exports.exporter import Constants, Exporter, Request, described_loss, one_motor
+from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
 from motorprior.robots.model_source import model_files
 
 _DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -33,14 +33,14 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
-Element: TypeAlias = Any  # of minidom, whose types let every parent be None
+Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
 
 
 @dataclass
 class Mjcf:
     """A document, and the model that it was before any change."""
 
-    document: Any  # of minidom
+    document: Any  # minidom document
     compiled: mujoco.MjModel
     path: Path | None = None
 
@@ -159,7 +159,7 @@ RIG = """<mujoco>
 """
 
 
-def replayed(values: Constants, given: Trial, write: WriteMotor) -> np.ndarray:
+def replayed(values: ConstantArrays, given: Trial, write: WriteMotor) -> np.ndarray:
     """(steps, n) joint angles [rad] of motors that ``write`` has written into RIG."""
     assert given.load_stiffness is not None
     out = np.zeros_like(given.position_target)

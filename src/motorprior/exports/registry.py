@@ -32,12 +32,12 @@ from motorprior.logs.operations import resample
 from motorprior.signals import rmse
 
 EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
-MAX_STEP = 0.002  # of the replay [s]
+MAX_STEP = 0.002  # maximum physics step of the replay [s]
 SMOOTH, STEPS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
 # trial -> load inertia over the median armature [-], and signals; steps reach the torque limit
 TRIALS = {"leg": (1.25, SMOOTH), "shank": (0.1, SMOOTH), "leg_steps": (1.25, STEPS)}
 GRAVITY = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
-SECONDS, HOLD = 3.0, 0.01  # of a trial, and of every target, like those of a 100 Hz policy [s]
+SECONDS, HOLD = 3.0, 0.01  # duration of a trial and of each target (a 100 Hz policy's) [s]
 _SEED = 54
 
 

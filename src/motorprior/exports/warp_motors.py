@@ -30,7 +30,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.optional_terms import REFERENCE
 from motorprior.exceptions import ConfigError
 
-MIN_STIFFNESS = 20.0  # of a softened gear, over kp: its twist is up to 5 % of the position error
+MIN_STIFFNESS = 20.0  # minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
 _REFERENCE = MotorState._fields.index(REFERENCE)
 _TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `geared_motor`
 Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)

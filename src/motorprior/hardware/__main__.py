@@ -41,7 +41,7 @@ def _add_options(command: argparse.ArgumentParser, settings: type) -> None:
     texts = dict(re.findall(r"\n {8}(\w+): ((?:.|\n {9,})*)", docs))
     for field in fields(settings):
         hint, option = get_type_hints(settings)[field.name], f"--{field.name.replace('_', '-')}"
-        kind = (get_args(hint) or (hint,))[0]  # of an optional setting, that of its value
+        kind = (get_args(hint) or (hint,))[0]  # type of a setting; of an optional one, that of its value
         how: dict[str, Any] = {"action": "store_true"} if kind is bool else {"type": kind, "default": field.default}
         command.add_argument(option, help=" ".join(texts[field.name].split()).replace("%", "%%"), **how)
 

@@ -48,7 +48,7 @@ class Timing:
 
     sent: list[float] = field(default_factory=list)  # when the command was sent
     late: list[float] = field(default_factory=list)  # time after the deadline
-    age: list[float] = field(default_factory=list)  # of the measurement used, when the command was sent
+    age: list[float] = field(default_factory=list)  # age of the measurement used, when the command was sent
     skipped: int = 0  # steps skipped because the previous one took too long
 
 
@@ -78,7 +78,7 @@ class ControlLoop:
         self._slow_host = SlowHost(limits, self._period)
         self._deadline, self._paused = time.monotonic() + self._period, False
 
-    def play(
+    def run_motion(
         self,
         motion: Motion,
         mode: Mode,

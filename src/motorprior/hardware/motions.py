@@ -113,7 +113,7 @@ def walk(
             return motion(measurement)
 
         with steering as operator:
-            loop.play(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
+            loop.run_motion(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
 
     session.run(work, stopping=motion.stopping)
 
@@ -188,8 +188,7 @@ def hardware_targets(
     parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
     away = np.concatenate([_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts])
     if kind == "varied":
-        # A joint's load depends on the motion of all. If all jump at once, its estimate is so poor that gears seem
-        # better damped than they are.
+        # A joint's load depends on the motion of all. If all jump at once, gears seem better damped than they are.
         bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
         for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
             away[steps // 2 : first, joint] = away[end:, joint] = 0.0
@@ -237,6 +236,6 @@ def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
             session.status(f"{count * period:6.1f} of {len(targets) * period:g} s recorded")
 
     def work(loop: ControlLoop) -> None:
-        loop.play(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
+        loop.run_motion(lambda _: next(rows, None), Mode.EXCITE, show, session.timing)
 
     session.run(work, crouch=not suspended)

@@ -20,8 +20,7 @@ from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
-# Idle commands per burst. The first burst is longer than any command, since part of one may have been sent; the others
-# replace lost frames.
+# Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
 _IDLE_PAUSE = 0.01  # [s] between bursts
 # Gains precede the first targets only. Repeated, because a command can get lost. Not later, because there is no

@@ -89,7 +89,7 @@ class Session:
     """A run of a robot, from idle to idle."""
 
     link: RobotLink
-    gains: Gains  # to send
+    gains: Gains  # gains to send
     stop: StopRequest = field(default_factory=StopRequest)  # ends the run when it is set
     need_imu: bool = True  # reject a robot whose IMU is not read
     confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming
@@ -139,7 +139,7 @@ class Session:
         """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
         gate = self.link.gate
         gate.slow, start = True, pose if gate.target is None else gate.target
-        loop.play(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
+        loop.run_motion(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
 
     def _descend(self, fault: RobotFault | None = None) -> None:
         """Slow down, then crouch; after a fault in the descent it continues from there."""
@@ -155,7 +155,7 @@ class Session:
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
         loop = ControlLoop(link, lenient, lambda: False)  # a stop of the previous motion must not stop this one
         if self._stopping is not None:
-            loop.play(self._stopping(), Mode.WALK)
+            loop.run_motion(self._stopping(), Mode.WALK)
         self._stopping = None
         self._ramp(loop, link.robot.require_wire().crouch_pose, Mode.CROUCH)
 
@@ -168,8 +168,7 @@ def fault_of(error: Exception) -> RobotFault:
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-# Per control period on the robot's clock, so that neither buffered frames nor a busy host have an influence; the rest
-# may be lost.
+# Per control period of the robot's clock: buffered frames and a busy host have no influence. The rest may be lost.
 _MIN_FRAMES = 0.8
 _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 

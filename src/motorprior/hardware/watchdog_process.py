@@ -19,7 +19,7 @@ import sys
 import termios
 import time
 
-_PRIORITY = 20  # of SCHED_FIFO, above the control loop's
+_PRIORITY = 20  # SCHED_FIFO priority, above the control loop's
 _MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates almost nothing later
 _BURST = 40  # idle frames at once: more bytes than the longest command, which the dead host may have sent in part
 _REPEAT = 0.02  # [s] between idle frames

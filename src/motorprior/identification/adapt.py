@@ -15,7 +15,7 @@ from motorprior.exceptions import LogError, listed
 from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
 from motorprior.identification.fit_prior import trained_on
-from motorprior.identification.latents.latent_fit import Outliers, Posterior, fit_posterior, outliers
+from motorprior.identification.latents.latent_fit import LatentPosterior, Outliers, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
 from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
@@ -26,8 +26,8 @@ from motorprior.progress import SILENT, WARNED, WARNING, Progress
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-# ... and below so many standard deviations of log(kp) over samples of the prior. One in fifty healthy robots of twelve
-# motors has a motor below, and one in fifty such a median if the motors of a robot share a third of the variance.
+# ... and if log(kp) is so many standard deviations of the prior below the mean: 2 % of healthy robots of 12 motors have
+# a motor below, 2 % of healthy robots have a median below, if a robot's motors share a third of the variance
 _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 
@@ -35,8 +35,7 @@ _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 class OutlierTest:
     """Whether the M motors of a log are outliers of the prior's fleet."""
 
-    # (M,) twice the smaller of two p-values, at most 1: that of the fit to its log (`reference.loss_p_value`) and that
-    # of the distance of its constants (`latent_fit.outliers`)
+    # (M,) min(1, 2·min p): of the fit to the log (`reference.loss_p_value`), of the constants (`latent_fit.outliers`)
     p_value: np.ndarray
     reason: tuple[str, ...]  # (M,) the largest deviation of each outlier; "" of the others
 
@@ -86,7 +85,7 @@ def adapt(
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
 
 
-def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
+def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
     """Posterior of every motor of the log; that of one that did not move is the prior. Raises `LogError` as `adapt`."""
     preset, data, temperature, _ = _prepared(prior, log)
     mean, std, misfit = prior.predicted(log)
@@ -100,7 +99,7 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> Posterior:
     return replace(found, misfit=np.where(still, misfit, own))
 
 
-def outlier_test(prior: MotorPrior, log: MotorLog, found: Posterior) -> OutlierTest:
+def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> OutlierTest:
     """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet."""
     preset, data, temperature, which = _prepared(prior, log)
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
@@ -146,7 +145,7 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
         )
 
 
-def _note_findings(prior: MotorPrior, log: MotorLog, found: Posterior, progress: Progress) -> None:
+def _note_findings(prior: MotorPrior, log: MotorLog, found: LatentPosterior, progress: Progress) -> None:
     recipe = recipe_of(prior)
     for line in log_warnings(log, recipe):
         progress.note(line)

@@ -20,7 +20,7 @@ from motorprior.identification.evaluation.bench_truth import (
     bench_coverage,
     bench_errors,
 )
-from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
@@ -28,7 +28,7 @@ from motorprior.robots.robot import Robot
 ADAPTED_SECONDS = 10.0  # log from which held-out motors are adapted for the fidelity table
 POPULATION, COMPARISONS = 256, 5
 _MOTORS, _SAMPLES = 29, 31  # tags of random streams
-# of the classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
+# classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
 _CLIP, _RIDGE = 4.0, 0.02
 _FOLDS, _REPEATS, _NEWTON_STEPS = 5, 4, 8
 
@@ -48,7 +48,7 @@ def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds
     )
 
 
-def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings) -> dict[str, Posterior]:
+def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings) -> dict[str, LatentPosterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of the held-out motors."""
     return {
         name: adapt_to(prior, _held_out_log(robot, prior, bench, ADAPTED_SECONDS))
@@ -58,7 +58,7 @@ def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettin
 
 
 def adapted_models(
-    priors: Mapping[str, MotorPrior], adapted: Mapping[str, Posterior], num_motors: int
+    priors: Mapping[str, MotorPrior], adapted: Mapping[str, LatentPosterior], num_motors: int
 ) -> dict[str, ModelOfMotors]:
     """Every prior as a model of held-out motors, at its posterior mean if it has latents."""
     models: dict[str, ModelOfMotors] = {}
@@ -73,7 +73,7 @@ def adaptation(
     prior: MotorPrior,
     bench: BenchSettings,
     seconds: tuple[float, ...],
-    adapted: Posterior,
+    adapted: LatentPosterior,
     seed: int,
     progress: Callable[[], None],
 ) -> Results:

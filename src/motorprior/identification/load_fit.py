@@ -3,7 +3,7 @@
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
 with the joint's angle q. Free runs of the grey box have three more latents, ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp,
-around a regression of the logged proportional law,
+around a regression of the logged proportional control law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
@@ -41,7 +41,7 @@ _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
 _RADII, _DRAWS, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
-_STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # of the prior of a latent, of ln(J/J₀), and of s/g and c/g
+_STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # prior of a latent, of ln(J/J₀), of s/g and c/g
 _EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
 _LANES = 32  # loads simulated at a time; each has its own rows
 _STREAM = 61
@@ -100,7 +100,7 @@ def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray,
 
 
 def _regression(runs: WindowRuns) -> np.ndarray:
-    """(3,) J₀, s₀, c₀ of the logged proportional law on all rows."""
+    """(3,) J₀, s₀, c₀ of the logged proportional control law on all rows."""
     regressors, torques = [], []
     for segment in runs.segments:
         target, angle, speed, kp = segment.rows[:, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0].T

@@ -11,7 +11,7 @@ from motorprior.actuator.motor_prior import FROZEN, MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import CONDITIONS, MotorLog, channels
+from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, channels
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,12 @@ class Preset:
     period: float  # sample period of the motors [s]
     # ``together``, with a Gaussian over the motors, or ``alone``; "": a network, trained by Adam
     grey_boxes: str = ""
-    taps: tuple[int, ...] = (0,)  # of networks: ages of the history inputs [periods]
-    has_armature: bool = False  # of networks: decode an armature from z for the engine
-    num_latents: int = 4  # of networks: size of z; 0 gives one network for all motors
+    taps: tuple[int, ...] = (0,)  # networks: ages of the history inputs [periods]
+    has_armature: bool = False  # networks: decode an armature from z for the engine
+    num_latents: int = 4  # networks: size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
-    kl_weight: float = 1e-3  # of KL(N(μ, σ²) ‖ N(0, I)), summed over latents, averaged over motors
-    # steps before a window in which the motor follows the recorded joint, until its hidden state converges; a short
-    # warm-up biases friction low
+    kl_weight: float = 1e-3  # weight of KL(N(μ, σ²) ‖ N(0, I)), sum over latents, mean over motors
+    # steps before a window that follow the recorded joint until the hidden state converges; too few bias friction low
     warm_up: int = 0
     window: int = 64  # steps of a rollout (1 for torque regression)
     noisy: bool = True  # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
@@ -42,11 +41,10 @@ class Preset:
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
     # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
     firmware: tuple[tuple[str, float], ...] = ()
-    # logged channels of `motor_log.CONDITIONS`, each with its minimum over segment means, its median and its maximum
+    # logged OPERATING_CONDITIONS, each with its minimum over segment means, its median and its maximum
     # [V], [°C]; constants are those at the medians
     conditions: tuple[tuple[str, float, float, float], ...] = ()
-    # after the training transform each latent to N(0, 1) over the training motors, and replace their posteriors
-    # by a Laplace approximation (`standard_posterior`)
+    # after the training, make latents N(0, 1) over the motors, with Laplace posteriors (`standard_posterior`)
     standardise: bool = False
 
     @property
@@ -160,7 +158,7 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
     if log.stated_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     conditions = []
-    for name in sorted(CONDITIONS.keys() & channels(log).keys()):
+    for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):
         means = np.array([part.conditions[name] for part in log.segments()])
         nominal = np.median(channels(log)[name])
         conditions.append((name, float(means.min()), float(nominal), float(means.max())))

@@ -34,7 +34,7 @@ from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import Split
-from motorprior.progress import WARNING, Notes, Progress
+from motorprior.progress import WARNING, NoteProgress, Progress
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
@@ -55,7 +55,8 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         warnings.extend([text] if text.startswith(WARNING) else [])
         progress.note(text)
 
-    prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, Notes(note, progress), tuned=tuned)
+    notes = NoteProgress(note, progress)
+    prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
         models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.classes_of(train))[0])

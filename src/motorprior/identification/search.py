@@ -2,9 +2,9 @@
 
     minimise  U(x) = loss(x) + ½·Σ_k precision_k·(x_k - mean_k)²,    loss = weight·mean of huber(residuals)
 
-A fit draws candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's best
-optimum was found again and again. Derivatives are central differences over a wide step, since stiction makes small ones
-meaningless, and a step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
+A fit samples candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's
+best optimum was found several times. Derivatives are central differences over a wide step, since stiction makes small
+ones meaningless. A step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
 lanes of a compiled simulation; a problem that is done drops out.
 """
 
@@ -21,9 +21,9 @@ import numpy as np
 from motorprior.compiled import njit
 
 WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
-MAX_STEP = 0.5  # of an unknown, in one Gauss-Newton step
+MAX_STEP = 0.5  # maximum change of an unknown in one Gauss-Newton step
 DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-SAME, TIMES = 3e-3, 2  # relative difference of U up to which two optima are the same; see `Search.until_found_again`
+SAME_OPTIMUM, CONFIRMATIONS = 3e-3, 2  # maximum relative difference of U; number, see `Search.until_found_again`
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # descents at a time: of the last problems, several restarts
@@ -77,7 +77,7 @@ class GaussianPrior:
         """The same with x fixed at 0 in these columns (K,)."""
         return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, FIXED, self.precision))
 
-    def of(self, which: np.ndarray) -> GaussianPrior:
+    def subset(self, which: np.ndarray) -> GaussianPrior:
         """The prior of some of the problems (m,)."""
         return GaussianPrior(*(each if each.ndim == 1 else each[which] for each in (self.mean, self.precision)))
 
@@ -103,9 +103,9 @@ class Fit:
     def better(self, other: Fit) -> Fit:
         """The fit with less energy, for every problem."""
         lower = np.flatnonzero(other.energy < self.energy)
-        return self.replaced(lower, other.of(lower))
+        return self.replaced(lower, other.subset(lower))
 
-    def of(self, which: np.ndarray) -> Fit:
+    def subset(self, which: np.ndarray) -> Fit:
         """The fit of some of the problems (m,)."""
         return Fit(self.x[which], self.energy[which], self.loss[which])
 
@@ -180,13 +180,13 @@ class Search:
         which = self.everyone if which is None else which
         if self._lower is not None:
             candidates = np.maximum(candidates, _broadcast(self._lower[which], candidates))
-        energy = self.losses(candidates, which) + prior.of(which).energy(candidates)
+        energy = self.losses(candidates, which) + prior.subset(which).energy(candidates)
         return candidates[np.arange(len(which)), energy.argmin(axis=1)]
 
     def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.everyone if which is None else which
-        prior = prior.of(which)
+        prior = prior.subset(which)
         found = self.at(start, prior, which)
         for count, diff_step in steps:
             found = self._descend(found, prior, count, diff_step, which)
@@ -227,7 +227,7 @@ class Search:
         steps: Steps,
         report: Callable[[], None] = lambda: None,
         which: np.ndarray | None = None,
-        again: int = TIMES,
+        again: int = CONFIRMATIONS,
     ) -> Fit:
         """Restart the problems ``which`` (m,), or all, until each one's best optimum was found ``again`` times more.
 
@@ -241,11 +241,11 @@ class Search:
             starts = [self.best_of(draw(done + k, found)[left], prior, left) for k in range(batch)]
             fits = self.descend(np.concatenate(starts), prior, steps, np.tile(left, batch))
             for k in range(batch):
-                fit, before = fits.of(np.arange(len(left)) + k * len(left)), found.energy[left]
-                same = np.abs(fit.energy - before) <= SAME * before
-                counted = np.where(fit.energy < (1.0 - SAME) * before, 0, times[left] + same)
+                fit, before = fits.subset(np.arange(len(left)) + k * len(left)), found.energy[left]
+                same = np.abs(fit.energy - before) <= SAME_OPTIMUM * before
+                counted = np.where(fit.energy < (1.0 - SAME_OPTIMUM) * before, 0, times[left] + same)
                 times[left] = np.where(times[left] < again, counted, again)
-                found = found.replaced(left, found.of(left).better(fit))
+                found = found.replaced(left, found.subset(left).better(fit))
                 report()
             done += batch
         for _ in range(restarts - done):

@@ -35,11 +35,11 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, subsampled
 
-WORK = 100  # of every stage of a fit of grey boxes, in Adam steps
-SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # of each motor in all but the last descents; rows, or windows if more
+WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
+SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last descents, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
-Report = Callable[[int, str], None]  # (work since the last call, text)
+ReportProgress = Callable[[int, str], None]  # (work since the last call, text)
 Arrays: TypeAlias = dict[str, np.ndarray]
 Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not kept yet
 
@@ -48,16 +48,15 @@ Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, comput
 class Identified:
     """A decoder with the posteriors of the training motors."""
 
-    model: Decoder  # of the prior
+    model: Decoder  # decoder of the prior
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
     losses: np.ndarray  # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
-    # ``saved_TERM``, share of the held-out loss that a term saves; ``unidentified_LIMIT`` and ``unknown_torque_scale``,
-    # see `motor_prior`
+    # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``, ``unknown_torque_scale``: `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
-    classes: JointClasses | None = None  # of the prior; None: one class
+    classes: JointClasses | None = None  # joint classes of the prior; None: one class
 
 
 def work_of(preset: Preset) -> int:
@@ -69,7 +68,7 @@ def identify(
     data: TrainingData,
     preset: Preset,
     seed: int,
-    report: Report = lambda work, text: None,
+    report: ReportProgress = lambda work, text: None,
     keep: Keep = lambda name, compute: compute(),
 ) -> Identified:
     """Train a prior. The same data, preset and seed give the same bytes; raises `MotorPriorError` if it diverges.
@@ -91,7 +90,7 @@ def identify(
 
 
 def _grey_boxes(
-    data: TrainingData, preset: Preset, seed: int, report: Report, keep: Keep
+    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, keep: Keep
 ) -> tuple[Identified, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
@@ -113,7 +112,7 @@ def _grey_boxes(
     return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
-def _selected(data: TrainingData, preset: Preset, seed: int, report: Report) -> Selection:
+def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgress) -> Selection:
     if not preset.tries_terms:
         report(WORK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
@@ -127,7 +126,7 @@ def _selected(data: TrainingData, preset: Preset, seed: int, report: Report) -> 
 
 
 def _fitted(
-    data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: Report
+    data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: ReportProgress
 ) -> FleetFit:
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))

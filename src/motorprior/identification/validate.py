@@ -40,7 +40,7 @@ from motorprior.identification.training_data.windows import window_starts, with_
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import first_and_rest, train_test_halves
-from motorprior.progress import SHOWN, SILENT, WARNING, Notes, Progress
+from motorprior.progress import SHOWN, SILENT, WARNING, NoteProgress, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
@@ -48,10 +48,10 @@ COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for all motors
-PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
+BASELINE_PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction
 LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
-BASELINE_PERIOD = 0.002  # of these presets [s]; priors with another period have no such baselines
+BASELINE_PERIOD = 0.002  # sample period of these presets [s]; priors with another period have no such baselines
 
 
 class Validation(NamedTuple):
@@ -60,7 +60,7 @@ class Validation(NamedTuple):
     results: Results
     traces: list[Trace]
     warnings: list[str]
-    constants: Constants | None = None  # of the fitted models
+    constants: Constants | None = None  # constants of the fitted models
 
 
 def validate(
@@ -176,7 +176,7 @@ def fitted_baselines(
             recipe = replace(recipe, steps=adam_steps)
         try:
             out = None if folder is None else folder / name
-            fitted = fit_recipe(log, named, recipe, seed, out, Notes(SILENT.note, progress), tuned=tuned)
+            fitted = fit_recipe(log, named, recipe, seed, out, NoteProgress(SILENT.note, progress), tuned=tuned)
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None
@@ -188,7 +188,7 @@ def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Pres
     """Preset and recipe of every baseline that has one, with windows that fit the log; LogError if none does."""
     if preset.period != BASELINE_PERIOD:
         return {}
-    names = PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})
+    names = BASELINE_PRESETS | (LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {})
     recipes = {name: (preset, with_window_that_fits(presets.PRESETS[preset], log)) for name, preset in names.items()}
     for _, recipe in recipes.values():
         window_starts(tuple(log.segment_slices()), recipe, log.source)

@@ -29,7 +29,7 @@ MIN_PITCH_STIFFNESS = 5.0
 # Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
 # the fleets of the small robot 0.8 to 1 give the same walks.
 LEAD_SHARE = 0.9
-_MAX_COSINE = 0.999  # of the knee's angle; beyond it a position is out of reach and the nearest one is taken
+_MAX_COSINE = 0.999  # maximum |cos(knee angle)|; positions beyond are out of reach and replaced by the nearest
 GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
 GAITS: tuple[GaitName, ...] = get_args(GaitName)
 # Phases of the legs front right, front left, rear right, rear left; that of phase p touches down at 1 - p of the cycle.

@@ -25,13 +25,13 @@ from typing import Any, Literal, TypeVar
 
 from motorprior.exceptions import ConfigError, SimulationFault
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 Kind = Literal["threads", "ray"]
 RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
 _REMEDY = "read Ray's logs; finished iterations are kept"
-_SIMULATORS: dict[str, Any] = {}  # in a worker process: of the latest two executors, training and evaluation
+_SIMULATORS: dict[str, Any] = {}  # simulators of a worker process, for the latest two executors (training, evaluation)
 _NUMBERS = itertools.count()
 
 
@@ -64,10 +64,10 @@ class ThreadExecutor:
             self._idle.put(simulator)
         self._pool = ThreadPoolExecutor(workers)
 
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
         """Results in the order of ``tasks``; the function may depend on its arguments only."""
 
-        def run(task: Any) -> Result:
+        def run(task: Any) -> T:
             simulator = self._idle.get()
             try:
                 return function(simulator, shared, task)
@@ -94,7 +94,7 @@ class RayExecutor:
         options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
         self._run = self._ray.remote(_run_chunk).options(**options)
 
-    def map(self, function: Callable[[Any, Any, Any], Result], shared: Any, tasks: Sequence[Any]) -> list[Result]:
+    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
         """See `ThreadExecutor.map`.
 
         Raises:

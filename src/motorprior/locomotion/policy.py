@@ -24,7 +24,7 @@ from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
-WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
+ROBOT_WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
 FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
@@ -168,7 +168,7 @@ class Policy(Printable):
         """For people: the robot, and the training."""
         made = self.provenance
         motors = made.get("motors")
-        weight = f"{made[WEIGHT] / GRAVITY:.2f} kg" if WEIGHT in made else ""
+        weight = f"{made[ROBOT_WEIGHT] / GRAVITY:.2f} kg" if ROBOT_WEIGHT in made else ""
         best = f"iteration {made['iteration']}, mean return {made['own_return']:.2f} m" if "iteration" in made else ""
         facts = {
             "robot": ", ".join(filter(None, (self.robot, weight))), "gait": self.gait,
@@ -194,7 +194,7 @@ class Policy(Printable):
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""
         tensors = dict(zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True))
-        header = _HEADER.write(
+        header = _HEADER.make(
             control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
             slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Train a walking policy: ARS over episodes, each with newly drawn motors."""
+"""Train a walking policy: ARS over episodes, each with newly sampled motors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from motorprior.locomotion.policy_shape import PolicyShape
 EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
-_MEANS = ("steps", "speed_error")  # of the episodes of an iteration
+_MEANS = ("steps", "speed_error")  # means over the episodes of an iteration
 START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
 
 
@@ -90,7 +90,7 @@ class PolicySearch:
         )
 
     def evaluate(self, executor: Executor) -> None:
-        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_DRAWS draws of motors."""
+        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_DRAWS samples of motors."""
         seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
         episodes = executor.map(run_task, self, [EpisodeTask(0, 0, seed) for seed in seeds])
         found = float(np.mean([episode.total for episode in episodes]))

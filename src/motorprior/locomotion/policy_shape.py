@@ -29,7 +29,7 @@ class PolicyShape:
 
     num_joints: int
     units: int = 0  # hidden units before mirroring; 0 for a linear policy
-    mirror: Mirror | None = None  # of the robot in its gait; None for a policy without symmetry
+    mirror: Mirror | None = None  # mirror symmetry of the robot in its gait; None for a policy without
 
     @classmethod
     def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:

@@ -32,7 +32,7 @@ import numpy as np
 from motorprior.artifacts import read_toml
 from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import CONDITIONS, ENCODERS, GAIN_UNITS, PHYSICAL_GAINS, POSTURES
+from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, OPERATING_CONDITIONS, PHYSICAL_GAINS, POSTURES
 from motorprior.schema import Schema
 
 REMEDY = "see docs/your-motors.md"
@@ -66,7 +66,7 @@ _CONDITION = Field("the name of a column, or a number", lambda value: _NAME.acce
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
-        **dict.fromkeys(CONDITIONS, _CONDITION),
+        **dict.fromkeys(OPERATING_CONDITIONS, _CONDITION),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         "posture": one_of(*POSTURES),
@@ -110,18 +110,18 @@ class ColumnMap:
     """The meaning of the columns of a table; names, encoder, posture, gain_unit and firmware as in `MotorLog`."""
 
     source: str  # file or name of the map
-    series: dict[str, str]  # channel -> name of its columns, with JOINT or NAME; of CONDITIONS maybe one for all joints
+    series: dict[str, str]  # channel -> name of its columns with JOINT or NAME; a condition may be one for all joints
     joints: tuple[MappedJoint, ...]
     motor: str = ""
     robot: str = ""
     encoder: str = ""
     time: str | None = None  # its column, or None with rate
     time_scale: float = 1.0  # seconds per unit of that column
-    rate: float | None = None  # of the rows [Hz]
+    rate: float | None = None  # row rate [Hz]
     segment: str | None = None  # column with the index of the recording
     posture: str | None = None
     base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
-    conditions: Mapping[str, float] = field(default_factory=dict)  # for all rows and joints
+    conditions: Mapping[str, float] = field(default_factory=dict)  # values for all rows and joints
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -165,16 +165,16 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         raise ArtifactError(problem, where=where, remedy="give one of the two")
     series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
     for name, column in series.items():
-        one_for_all = name in CONDITIONS or len(table["joints"]) == 1
+        one_for_all = name in OPERATING_CONDITIONS or len(table["joints"]) == 1
         if not one_for_all and JOINT not in column and NAME not in column:
             remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
             raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy)
-    scales = {name: _scale(QUANTITIES[name], (units,), where) for name in CONDITIONS}
+    scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
         source=where, time_scale=TIMES[units.get("time", "s")], series=series,
         joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
-        conditions={name: table[name] * scales[name] for name in CONDITIONS if is_number(table.get(name))},
+        conditions={name: table[name] * scales[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))},
         **{name: table[name] for name in _PLAIN if name in table},
     )  # fmt: skip
 
@@ -207,7 +207,7 @@ def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], plac
     quantity, own = QUANTITIES[channel], joint.get(channel, {})
     _check(own, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
     tables = (own, joint, units) if quantity == "angle" else (own, units)
-    sign = 1 if channel in CONDITIONS else joint.get("sign", 1)
+    sign = 1 if channel in OPERATING_CONDITIONS else joint.get("sign", 1)
     if channel == "joint_vel":
         sign = joint.get("joint_pos", {}).get("sign", sign)
     changes = ChainMap(*tables)

@@ -25,8 +25,8 @@ Columns: TypeAlias = Callable[[Path, list[str], ColumnMap], dict[str, np.ndarray
 class LogReader:
     """A log format; the READER of a module in `logs.readers`."""
 
-    name: str  # for messages
-    endings: tuple[str, ...]  # of its file names, each with its dot, or FOLDER
+    name: str  # name in messages
+    endings: tuple[str, ...]  # endings of its file names with the dot, or FOLDER
     recognises: Callable[[Path], bool] = lambda path: True  # whether a path with such an ending has this format
     read: Callable[[Path, Robot | None], MotorLog] | None = None  # None if the format needs a column map
     columns: Columns | None = None  # for a column map; None if it needs none

@@ -37,14 +37,13 @@ BASE_AXES = ("roll", "pitch")
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# Firmware registers, of the profile and the dead zone, and operating conditions: lowest and highest value, unit; a
-# register of 0 is off
+# Registers of the profile and the dead zone (0: off), and operating conditions: lowest and highest value, unit
 FIRMWARE = {
     "profile_speed": (1e-3, 1e6, "rad/s"),
     "profile_acceleration": (1e-3, 1e9, "rad/s²"),
     "dead_zone": (1e-6, 1.0, "rad"),
 }
-CONDITIONS = {"supply_voltage": (0.1, 2000.0, "V"), "motor_temperature": (-60.0, 300.0, "°C")}
+OPERATING_CONDITIONS = {"supply_voltage": (0.1, 2000.0, "V"), "motor_temperature": (-60.0, 300.0, "°C")}
 POSTURES = ("standing", "suspended", "fixed", "fallen")  # the channel `posture` holds indices of this tuple
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
@@ -80,8 +79,7 @@ class MotorLog(Printable):
     segment: np.ndarray | None = None  # (T,) index of the contiguous recording; None for a single one
     base_orientation: np.ndarray | None = None  # (T, 2) roll and pitch of the base [rad]
     posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
-    # where joint_pos and joint_vel are measured: "joint", or "rotor", which does not measure backlash and elasticity of
-    # the gear (angles are at the output shaft in both cases)
+    # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the output shaft in both
     encoder: str = "joint"
     stated_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
     stated_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with stated_kp
@@ -122,7 +120,7 @@ class MotorLog(Printable):
 
     @property
     def readings(self) -> np.ndarray:
-        """(T, J) angles [rad] to compare simulated ones with: smoothed ones begin to move before the motor."""
+        """(T, J) angles [rad] to compare with simulation; smoothed ones move before the motor, which biases delays."""
         return self.joint_pos if self.joint_reading is None else self.joint_reading
 
     @property
@@ -179,8 +177,8 @@ class MotorLog(Printable):
 
     @property
     def conditions(self) -> dict[str, np.ndarray]:
-        """(J,) mean of each logged channel of CONDITIONS."""
-        return {name: value.mean(axis=0) for name, value in channels(self).items() if name in CONDITIONS}
+        """(J,) mean of each logged channel of OPERATING_CONDITIONS."""
+        return {name: value.mean(axis=0) for name, value in channels(self).items() if name in OPERATING_CONDITIONS}
 
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
@@ -228,7 +226,7 @@ def settings_text(log: MotorLog) -> str:
     for name, value in log.firmware.items():
         parts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
     for name, values in channels(log).items():
-        if name in CONDITIONS:
+        if name in OPERATING_CONDITIONS:
             parts.append(f"{name} {range_text(name, values.min(), values.max())}")
     if log.posture is not None:
         parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
@@ -247,7 +245,7 @@ def gain_texts(log: MotorLog) -> list[str]:
 
 def range_text(condition: str, low: float, high: float) -> str:
     """For example "9.6 to 12 V", or "12 V" if both are equal."""
-    return f"{' to '.join(dict.fromkeys((f'{low:.3g}', f'{high:.3g}')))} {CONDITIONS[condition][2]}"
+    return f"{' to '.join(dict.fromkeys((f'{low:.3g}', f'{high:.3g}')))} {OPERATING_CONDITIONS[condition][2]}"
 
 
 CORRECT = "correct the column map, or the file"
@@ -260,7 +258,7 @@ _BOUNDS = {  # lowest and highest value, and what it is
     "stated_kp": (_TINY, np.inf, "a positive gain"),
     "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
-    **{name: (low, high, f"from {low:g} to {high:g} {unit}") for name, (low, high, unit) in CONDITIONS.items()},
+    **{key: (low, high, f"from {low:g} to {high:g} {unit}") for key, (low, high, unit) in OPERATING_CONDITIONS.items()},
 }
 
 

@@ -13,8 +13,8 @@ from motorprior.exceptions import LogError, listed
 from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
-MAX_SMOOTHING = 0.5  # of commands [rad]
-MIN_ROWS = 4  # of a segment next to a gap, or of a recording of a robot
+MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
+MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recording
 _MAX_NAMED = 5  # gaps that the message lists
 # Channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
@@ -90,7 +90,7 @@ def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, perio
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
     area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])
     area = area[row] + command[row] * (edges - time[row])[:, None]
-    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # in force at the end
+    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # row in force at the end
     same = (row[:-1] == last)[:, None]
     return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
 

@@ -1,4 +1,4 @@
-"""Pickles of third parties, also in the zips of torch.save: numbers come through, no code runs, without PyTorch."""
+"""Restricted unpickler for third-party files, also of torch.save: reads arrays and numbers, executes no code."""
 
 from __future__ import annotations
 

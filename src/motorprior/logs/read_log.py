@@ -23,13 +23,13 @@ from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
-from motorprior.logs.motor_log import CONDITIONS, MotorLog, checked
+from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, checked
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.progress import WARNED, WARNING, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
-PERIOD = 0.002  # of the presets of identification for real motors [s]
+PERIOD = 0.002  # sample period of the identification presets for real motors [s]
 READERS: tuple[LogReader, ...] = tuple(
     import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
 )
@@ -102,7 +102,7 @@ class LogFolder:
     """The logs of a folder."""
 
     logs: dict[str, MotorLog]  # by short name, sorted
-    paths: tuple[Path, ...]  # of the logs
+    paths: tuple[Path, ...]  # files of the logs
     unreadable: tuple[str, ...] = ()  # "NAME: reason" for each file that looks like a log but cannot be read
 
     @property
@@ -185,7 +185,7 @@ def load_log(
             the robot, or of ``columns`` without one. Overrides the log and ``columns``.
         kd: derivative gain, likewise.
         firmware: registers of `motor_log.FIRMWARE`, in SI units; they override those of the log.
-        conditions: some of `motor_log.CONDITIONS`, for all joints and rows; they override those of the log.
+        conditions: some of `motor_log.OPERATING_CONDITIONS`, for all joints and rows; they override those of the log.
         as_joint: names of the joints of ``robot`` for those of the log, in its order: the log, for example of a bench,
             is then one of motors of this robot.
         progress: where to report to; by default warnings are Python warnings.
@@ -276,7 +276,8 @@ def _with_settings(
         if given.size:
             values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
     for name, value in (conditions or {}).items():
-        if name not in CONDITIONS:
-            raise ConfigError(f"condition {name!r}", remedy=f"give {' or '.join(CONDITIONS)}", argument="conditions")
+        if name not in OPERATING_CONDITIONS:
+            remedy = f"give {' or '.join(OPERATING_CONDITIONS)}"
+            raise ConfigError(f"condition {name!r}", remedy=remedy, argument="conditions")
         values[name] = np.full(log.joint_pos.shape, value)
     return checked(replace(log, **values))

@@ -15,7 +15,7 @@ from motorprior.logs.operations import EXCITED_STD, excited_joints, joined
 
 MAX_LOGS = 16  # if there are more, this many are used, evenly spread over the list
 MIN_SEGMENT = 1.5  # a free run of 1 s and its warm-up [s]; shorter segments are left out
-MIN_SECONDS = 2.0  # of every log [s]
+MIN_SECONDS = 2.0  # minimum duration of a log [s]
 CHUNK = 2.5  # duration of chunks that alternate between training and test [s]
 
 

@@ -32,9 +32,9 @@ from motorprior.report.plots_style import (
 )
 from motorprior.signals import rmse
 
-LOAD = 2e-3  # of the joints in `step_responses` [kg·m²]
+LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
 Curve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
-SHOWN_SECONDS = 8.0  # of a trace, from its end, where a chirp is fastest
+SHOWN_SECONDS = 8.0  # duration of a trace [s], from its end, where a chirp is fastest
 
 
 def excitation_and_response(log: MotorLog, title: str) -> Figure:

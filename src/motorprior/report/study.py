@@ -134,7 +134,7 @@ def forest_plot(summary: StudyStatistics, conditions: Sequence[str]) -> Figure:
     return figure
 
 
-def answer(summary: StudyStatistics, speed: float, film: Picture) -> Section:
+def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Section:
     """Question, result and uncertainty; the film; time upright, speed and transfer gap."""
     conditions = conditions_in(summary)
     policies = max(each.shape[1] for each in summary.upright.values())
@@ -142,9 +142,9 @@ def answer(summary: StudyStatistics, speed: float, film: Picture) -> Section:
         f"Policies are trained in simulation on models of a robot's motors, and then walk robots that they have never "
         f"seen, commanded {speed:g} m/s: {'; '.join(f'{place}: {text}' for place, text in _PLACES.items())}."
     )
-    sure = (
+    uncertainty = (
         f"95 % intervals over the robots, of at most {policies} policies per condition, all for one bench of motors. "
-        "They contain no differences between trainings or benches; those of the study do (docs/transfer.md)."
+        "Intervals exclude variation between trainings and benches; those of the study include it (docs/transfer.md)."
     )
     table = Table(
         ("trained on", *(f"{place}: {name}" for place in _PLACES for name in ("upright [%]", "speed [m/s]", "gap"))),
@@ -152,7 +152,7 @@ def answer(summary: StudyStatistics, speed: float, film: Picture) -> Section:
         "Means with 95 % intervals; gap: time upright in the training simulation minus that on held-out robots [%].",
     )
     drawn = picture(forest_plot(summary, conditions), "Time upright; hollow: in the training simulation.")
-    return Section("What came out", (headline(summary), asked, sure), (drawn, film), (table,))
+    return Section("Results", (headline(summary), asked, uncertainty), (drawn, film), (table,))
 
 
 def headline(summary: StudyStatistics) -> str:

@@ -1,4 +1,4 @@
-"""Classes of joints: joints of one class have motors and places of one kind, such as the calves of a quadruped."""
+"""Classes of joints: joints of one class have the same motor and the same position on the robot, such as calves."""
 
 from __future__ import annotations
 

@@ -20,8 +20,7 @@ class GeneratedModel:
     """A model written by this library."""
 
     mjcf: Callable[[], str]  # returns MJCF; its only body in the world is the robot's base
-    # returns URDF for engines that do not read MJCF, from the joints' reflected inertias [kg·m²] and a shift of the
-    # base's centre of mass [m]
+    # returns URDF for engines without MJCF; gets reflected inertias [kg·m²] and a shift of the base's mass centre [m]
     urdf: Callable[..., str] | None = None
 
 

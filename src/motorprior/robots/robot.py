@@ -142,7 +142,7 @@ class Robot(Printable):
 
     @property
     def joint_classes(self) -> tuple[str, ...]:
-        """Class of each joint; motors of one class are drawn from one distribution."""
+        """Class of each joint; motors of one class are sampled from one distribution."""
         return self.stated_classes or classes_by_name(self.joint_names)
 
     @property

@@ -13,7 +13,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 
-# as integers: an enumeration of MuJoCo 4 does not equal a numpy integer
+# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer
 _OF_JOINTS = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
 _OF_TENDONS, _WRAPS_JOINT = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtWrap.mjWRAP_JOINT)
 _HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)

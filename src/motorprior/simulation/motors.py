@@ -51,7 +51,7 @@ class SimulatedMotors(NamedTuple):
 
 
 def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
-    """The motors of a robot's episodes, drawn once to find errors and the physics step.
+    """The motors of a robot's episodes, sampled once to find errors and the physics step.
 
     ConfigError or ArtifactError for an unknown kind or option, a value out of range, a file that cannot be read, or
     motors of another robot or number.
@@ -152,7 +152,7 @@ def pd_motors(
 ) -> EpisodeMotors:
     """An ideal PD with these constants in SI units; nominal kp, kd and torque_limit if not given.
 
-    With spread [-], every constant is drawn for every motor and episode, uniformly within ± this share; the delay
+    With spread [-], every constant is sampled for every motor and episode, uniformly within ± this share; the delay
     within ± this share of 20 ms.
     """
     given = {"kp": kp, "kd": kd, "torque_limit": torque_limit, "armature": armature, "delay": delay, "coulomb": coulomb}

@@ -1,7 +1,7 @@
 """Domain randomization of robot, sensors and surroundings. Off by default.
 
-One `EpisodeConditions` is drawn per episode; both engines apply it without compiling the model again. The motors of an
-episode are drawn by `DrawMotors` from another random stream, so that enabling a range changes no motor.
+One `EpisodeConditions` is sampled per episode; both engines apply it without compiling the model again. The motors of
+an episode are sampled by `DrawMotors` from another random stream, so that enabling a range changes no motor.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Randomization:
             check(f"randomization.{field.name}", value, lower.get(field.name, 0.0), upper.get(field.name, 1e3))
 
     def conditions(self, robot: Robot, seed: int, episode_steps: int) -> EpisodeConditions:
-        """Draw the conditions of the robot and its surroundings in the episode of this seed."""
+        """Sample the conditions of the robot and its surroundings in the episode of this seed."""
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)
         return EpisodeConditions(
@@ -109,7 +109,7 @@ class Randomization:
         return force
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> SensorErrors:
-        """Draw the sensor errors in the episode of this seed, on the slope of its `conditions`."""
+        """Sample the sensor errors in the episode of this seed, on the slope of its `conditions`."""
         level, up = perfect_sensors(), self._up(np.random.default_rng([_STREAM, seed]))
         late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
         if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):

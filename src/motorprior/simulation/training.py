@@ -22,7 +22,7 @@ from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, make_executor, require_executor
-from motorprior.locomotion.policy import WEIGHT, Policy
+from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
@@ -82,12 +82,12 @@ def train_policy(
     progress: Progress = SHOWN,
     **changes: Any,
 ) -> Policy:
-    """Train a walking policy by augmented random search, on motors drawn for every episode.
+    """Train a walking policy by augmented random search, on motors sampled for every episode.
 
     Args:
         robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
         motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior or a fleet to
-            draw from; fixed motors; or a function that draws them from a generator.
+            sample from; fixed motors; or a function that samples them with a generator.
         settings: of the training.
         start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
         out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads; an interrupted
@@ -143,14 +143,14 @@ def train_policy(
 
 
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
-POLICY, CURVE = "policy.safetensors", "curve.json"  # in the folder of a training
+POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
 def other_weight(policy: Policy, robot: Robot) -> str:
     """A warning if a policy was trained on a robot of another weight, otherwise empty."""
-    trained = policy.provenance.get(WEIGHT, robot.weight)
+    trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
@@ -286,6 +286,6 @@ class Training:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
-        found |= {WEIGHT: self.robot.weight}
+        found |= {ROBOT_WEIGHT: self.robot.weight}
         gait, provenance = self.settings.gait, settings | found | provenance
         return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)

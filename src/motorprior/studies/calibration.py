@@ -19,7 +19,7 @@ from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress
 from motorprior.studies.fleet_problem import FleetProblem
 
-_UNIT = 1.0 / (3.0 * WIDE)  # of an unknown of the search, in prior standard deviations: differences over a third of one
+_UNIT = 1.0 / (3.0 * WIDE)  # unit of the unknowns, in prior standard deviations: differences span a third of one
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _MIN_SPREAD = 0.01  # relative
 

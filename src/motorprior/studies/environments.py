@@ -34,8 +34,7 @@ DRAW_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
 ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
 IN_FAMILY, OUT_OF_FAMILY = "fleet", "foreign"  # populations of motors
 
-# Sensors of the twin for a policy that follows commands: white noise of a MEMS sensor at 100 Hz; bias of 0.1 °/s of a
-# consumer gyroscope after averaging at rest. Assumptions.
+# Assumed sensors of the twin: white noise of a MEMS sensor at 100 Hz; bias of a gyroscope averaged at rest, 0.1 °/s.
 NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
 # Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning Agile Locomotion
 # For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, an off-centre
@@ -76,7 +75,7 @@ def _twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuat
 
 def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> TrueMotors:
     """Motors of robot ``number`` of the study with seed ``study``, see `Fleet.sample`."""
-    # with the name: fleets of one motor family would draw the same parameters in the same order
+    # with the name: fleets of one motor family would sample the same parameters in the same order
     stream = [ROBOT_STREAM, study, number, crc32(fleet.name.encode())]
     return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 

@@ -25,7 +25,7 @@ IDENTIFIABLE = 0.5  # a constant is identifiable if its posterior variance is be
 DEVIATION = 0.015  # [rad] residual deviation before the first fit
 _MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
 READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
-_PRIOR_SCALE = 2.0  # on the fleet's centre uncertainty, which may stem from similar logs
+_PRIOR_SCALE = 2.0  # factor on the fleet's centre uncertainty, which may stem from similar logs
 
 
 @dataclass(frozen=True)

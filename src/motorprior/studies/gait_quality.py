@@ -18,7 +18,7 @@ WARM_UP = 1.0  # [s] from standing to a steady gait, not measured
 FALL_TIME = 0.5  # [s] before a fall, not measured
 CONTACT_HEIGHT = 0.0005  # [m] a foot whose lowest point is below is on the ground
 LIFTED = 4.0 * CONTACT_HEIGHT  # [m] a swing that stays below does not count
-MIN_COMMAND = 0.1  # of the robot's maximum speed; below it measures relative to speed or distance are NaN
+MIN_COMMAND = 0.1  # share of the maximum speed below which measures relative to speed or distance are NaN
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 

@@ -23,11 +23,11 @@ from motorprior.simulation.world import World
 COMMAND_PERIOD = 0.002  # [s] grid on which commands are held; the rows of logs are 1.5-10 ms apart
 FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
 FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
-MARGIN = 0.7  # a log counts as suspended if its error suspended is below this share of its error standing
+SUSPENDED_ERROR_RATIO = 0.7  # a log is classified as suspended if error suspended / error standing is below this
 _SETTLING_TIME = 1.0  # [s] before the first command, from rest at the first measured angles, see `initial_targets`
 _FALLEN = POSTURES.index("fallen")
 
-Motors = TypeVar("Motors", TrueMotors, IdealPd)
+MotorsT = TypeVar("MotorsT", TrueMotors, IdealPd)
 PostureName: TypeAlias = Literal["auto", "standing", "suspended"]
 
 
@@ -38,7 +38,7 @@ def logged_constants(log: MotorLog) -> frozenset[str]:
     return frozenset({"kp"} if log.stated_kd is None else {"kp", "kd_over_kp"})
 
 
-def motors_with_logged_gains(motors: Motors, log: MotorLog) -> Motors:
+def motors_with_logged_gains(motors: MotorsT, log: MotorLog) -> MotorsT:
     """These motors, one per joint, with the logged gains; unchanged if the log has none in N·m/rad.
 
     If only kp is logged, kd = logged kp · kd/kp of the motors.
@@ -193,6 +193,6 @@ def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple
     both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
     actuator = motors_with_logged_gains(motors, log).actuator()
     errors = {name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()}
-    name = "suspended" if errors["suspended"] < MARGIN * errors["standing"] else "standing"
+    name = "suspended" if errors["suspended"] < SUSPENDED_ERROR_RATIO * errors["standing"] else "standing"
     texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())
     return with_posture(log, name), f"{name}, from replay errors: {texts}"

@@ -5,8 +5,8 @@ measures by name, see `gait_quality.walk_measures`. The draw is the number of th
 same for every policy of the bench in an environment.
 
 Scores are (benches, policies, draws), NaN if undefined. A bench is a random effect: intervals are those of the mean of
-the benches' statistics, so that they contain the differences between benches, policies and samples. Those of a single
-bench are over its samples: they contain no difference between trainings.
+the benches' statistics, which includes the variation between benches, policies and samples. Intervals of a single bench
+are over its samples and exclude variation between trainings.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from motorprior.results import Result, Results
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.gait_quality import UNITS
 
-CONDITIONS = (  # of training, in the order of every table, see docs/transfer.md
+CONDITIONS = (  # training conditions, in the order of every table, see docs/transfer.md
     "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
     "sampled_prior", "adapted_prior", "robust_prior", "oracle",
 )  # fmt: skip
@@ -43,7 +43,7 @@ _KEYS = {"bench": int, "place": str, "condition": str, "seed": int, "draw": int}
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
-LEVEL = 0.95  # of intervals
+LEVEL = 0.95  # confidence level of intervals
 PERMUTATIONS = 20_000  # random assignments of a test
 _SEED = 0x57A7
 Statistic = Callable[[np.ndarray], np.ndarray]  # (..., scores) -> (...) of the finite scores; NaN if there are none

@@ -71,23 +71,22 @@ from motorprior.studies.study_settings import VALIDATION, Study
 WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
 # conditions whose motors are PDs fitted to the bench: their free constants; random_pd is friction_pd with a range
 FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "friction_pd": WITH_FRICTION}
-PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.fromkeys(
+CONDITION_PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.fromkeys(
     ("central_motor", "sampled_prior", "adapted_prior", "robust_prior", *FROZEN), "rollout"
 )  # condition -> preset of its prior
 PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
-LOG_SECONDS = 10.0  # of the log of a robot, for adaptation
+LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # random stream of these logs
 
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
 _AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the faster setting is selected [-]
-SELECTION_SEEDS = range(900, 902)  # of policies and robots, used by no condition
+SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no condition
 
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
-# of every training in addition to the motors: the sensor noise of the environments, and pushes; without any disturbance
-# policies overfit one deterministic walk, and fall more often on held-out robots
+# without any disturbance policies overfit one deterministic walk, and fall more often on held-out robots
 TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
-_EPISODE_STEPS = 500  # of training
-# of the search: with the defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
+_EPISODE_STEPS = 500  # episode length in training [control steps]
+# with the search's defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
 _STEP_SIZE, _DELTA_STD = 0.03, 0.04
 
 
@@ -100,7 +99,7 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
     benches = config.of_benches()
     adapt_robots([robot for bench in benches for robot in robots_of(bench)], threads, progress)
     of_seeds = ((bench, seed) for seed in range(config.seeds) for bench in benches)
-    policies = [each for bench, seed in of_seeds for each in conditions_of(bench, seed)]
+    policies = [each for bench, seed in of_seeds for each in policy_runs_of(bench, seed)]
     policies.sort(key=lambda each: each.name != "oracle")  # the longest first, otherwise they run alone at the end
     walks = walk_table(config, policies, progress)
     write_walks(config.out / WALKS, walks)
@@ -113,7 +112,7 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
     """Record the motors of a bench; excitation -> log, the paper's only if a condition needs it."""
     kinds = ["paper"] if "paper" in bench.conditions else []
-    if _fitted_pds(bench) or any(PRESETS.get(name, "paper") != "paper" for name in bench.conditions):
+    if _fitted_pds(bench) or any(CONDITION_PRESETS.get(name, "paper") != "paper" for name in bench.conditions):
         kinds.append("rollout")
     return {
         kind: record_bench(
@@ -129,8 +128,8 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
     works = []
     for bench in benches:
         logs = record_benches(bench, progress)
-        # the longest fit first
-        for preset in sorted({PRESETS[name] for name in bench.conditions if name in PRESETS}, reverse=True):
+        presets = {CONDITION_PRESETS[name] for name in bench.conditions if name in CONDITION_PRESETS}
+        for preset in sorted(presets, reverse=True):  # the longest fit first
             log, steps = logs["paper" if preset == "paper" else "rollout"], network_steps(preset, bench.adam_steps)
             works.append(partial(_fit_prior, log, preset, bench.seed, steps, prior_path(bench, preset).parent))
         if kinds := _fitted_pds(bench):
@@ -188,9 +187,9 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
             policies = []
             for seed in SELECTION_SEEDS:
                 motors = condition_motors(replace(first, **{setting: value}), name, VALIDATION, seed)
-                robot, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
+                number, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
                 policies.append(
-                    Condition(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot=robot)
+                    PolicyRun(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot_number=number)
                 )
             walks = [walk for walk in walk_table(config, policies, progress) if walk["place"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
@@ -242,17 +241,17 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
 
 
 @dataclass(frozen=True)
-class Condition:
+class PolicyRun:
     """A policy to train and to evaluate."""
 
     bench: Study  # settings of its bench, see `Study.of_benches`
-    name: str  # of the training condition, in tables
+    name: str  # training condition in tables
     seed: int  # of the training
-    motors: str  # of the training episodes
-    randomization: Randomization = TRAINING  # of the training episodes, in addition to the motors
+    motors: str  # motors of the training episodes
+    randomization: Randomization = TRAINING  # randomisation of the training episodes, in addition to the motors
     population: str = IN_FAMILY  # OUT_OF_FAMILY for conditions trained for out-of-family motors
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # in which it is evaluated
-    robot: int | None = None  # number of the only robot that it walks on; all if None
+    robot_number: int | None = None  # the only robot that it walks on; all if None
 
     @property
     def folder(self) -> str:
@@ -261,17 +260,17 @@ class Condition:
         return re.sub(r"[^\w.=-]", "_", f"{self.name}{population}_{self.seed}")
 
 
-def conditions_of(bench: Study, seed: int) -> list[Condition]:
+def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     """The policies of this seed on a bench."""
     made = []
     for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
-        robot = bench.robot_of(seed) if name in ADAPTED else None
+        number = bench.robot_of(seed) if name in ADAPTED else None
         randomization = ROBUST if name == "robust_prior" else TRAINING
         for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
             within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
             motors = condition_motors(bench, name, population, bench.robot_of(seed))
-            made.append(Condition(bench, name, seed, motors, randomization, population, environments, robot))
+            made.append(PolicyRun(bench, name, seed, motors, randomization, population, environments, number))
     return made
 
 
@@ -287,14 +286,14 @@ def condition_motors(bench: Study, name: str, population: str, number: int) -> s
     if name in (*FITTED_PDS, "random_pd"):
         kind, pd_range = ("friction_pd", bench.pd_range) if name == "random_pd" else (name, None)
         return motor_text("pd", spread=pd_range, **read_json(bench.out / "fits" / FITS)[kind]["constants"])
-    prior = prior_path(bench, PRESETS[name])
+    prior = prior_path(bench, CONDITION_PRESETS[name])
     if name == "adapted_prior":
         return motor_text("posterior", file=robot / POSTERIOR, prior=prior, prior_share=bench.prior_share)
     spread = 0.0 if name == "central_motor" else None
     return motor_text("prior", file=prior, latent_spread=spread, frozen=FROZEN.get(name))
 
 
-def walk_table(config: Study, policies: Sequence[Condition], progress: Progress = SILENT) -> list[WalkRow]:
+def walk_table(config: Study, policies: Sequence[PolicyRun], progress: Progress = SILENT) -> list[WalkRow]:
     """Train and evaluate policies; finished ones are read."""
     environments = tuple(ENVIRONMENTS)
     try:
@@ -311,65 +310,64 @@ def walk_table(config: Study, policies: Sequence[Condition], progress: Progress 
         return [walk for walks in in_parallel(works, at_a_time, progress) for walk in walks]
 
 
-def _walks_of(environments: tuple[str, ...], condition: Condition, task: Task, progress: Progress) -> list[WalkRow]:
+def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progress: Progress) -> list[WalkRow]:
     """Train and evaluate one policy."""
-    bench, robot = condition.bench, load_robot(condition.bench.robot)
-    policy, folder = _train(robot, condition, progress), bench.out / "walks" / condition.folder
-    tested = tuple(each for each in condition.environments if each in environments)
+    bench, robot = run.bench, load_robot(run.bench.robot)
+    policy, folder = _train(robot, run, progress), bench.out / "walks" / run.folder
+    tested = tuple(each for each in run.environments if each in environments)
     settings = {
         "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded,
-        "study": bench.seed, "condition": condition.name, "robot": condition.robot,
+        "study": bench.seed, "condition": run.name, "robot": run.robot_number,
     }  # fmt: skip
     fleets = [file for fleet in (bench.fleet, bench.foreign) for file in fleet_files(robot, fleet)]
     wanted = description("study", settings, [policy, *fleets, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            write_walks(folder / WALKS, _evaluate(TrainedPolicy.load(policy, robot), condition, tested))
+            write_walks(folder / WALKS, _evaluate(TrainedPolicy.load(policy, robot), run, tested))
     walks = read_walks(folder / WALKS)
     if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
-        name = f"bench {bench.seed}, {condition.folder}"
+        name = f"bench {bench.seed}, {run.folder}"
         progress.note(f"warning: {diverged} of {len(walks)} walks of {name} diverged: excluded from all figures")
-    task.advance(1, f"bench {bench.seed}, {condition.folder}")
+    task.advance(1, f"bench {bench.seed}, {run.folder}")
     return walks
 
 
-def _train(robot: Robot, condition: Condition, progress: Progress) -> Path:
+def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
     """The policy's file."""
-    bench, name = condition.bench, condition.folder
-    # a robot that stands earns a little; with the default, weak robots earn less by stumbling on than by falling early,
-    # and their search ends there
+    bench, name = run.bench, run.folder
+    # standing earns a little. With the default, walking badly earns less than falling, so the search learns to fall
     task = TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
-    seed, top = SEEDS_APART * bench.seed + condition.seed, max(1, bench.directions // 2)
+    seed, top = SEEDS_APART * bench.seed + run.seed, max(1, bench.directions // 2)
     search = ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
     settings = WalkSettings(
-        randomization=condition.randomization, commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS,
+        randomization=run.randomization, commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS,
         iterations=bench.iterations, search=search, validation=bench.validation_fleet(robot),
     )  # fmt: skip
     out = bench.out / "policies" / name
     train_policy(
-        robot, condition.motors, settings, out=out, workers=bench.episodes_at_a_time, executor=bench.executor,
+        robot, run.motors, settings, out=out, workers=bench.episodes_at_a_time, executor=bench.executor,
         ray_address=bench.ray_address, name=f"bench {bench.seed}, {name}", progress=progress,
     )  # fmt: skip
     return out / POLICY
 
 
-def _evaluate(trained: TrainedPolicy, condition: Condition, environments: tuple[str, ...]) -> list[WalkRow]:
+def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, ...]) -> list[WalkRow]:
     """Walks of a policy in its training simulation and in environments."""
-    bench, robot, policy, draws = condition.bench, trained.robot, trained.policy.arrays, range(condition.bench.draws)
+    bench, robot, policy, draws = run.bench, trained.robot, trained.policy.arrays, range(run.bench.draws)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
     walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait)
     executor = partial(make_executor, workers=bench.episodes_at_a_time, kind=bench.executor, address=bench.ray_address)
-    own = OWN_FOREIGN if condition.population == OUT_OF_FAMILY else OWN
-    scene = trained.scene(replace(walk, randomization=condition.randomization))
+    own = OWN_FOREIGN if run.population == OUT_OF_FAMILY else OWN
+    scene = trained.scene(replace(walk, randomization=run.randomization))
     episodes = {own: run_walks(scene, policy, draws, seed_of, executor=executor)}
     for name in environments:
         environment = ENVIRONMENTS[name]
         fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
-        motors = partial(motors_of_walk, robot, fleet, bench.seed, condition.robot)
+        motors = partial(motors_of_walk, robot, fleet, bench.seed, run.robot_number)
         scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
         episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
     return [
-        {"bench": bench.seed, "place": place, "condition": condition.name, "seed": condition.seed, "draw": draw}
+        {"bench": bench.seed, "place": place, "condition": run.name, "seed": run.seed, "draw": draw}
         | walk_measures(robot, episode, bench.commanded, steps)
         for place, walked in episodes.items()
         for draw, episode in enumerate(walked)

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
-from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.training_data.windows import TrainingData
@@ -27,7 +27,7 @@ def test_bands_on_a_log_have_their_nominal_coverage(
     runs = WindowRuns(decoder_data(box, true, segments=3), PRESET)
     speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS}
     prior: Any = SimpleNamespace(model=box, metrics=speeds)
-    central = Posterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
+    central = LatentPosterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
     found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97
     wide = WindowRuns(decoder_data(box, rng.standard_normal((24, 3)), segments=3), PRESET)

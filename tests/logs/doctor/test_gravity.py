@@ -22,7 +22,7 @@ def turned(log: MotorLog, *signs: float) -> MotorLog:
 
 
 def found(log: MotorLog, robot: str) -> tuple[Finding, ...]:
-    return check_log(log, load_robot(robot)).of("gravity")
+    return check_log(log, load_robot(robot)).by_check("gravity")
 
 
 def test_signs_of_the_model_are_no_finding(arm: str):

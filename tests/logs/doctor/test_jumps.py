@@ -27,7 +27,7 @@ def swing(rows: int = 1500, period: float = 0.01, size: float = 1.0) -> np.ndarr
 
 
 def jumps(log: MotorLog) -> tuple[Finding, ...]:
-    return check_log(log).of("jumps")
+    return check_log(log).by_check("jumps")
 
 
 def joint(command: np.ndarray, period: float, rate: float = 6.0, kicks: dict[int, float] | None = None) -> np.ndarray:
@@ -64,7 +64,7 @@ def test_an_encoder_that_wraps_is_to_be_unwrapped(turn: float):
     assert not jumps(of_angle(np.unwrap(wrapped, period=turn)))
 
 
-def test_an_angle_that_leaps_and_stays_is_an_error():
+def test_an_angle_that_jumps_and_stays_is_an_error():
     angle = swing()
     angle[800:] += 1.5
     (found,) = jumps(of_angle(angle))
@@ -114,4 +114,4 @@ def lossy(log: MotorLog) -> MotorLog:
 def test_true_motion_is_no_jump(name: str, rate: float):
     log = MOTIONS[name](1.0 / rate)
     report = check_log(log)
-    assert report.of("angles") and not {"jumps", "units"} & {found.check for found in report.errors}
+    assert report.by_check("angles") and not {"jumps", "units"} & {found.check for found in report.errors}

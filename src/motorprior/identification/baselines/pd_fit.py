@@ -1,7 +1,7 @@
 """Fit of a PD, the same for all motors of a log, by the search of the motors' own fit.
 
 Unknowns are the logarithms of the constants relative to TYPICAL, of kd that of kd/kp, and the delay in units of 10 ms.
-Where a log has gains, those of the PD scale with them. Random candidates are drawn around TYPICAL, with and without a
+Where a log has gains, those of the PD scale with them. Random candidates are sampled around TYPICAL, with and without a
 torque limit, since a log may not separate a large armature from a long delay. The search runs on a part of a long log.
 """
 
@@ -21,18 +21,18 @@ from motorprior.progress import Progress
 from motorprior.signals import rms
 
 GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
-WITH_ROTOR = (*GAINS, "armature", "delay")  # for the tuned PD
+WITH_ROTOR = (*GAINS, "armature", "delay")  # free constants of the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
 # [N·m/rad], [N·m·s/rad], [N·m], [kg·m²], [s], [N·m], and standard deviations of the unknowns of candidates
 TYPICAL = {"kp": 10.0, "kd": 0.6, "torque_limit": 4.0, "armature": 0.004, "delay": 0.01, "coulomb": 0.05}
 SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
 NO_LIMIT = 1000.0  # [N·m]
 SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
-RESTARTS = 16  # at most
+RESTARTS = 16  # maximum number of restarts
 _DRAWS, _STEPS = 128, ((10, WIDE), (6, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _WARM_UP = 0.1  # [s] of a segment, until the delayed commands are known
-_MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # of the part of a log on which the search runs
+_MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # size of the log that the search uses
 _LANES = 16  # PDs simulated at a time
 _STREAM = 71
 

@@ -7,8 +7,8 @@
 
 They need neither torque nor inertia, and hold for these gains and this load only. u [rad] is the command, linear in
 time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m] is the log's external torque;
-``compliance`` [rad/(N·m)] is that of a proportional law. If a log has no load, ``sine`` and ``cosine`` [rad] of the
-joint's own angle replace it.
+``compliance`` [rad/(N·m)] is that of a proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of
+the joint's own angle replace it.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive constants within
 BOUNDS, and others in UNITS around their neutral values. Every model starts at the optimum of the simpler one. An
@@ -49,7 +49,7 @@ MODELS = {
 }
 # model of gravity: by the log's external torque, or by the joint's angle
 GRAVITY = {"torque": ("compliance",), "angle": ("sine", "cosine")}
-# in SI units, of candidates of constants that are searched as logarithms
+# bounds [SI] of candidates of constants that are searched as logarithms
 BOUNDS = {
     "delay": (1e-4, 0.4), "rate": (2.0, 600.0), "damping": (0.05, 20.0), "speed": (0.05, 100.0),
     "acceleration": (0.5, 1e5), "band": (1e-5, 0.3),
@@ -63,7 +63,7 @@ REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "
 MIN_SAVING = 0.04  # share of the loss that an optional part must save
 MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
 SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
-RESTARTS = 16  # at most, of each model
+RESTARTS = 16  # maximum number per model
 _DRAWS, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _STREAM = 73
@@ -106,7 +106,7 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
 class ResponseMotors:
     """One response model per joint."""
 
-    name: str  # of MODELS
+    name: str  # name in MODELS
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
@@ -267,7 +267,7 @@ def _without(
     useless = without.loss * (1.0 - MIN_SAVING) < fit.loss
     kept = GaussianPrior(select(useless, mean, prior.mean), select(useless, precision, prior.precision))
     chosen = np.flatnonzero(useless)
-    return fit.replaced(chosen, without.of(chosen)), kept
+    return fit.replaced(chosen, without.subset(chosen)), kept
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:

@@ -20,7 +20,7 @@ from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_trial
 from motorprior.identification.evaluation.errors import capped
 from motorprior.identification.evaluation.reference import sample_residual_scale, sample_residuals
-from motorprior.identification.latents.latent_fit import Posterior
+from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.training_data.windows import VEL
 from motorprior.logs.motor_log import MotorLog
@@ -30,13 +30,13 @@ from motorprior.signals import rmse
 ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]  # indices of motors -> a model of these motors
 
 HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
-HELD_OUT_SEED = 7_000_000  # of the held-out random streams, never used for training
+HELD_OUT_SEED = 7_000_000  # seed of held-out random streams, never used for training
 MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]
 _REPEATS = 4  # trials per excitation
 _TRIALS, _WORK = 17, 53  # tags of random streams
 DRAWS = 40  # samples of the posterior
-LEVELS = (50, 90)  # of the bands [%]
+LEVELS = (50, 90)  # coverage of the bands [%]
 _COVERED = 2  # held-out trials per excitation: one held at 100 Hz, one not
 _LOG_STREAM, _BENCH_STREAM = 53, 23  # tags of random streams
 
@@ -72,11 +72,11 @@ def bench_errors(
     return errors
 
 
-def zero_shot(prior: MotorPrior, log: MotorLog) -> Posterior:
+def zero_shot(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
     """The distribution of the motors of a log, without the log: `MotorPrior.predicted`."""
     mean, std, misfit = prior.predicted(log)
     covariance = std[:, :, None] ** 2 * np.eye(mean.shape[1])
-    return Posterior(mean, covariance, np.zeros(len(mean)), 0, misfit)
+    return LatentPosterior(mean, covariance, np.zeros(len(mean)), 0, misfit)
 
 
 def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
@@ -94,14 +94,16 @@ def _inside(samples: np.ndarray, truth: np.ndarray | float) -> dict[int, np.ndar
     return {level: (low <= truth) & (high >= truth) for level, (low, high) in bands.items()}
 
 
-def log_coverage(prior: MotorPrior, posterior: Posterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
+def log_coverage(prior: MotorPrior, posterior: LatentPosterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
     """Level [%] -> share of the recorded angles inside the band of free runs."""
     rng = np.random.default_rng(_LOG_STREAM)
     inside = [_inside(_sampled_errors(prior, posterior, one, rng), 0.0) for one in runs]
     return {level: float(np.mean(np.concatenate([each[level].ravel() for each in inside]))) for level in LEVELS}
 
 
-def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, rng: np.random.Generator) -> np.ndarray:
+def _sampled_errors(
+    prior: MotorPrior, posterior: LatentPosterior, runs: WindowRuns, rng: np.random.Generator
+) -> np.ndarray:
     """(DRAWS, M, N, W) errors [rad] of samples of the posterior."""
     recorded, errors = runs.recorded(VEL), []
     for z in _latent_samples(posterior, rng):
@@ -112,7 +114,7 @@ def _sampled_errors(prior: MotorPrior, posterior: Posterior, runs: WindowRuns, r
     return np.stack(errors)
 
 
-def _latent_samples(posterior: Posterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
+def _latent_samples(posterior: LatentPosterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """DRAWS samples (M, Z) of the posteriors of M motors."""
     factors = np.linalg.cholesky(posterior.covariance)
     for _ in range(DRAWS):
@@ -121,7 +123,7 @@ def _latent_samples(posterior: Posterior, rng: np.random.Generator) -> Iterator[
 
 
 def bench_coverage(
-    prior: MotorPrior, posterior: Posterior, motors: TrueMotors, seed: int, preset: BenchPreset = HELD_OUT
+    prior: MotorPrior, posterior: LatentPosterior, motors: TrueMotors, seed: int, preset: BenchPreset = HELD_OUT
 ) -> Results:
     """Share of the physical motors' held-out trajectories inside the bands.
 

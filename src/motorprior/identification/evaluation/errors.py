@@ -38,7 +38,7 @@ SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
-_MAX_SEGMENTS = 20  # of a replay
+_MAX_SEGMENTS = 20  # maximum number of segments of a replay
 # quantities of the quick report: errors of free runs of whole segments and of 1 s
 WHOLE_RUN_RMSE, FREE_RUN_RMSE = "real_motors_rmse", "real_motors_free_run_rmse"
 
@@ -168,7 +168,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     found = []
     if static := static_joints(log):
         found.append(
-            f"warning: did not move: {', '.join(static)}; their constants and errors mean nothing -> exclude these "
+            f"warning: did not move: {', '.join(static)}; their constants are not identifiable -> exclude these "
             "joints, or record them in motion"
         )
     for name, lowest, nominal, highest in recipe.conditions:

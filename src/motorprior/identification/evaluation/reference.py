@@ -25,7 +25,7 @@ LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that
 SPEEDS = {"slow": 0.3, "medium": 2.0, "fast": math.inf}
 BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its own mean loss [s]
 GROWTH, GROWTH_STD = "held_out_growth", "held_out_growth_std"  # metrics: `residual_growth`
-ASSUMED_GROWTH_STD = 0.4  # of the logarithm of the growth, over motors
+ASSUMED_GROWTH_STD = 0.4  # standard deviation of log(growth) over motors
 _MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `residual_scale`
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 

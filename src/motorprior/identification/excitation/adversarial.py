@@ -23,12 +23,12 @@ from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.learned_excitation import BURN_IN, CHANNELS, LEAK, LearnedExcitation, convolved, weight_shapes
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
-RATES = {"critic": 1e-3, "generator": 3e-4}  # of Adam with b1 = 0
-DECAY = 0.995  # of the moving average
+RATES = {"critic": 1e-3, "generator": 3e-4}  # learning rates of Adam, b1 = 0
+DECAY = 0.995  # decay of the moving average of weights
 _LAYERS, _TAPS, _STRIDE = 3, 5, 2  # convolutions of the critic
 _STREAM = 53
 Weights: TypeAlias = dict[str, Any]
-Report = Callable[[int, str], None]  # (steps made, text)
+ReportProgress = Callable[[int, str], None]  # (steps made, text)
 
 
 def train_generator(
@@ -37,7 +37,7 @@ def train_generator(
     seed: int,
     checkpoint: Path | None = None,
     identity: Mapping[str, Any] | None = None,
-    report: Report = lambda count, text: None,
+    report: ReportProgress = lambda count, text: None,
 ) -> dict[str, np.ndarray]:
     """Weights of a generator of windows like those of ``runs``; same arguments, same bytes.
 

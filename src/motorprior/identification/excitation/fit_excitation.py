@@ -19,13 +19,13 @@ from motorprior.logs.operations import excited_joints, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
-STEPS = 2000  # of the training
-SECONDS = 1.28  # of a window: two to four steps of a leg
+STEPS = 2000  # training steps
+SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
-MAX_WINDOWS = 400  # of a class in the file
+MAX_WINDOWS = 400  # maximum number per class in the file
 MARGIN = 1.25  # bounds over the largest values in the runs
 UNLOADED = (1e-4, 3e-2)  # load inertia where no run states one [kg·m²]
-_FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # of the bounds: a joint without external torque has almost none
+_FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
 def fit_excitation(
@@ -43,7 +43,7 @@ def fit_excitation(
 
     Args:
         runs: logs of any motion; those with load_inertia and external_torque also give the loads of a bench.
-        play: generated trains a generative adversarial network, surrogate draws Gaussian processes with the runs'
+        play: generated trains a generative adversarial network, surrogate samples Gaussian processes with the runs'
             spectrum and marginals, recorded plays windows of the runs.
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
@@ -79,7 +79,7 @@ def fit_excitation(
             weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
         progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
-    found = replace(found.playing(play), provenance=origin)
+    found = replace(found.with_method(play), provenance=origin)
     if out is not None:
         found.save(Path(out))
         Path(out).with_suffix(".checkpoint").unlink(missing_ok=True)

@@ -26,7 +26,7 @@ from motorprior.identification.training_data.windows import training_data, with_
 CANDIDATES = 64  # windows of each class to choose from
 ENOUGH = 1.1  # standard deviations, over those after all candidates, at which more seconds do not pay
 IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant
-_NUDGE = 0.05  # of z, for the derivatives of constants
+_NUDGE = 0.05  # difference in z for the derivatives of constants
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def active(
         kept.append(windows[plans[-1].windows])
     chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
     rest = np.zeros(len(chosen))
-    made = replace(excitation, play="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
+    made = replace(excitation, method="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
     return made, plans
 
 

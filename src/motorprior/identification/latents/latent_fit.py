@@ -38,7 +38,7 @@ from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
 DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
-STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # of a descent
+STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
 PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
@@ -46,7 +46,7 @@ _SAME = 1e-9  # up to this standard deviation of a latent, training motors diffe
 
 
 @dataclass(frozen=True)
-class Posterior:
+class LatentPosterior:
     """Posterior of M motors with Z latents each."""
 
     mean: np.ndarray  # (M, Z)
@@ -72,7 +72,7 @@ def fit_posterior(
     temperature: float,
     start: np.ndarray | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Posterior:
+) -> LatentPosterior:
     """The posterior of every motor in ``data``.
 
     ``temperature`` is T, the mean window loss of the prior's training motors (`reference.reference_metrics`), ``start``
@@ -89,7 +89,7 @@ def fit_posterior(
     # damped steps end before they reach the mean
     found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
     likelihood *= (temperature / np.maximum(found.loss, temperature))[:, None, None]
-    return Posterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
+    return LatentPosterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
 
 
 def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:

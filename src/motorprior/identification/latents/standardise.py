@@ -49,11 +49,11 @@ from motorprior.identification.search import Search
 from motorprior.identification.training_data.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
-MIN_MOTORS = 8  # for quantiles and correlations; with fewer, these would be mostly sampling error
-RELIABLE_MOTORS = 24  # for reliable samples; with fewer, outer quantiles are extrapolated
+MIN_MOTORS = 8  # minimum for quantiles and correlations; with fewer these are mostly sampling error
+RELIABLE_MOTORS = 24  # minimum for reliable samples; with fewer outer quantiles are extrapolated
 PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
 MIN_UNITS = 0.5  # sum of the weights of a class's motors; with less, a constant's mean in the class is not shrunk
-_ROUNDS = 4  # of the weights of `class_moments`
+_ROUNDS = 4  # iterations of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
 # s of the logarithm of each constant; encoder_zero in units of 0.05 rad. Measured between units of a class of joints of
 # one quadruped, and between the motors of another (benchmarks/unit_spread.py): armature 0.3 and 0.1, Coulomb friction
@@ -64,7 +64,7 @@ ASSUMED_STD = {
     "backlash": 0.4, "encoder_zero": 0.1, "delay": 0.4, "coulomb": 0.2, "viscous_damping": 0.2, "integral_rate": 0.05,
     "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
-OTHER_STD = 0.25  # of every other constant: that of Coulomb friction
+OTHER_STD = 0.25  # standard deviation of the logarithm of other constants: that of Coulomb friction
 # standard deviation between classes of a robot: hip, thigh and calf of that quadruped differ by 0.8 in armature, 0.7
 # in Coulomb friction, 0.5 in viscous damping
 ASSUMED_BETWEEN = 0.6

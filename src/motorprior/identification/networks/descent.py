@@ -20,11 +20,11 @@ from motorprior.identification.training_data.windows import TrainingData
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
 SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
-Report = Callable[[int, str], None]  # (steps made, text)
+ReportProgress = Callable[[int, str], None]  # (steps made, text)
 
 
 def train_network(
-    data: TrainingData, preset: Preset, seed: int, report: Report
+    data: TrainingData, preset: Preset, seed: int, report: ReportProgress
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
     """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
     rng, shape = np.random.default_rng([seed, 0]), (len(data.series), preset.num_latents)
@@ -47,7 +47,7 @@ def train_network(
 
 
 def _attempt(
-    start: Parameters, data: TrainingData, preset: Preset, seed: int, report: Report
+    start: Parameters, data: TrainingData, preset: Preset, seed: int, report: ReportProgress
 ) -> tuple[Parameters | None, list[float]]:
     """The trained parameters, None if they diverged, and the losses of all chunks."""
     schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)

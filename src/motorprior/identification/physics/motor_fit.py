@@ -1,13 +1,15 @@
 """Fit of motors to their logs: every motor alone, or together with a Gaussian over the motors.
 
 Unknowns are the logarithms of the constants (linear where they may be negative), relative to a central motor; one
-latent is one output. Alone, the simplest motor is fitted first, a rigid gear with Coulomb and viscous friction, and a
-torque limit if that fits better: no descent finds the constants of a motor at its limit from one without. Every
-further search starts from this optimum, with the constants that it lacks drawn around the initial motor, from the best
-motor so far with a random half of its constants redrawn, and from other motors' constants, until the best optimum of
-each motor was found three times: a motor never fits worse than one that is nested in it. Together, a Gaussian over the
-motors is estimated by empirical Bayes: first from the separate fits (random effects, DerSimonian and Laird, 1986), then
-in turns of
+latent is one output. Each motor alone:
+
+1. Fit the simplest motor: a rigid gear with Coulomb and viscous friction, and a torque limit if it improves the fit.
+   No descent from a motor without a limit finds a motor at its limit.
+2. Restart from this optimum with missing constants sampled around the initial motor, from the best motor so far with a
+   random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
+3. Stop when the best optimum of each motor was found three times.
+
+Together: empirical Bayes from the separate fits (random effects, DerSimonian and Laird, 1986). Each turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
@@ -49,13 +51,13 @@ from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianP
 from motorprior.identification.training_data.windows import TrainingData
 
 RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
-RESTARTS, DRAWS = 48, 256  # at most, and candidates of each
+RESTARTS, DRAWS = 48, 256  # maximum number of restarts, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
-RIGID_STEPS = ((10, WIDE), (6, NARROW))  # of a descent of the simplest motors
-# of other descents: the widest differences cross ripples of the loss, which impacts cause
+RIGID_STEPS = ((10, WIDE), (6, NARROW))  # descent of the simplest motors
+# other descents: the widest differences cross ripples of the loss, which impacts cause
 STEPS = ((8, 0.5), (8, 0.2), (8, WIDE), (6, NARROW))
 FINEST = 0.01  # step of the differences of the last descent
-TURNS = 8  # of empirical Bayes
+TURNS = 8  # iterations of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # factors on constants of the initial motor with which its gear is stiff. Short velocity filters in the same way would
@@ -63,7 +65,7 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
-LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # of `longer_runs`: window [steps], windows, share of rows
+LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
 _STREAM = 41
@@ -118,15 +120,15 @@ def fit_motors(
     nested = nested or fit_rigid_motors(part, terms, seed)
     start = with_more_terms(nested.center + nested.offsets, nested.terms, terms, runs)
     initial = scaled_center(part, terms)
-    neutral, lacks = rigid_motor(initial, terms, runs)
+    rigid, missing = rigid_motor(initial, terms, runs)
     is_new = np.isin(parameters_of(terms), constants_of(set(terms) - set(nested.terms)))
-    lacks &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
-    center = np.where(lacks, 0.5 * (neutral + initial), initial)
+    missing &= is_new | (nested.is_rigid & np.isin(parameters_of(terms), PARAMETERS))
+    center = np.where(missing, 0.5 * (rigid + initial), initial)
     report()
-    center = np.where(lacks | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
+    center = np.where(missing | fixed, center, 0.5 * (start.min(axis=0) + start.max(axis=0)))
     search = centred(center, terms, part)
-    simplest = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
-    found = _alone(search, rng, simplest, initial - center, neutral - center, lacks, fixed, restarts, report)
+    nested_fit = np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH)
+    found = _fit_separately(search, rng, nested_fit, initial - center, rigid - center, missing, fixed, restarts, report)
     if part is not runs:
         search = centred(center, terms, runs)
         prior = alone_prior(search, found.x, found.x, initial - center)
@@ -147,16 +149,16 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     """
     rng, fixed = np.random.default_rng([seed, _STREAM, 1]), fixed_constants(terms, runs)
     initial = scaled_center(runs, terms)
-    rigid, lacks = rigid_motor(initial, terms, runs)
+    rigid, missing = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
     prior = weak = weak_prior(np.zeros(len(rigid)))
     found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
-    for held in (fixed | lacks, fixed | (lacks & ~limit))[: 1 + limits]:
-        prior = weak.fixing(held)
+    for frozen in (fixed | missing, fixed | (missing & ~limit))[: 1 + limits]:
+        prior = weak.fixing(frozen)
         for _ in range(RIGID_STARTS):
-            away = RIGID_RADIUS * rng.standard_normal(shape) * ~held
-            away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~held[limit]
+            away = RIGID_RADIUS * rng.standard_normal(shape) * ~frozen
+            away[:, :, limit] = -LOG_REACH * rng.random((*shape[:2], 1)) * ~frozen[limit]
             away[:, 0] = 0.0
             best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
             found = found.better(search.descend(best, prior, RIGID_STEPS[:1]))
@@ -164,55 +166,55 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
 
-def _alone(
+def _fit_separately(
     search: Search,
     rng: np.random.Generator,
-    simplest: np.ndarray,
+    nested_fit: np.ndarray,
     initial: np.ndarray,
-    neutral: np.ndarray,
-    lacks: np.ndarray,
+    rigid: np.ndarray,
+    missing: np.ndarray,
     fixed: np.ndarray,
     restarts: int,
     report: Callable[[], None],
 ) -> Fit:
     """Every motor by itself.
 
-    ``simplest`` (M, K) are fits of simpler motors, without the constants that ``lacks`` (K,); ``initial`` and
-    ``neutral`` (K,) are central motors, with and without these; ``fixed`` (K,) is not fitted.
+    ``nested_fit`` (M, K) is a fit of motors without the constants ``missing`` (K,); ``initial`` and ``rigid`` (K,) are
+    central motors with and without these constants. The constants ``fixed`` (K,) are not fitted.
     """
-    prior = alone_prior(search, simplest, np.where(lacks, neutral, 0.0), initial).fixing(fixed)
-    shape, gear = (len(simplest), DRAWS, simplest.shape[1]), PARAMETERS.index("gear_stiffness")
+    prior = alone_prior(search, nested_fit, np.where(missing, rigid, 0.0), initial).fixing(fixed)
+    shape, gear = (len(nested_fit), DRAWS, nested_fit.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         noise, kind = rng.standard_normal(shape), restart % 4
-        if kind == 0:  # the simplest motor, with constants that it lacks, and every second time with a compliant gear
-            around = simplest[:, None] + 0.2 * noise * ~lacks
-            candidates = np.where(lacks & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
-            if restart % 2 == 0 and lacks[gear]:
-                candidates[..., gear] = 2.0 * initial[gear] - neutral[gear] + 0.5 * noise[..., gear]
+        if kind == 0:  # the simpler motor plus some missing constants; every second time a compliant gear
+            around = nested_fit[:, None] + 0.2 * noise * ~missing
+            candidates = np.where(missing & (rng.random(shape) < 0.5), initial + 1.5 * noise, around)
+            if restart % 2 == 0 and missing[gear]:
+                candidates[..., gear] = 2.0 * initial[gear] - rigid[gear] + 0.5 * noise[..., gear]
         elif kind == 1:  # the best motor, with other constants, or another motor's
             candidates = np.where(rng.random(shape) < 0.5, best.x[:, None] + 0.5 * noise, best.x[:, None])
             _add_others(rng, candidates, best.x)
-        elif kind == 2:  # the simplest motor, with the initial motor's values of what it lacks
-            candidates = np.where(lacks, initial + 0.5 * noise, simplest[:, None] + 0.3 * noise)
+        elif kind == 2:  # the simpler motor, with the initial motor's values of the missing constants
+            candidates = np.where(missing, initial + 0.5 * noise, nested_fit[:, None] + 0.3 * noise)
         else:  # any motor
             candidates = np.where(rng.random(shape) < 0.8, initial + 0.7 * noise, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    found = search.descend(simplest, prior, RIGID_STEPS[:1])
-    complete = np.where(lacks, np.clip(initial, -LOG_REACH, LOG_REACH), simplest)
+    found = search.descend(nested_fit, prior, RIGID_STEPS[:1])
+    complete = np.where(missing, np.clip(initial, -LOG_REACH, LOG_REACH), nested_fit)
     found = found.better(search.descend(complete, prior, RIGID_STEPS[:1]))
-    lead = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
+    leaders = np.unique(np.linspace(0, len(found.x) - 1, min(LEADERS, len(found.x))).astype(int))
     first = restarts // 4
-    found = search.until_found_again(found, prior, draw, first, STEPS, report, lead)
-    # the prior of filters is too strong at the simplest motors' loss
+    found = search.until_found_again(found, prior, draw, first, STEPS, report, leaders)
+    # the prior of filters is too strong at the simpler motors' loss
     prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
-    found = search.until_found_again(search.at(found.x, prior), prior, draw, restarts - first, STEPS, report, lead)
-    if len(rest := np.setdiff1d(search.everyone, lead)):
+    found = search.until_found_again(search.at(found.x, prior), prior, draw, restarts - first, STEPS, report, leaders)
+    if len(rest := np.setdiff1d(search.everyone, leaders)):
 
         def draw_near(restart: int, best: Fit) -> np.ndarray:
             candidates = draw(restart, best)
-            known = found.x[lead][rng.integers(len(lead), size=shape[:2])]
+            known = found.x[leaders][rng.integers(len(leaders), size=shape[:2])]
             near = known + 0.3 * rng.standard_normal(shape) * (rng.random(shape) < 0.5)
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
@@ -309,13 +311,13 @@ def _without_unidentified_limits(
     """
     x, names = np.clip(found.x, -LOG_REACH, LOG_REACH), parameters_of(terms)
     kp = names.index("kp")
-    asked = np.exp(center[kp] + x[:, kp]) * runs.max_request
-    reached = {"torque_limit": asked} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
+    requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request
+    reached = {"torque_limit": requested_torque} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
     for name, largest in reached.items():
         if name in names and largest.max():
             row = names.index(name)
             off = np.log(OFF * largest.max()) - center[row]
-            x = _unless_shown(
+            x = _fixed_unless_identified(
                 search, x, fixed, {row: np.clip(off, x[:, row], LOG_REACH)}, RIGID_STEPS[1:], search.everyone, SAVING
             )
     return x
@@ -331,10 +333,10 @@ def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndar
     initial, fixed = initial_center(terms, runs) - model.motor.center, fixed_constants(terms, runs)
     rows = {PARAMETERS.index(name): np.log(factor) for name, factor in STIFF_GEAR.items()}
     off = {row: np.clip(initial[row] + factor, -_WITHIN, _WITHIN) for row, factor in rows.items()}
-    return _unless_shown(motor_search(model, runs), x, fixed, off, STEPS[1:], runs.classes, cost=0.0)
+    return _fixed_unless_identified(motor_search(model, runs), x, fixed, off, STEPS[1:], runs.classes, cost=0.0)
 
 
-def _unless_shown(
+def _fixed_unless_identified(
     search: Search, x: np.ndarray, fixed: np.ndarray, off: dict[int, Any], steps: Steps, groups: np.ndarray, cost: float
 ) -> np.ndarray:
     """(M, K) unknowns with the rows ``off``, and a descent of the others, in groups of motors where it costs little.
@@ -344,10 +346,10 @@ def _unless_shown(
     """
     if fixed[list(off)].any():
         return x
-    free, held = x.copy(), fixed.copy()
+    free, frozen = x.copy(), fixed.copy()
     for row, values in off.items():
-        free[:, row], held[row] = values, True
-    prior = GaussianPrior(free, np.broadcast_to(np.where(held, FIXED, WEAK), x.shape))
+        free[:, row], frozen[row] = values, True
+    prior = GaussianPrior(free, np.broadcast_to(np.where(frozen, FIXED, WEAK), x.shape))
     changed = search.descend(free, prior, steps)
     growth = np.log(changed.loss / search.at(x, prior).loss)
     allowed = [growth[groups == group].mean() <= -np.log(1.0 - cost) for group in groups]

@@ -25,7 +25,7 @@ from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 WEAK = 1e-4  # precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
-# of the logarithm of the time constant of velocity filters, around the initial motor's: real ones are short
+# standard deviation of log(time constant) of velocity filters around the initial motor's: real ones are short
 FILTER_STD = 1.0
 OFF = 4.0  # a limit so many times the largest request or speed in the log has no effect
 # factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous friction
@@ -86,7 +86,7 @@ def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
 
 
 def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> tuple[np.ndarray, np.ndarray]:
-    """The simplest motor that is nested in those with these terms, and (K,) the constants that it lacks.
+    """The simplest motor that is nested in those with these terms, and (K,) its missing constants.
 
     Limits and optional terms have no effect, and the gear is rigid with Coulomb and viscous friction.
     """
@@ -96,8 +96,8 @@ def rigid_motor(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) ->
     raw = np.where(np.isin(names, (*NEGLIGIBLE, "torque_limit")), simple, center)
     raw += np.array([np.log(RIGID.get(name, 1.0)) for name in names])
     fixed = fixed_constants(terms, runs)
-    lacks = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
-    return np.where(fixed, center, raw), lacks
+    missing = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
+    return np.where(fixed, center, raw), missing
 
 
 def with_more_terms(raw: np.ndarray, before: tuple[str, ...], terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:

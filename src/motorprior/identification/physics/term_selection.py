@@ -1,7 +1,7 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
 Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
-selected is added to the best fit so far, with its constants drawn around the initial motor, so that a motor with more
+selected is added to the best fit so far, with its constants sampled around the initial motor, so that a motor with more
 terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
 effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
 together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
@@ -39,15 +39,15 @@ from motorprior.identification.search import WIDE, Fit, Steps
 
 CANDIDATES = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
-# of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
+# size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
 # terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
-TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by channel of `motor_log.CONDITIONS`
-_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # of the signed-rank test, for removals and for additions
+TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
+_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # signed-rank test: for removals, for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
 _DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
 _SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
@@ -95,25 +95,25 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    trial = _Trial(runs, parts, seed)
-    rigid = trial.rigid(given)
-    best, saved = trial.enriched(rigid), {}
+    fits = _TermEvaluation(runs, parts, seed)
+    rigid = fits.rigid(given)
+    best, saved = fits.with_all_constants(rigid), {}
     groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
     for round_number in range(len(CANDIDATES)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         left += [together] * (len(together) > 1)
-        tried = {group: trial.short_search(best, group) for group in left}
+        tried = {group: fits.short_search(best, group) for group in left}
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
         finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: trial.long_search(tried[group], group) for group in finalists}
+        polished = {group: fits.long_search(tried[group], group) for group in finalists}
         if left:
-            simple = {group: trial.simple(rigid, group) for group in left}
+            simple = {group: fits.simplest_with(rigid, group) for group in left}
             first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
-            other = trial.enriched(simple[first])
+            other = fits.with_all_constants(simple[first])
             if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
                 polished[first] = other
         saved |= {group[0]: _saved(best, more) for group, more in (tried | polished).items() if len(group) == 1}
@@ -121,17 +121,17 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         if not passed:
             break
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
-        best, rigid = passed[chosen], trial.simple(rigid, chosen)
+        best, rigid = passed[chosen], fits.simplest_with(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
-    return Selection(*_drop_unneeded(trial, best, given, saved, report))
+    return Selection(*_drop_unneeded(fits, best, given, saved, report))
 
 
 def _drop_unneeded(
-    trial: _Trial, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
+    fits: _TermEvaluation, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
 ) -> tuple[tuple[str, ...], dict[str, float]]:
     """The terms that are needed, and ``saved`` with what they save."""
     for name in [name for name in best.terms if name not in given]:
-        less = trial.without(best, name)
+        less = fits.without(best, name)
         saved[name] = _saved(less, best)
         if not _saves_enough(less, best, _LEVEL):
             best = less
@@ -176,7 +176,7 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
     return np.log(loss + 1e-9)  # the loss of a static part may be 0
 
 
-class _Trial:
+class _TermEvaluation:
     """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
     def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int):
@@ -189,20 +189,20 @@ class _Trial:
         found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)  # they would hide a limit of speed
         return self._state(terms, found.center + found.offsets)
 
-    def enriched(self, rigid: _State) -> _State:
+    def with_all_constants(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
         nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
         found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
         return self._state(terms, found.center + found.offsets)
 
-    def simple(self, rigid: _State, added: tuple[str, ...]) -> _State:
+    def simplest_with(self, rigid: _State, added: tuple[str, ...]) -> _State:
         """The simplest motors with more terms."""
         terms = in_order((*rigid.terms, *added))
         nested = with_more_terms(rigid.raw, rigid.terms, terms, self._runs)
-        _, lacks = rigid_motor(nested[0], terms, self._runs)
-        held = lacks & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
-        return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, held)
+        _, missing = rigid_motor(nested[0], terms, self._runs)
+        fixed = missing & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
+        return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, fixed)
 
     def short_search(self, before: _State, added: tuple[str, ...]) -> _State:
         """The fits ``before`` with more terms, after a short search."""
@@ -226,18 +226,17 @@ class _Trial:
         new: tuple[str, ...],
         restarts: int,
         steps: Steps,
-        held: np.ndarray | bool = False,
+        fixed: np.ndarray | bool = False,
     ) -> _State:
-        """Descents from ``raw`` (m, K), with ``new`` constants drawn around the initial motor's, and half of others.
+        """Descents from ``raw`` (m, K), with ``new`` constants sampled around the initial motor's, and half of others.
 
-        Constants that are ``held`` (K,) do not change.
+        Constants that are ``fixed`` (K,) do not change.
         """
         rng = np.random.default_rng([self._seed, *map(list(TERMS).index, terms)])
-        fixed = fixed_constants(terms, self._runs)
-        center = np.where(held | fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
+        fixed = fixed | fixed_constants(terms, self._runs)
+        center = np.where(fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
         initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
         search = centred(center, terms, self._trained)
-        held = held | fixed
 
         def draw(restart: int, best: Fit) -> np.ndarray:
             shape = (len(raw), _DRAWS, len(center))
@@ -245,16 +244,16 @@ class _Trial:
             drawn = np.where(is_new, rng.random(shape) < 0.7, others)
             candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None])
             candidates[:, 0] = best.x
-            return np.clip(np.where(held, 0.0, candidates), -LOG_REACH, LOG_REACH)
+            return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
         x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
-        prior = alone_prior(search, x, np.zeros(len(center)), initial).fixing(held)
+        prior = alone_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
         found = search.at(x, prior)
         if new:
             found = search.at(search.best_of(draw(0, found), prior), prior)
         found = search.descend(found.x, prior, steps)
         found = search.until_found_again(found, prior, draw, restarts, steps)
-        return self._state(terms, center + np.where(held, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
+        return self._state(terms, center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))

@@ -32,12 +32,8 @@ class Measured:
 class TrainingData:
     """Logs of M motors with R rows each."""
 
-    # (M, R, CHANNELS) float32: position_target, joint_pos, joint_vel, joint_torque (0 if missing), external_torque -
-    # load_stiffness·joint_pos, load_inertia, seconds since the log began, logged kp and kd (1 if missing),
-    # supply_voltage over the recipe's (1 if missing), motor_temperature above the recipe's [K], load_stiffness
-    # (0 if missing) and joint_reading. For a rollout noisy positions are smoothed (`smoothing`) except for
-    # joint_reading, velocities are those of half a period earlier and torques are averages centred on the sample, as a
-    # semi-implicit step needs them
+    # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a semi-implicit step,
+    # velocities are those of half a period earlier and torques are averages centred on the sample
     series: np.ndarray
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
@@ -50,10 +46,22 @@ class TrainingData:
     velocity_steps: int = 0
 
 
-TARGET, POS, VEL, TORQUE, EXTERNAL, INERTIA, SECONDS, KP, KD = range(9)
-SUPPLY, TEMPERATURE_RISE, STIFFNESS, READING = range(KD + 1, KD + 5)
-CHANNELS = READING + 1
-VELOCITY_NOISE = 0.02  # of differences of readings, at most [rad/s]
+(
+    TARGET,  # position_target
+    POS,  # joint_pos
+    VEL,  # joint_vel
+    TORQUE,  # joint_torque, 0 if missing
+    EXTERNAL,  # external_torque - load_stiffness·joint_pos
+    INERTIA,  # load_inertia
+    SECONDS,  # since the log began
+    KP,  # logged kp, 1 if missing
+    KD,  # logged kd, 1 if missing
+    SUPPLY,  # supply_voltage over the recipe's, 1 if missing
+    TEMPERATURE_RISE,  # motor_temperature above the recipe's [K]
+    STIFFNESS,  # load_stiffness, 0 if missing
+    READING,  # joint_reading
+) = range(CHANNELS := 13)
+VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 

@@ -28,7 +28,7 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     """
     log, found = checked(log), []
     stages = (  # jumps need a correct clock and correct units, checks of motion need angles without jumps
-        (readings.angles(log, robot), *(check(log) for check in readings.CHECKS)),
+        (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
         (*(check(log) for check in response.CHECKS), _each_joint(log)),
         (signs.gravity_signs(log, robot),) if robot else (),
@@ -53,10 +53,11 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
         windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
     late = {joint for joint in found if found[joint][0].severity != "info"}  # the first is that of `response.tracking`
     for column in sorted(late):
-        other, correlation = response.followed(log.rows(windows[column][0]), column, windows[column][1].period)
-        if other != log.joint_names[column] and correlation > response.SURE:
+        rows, grid = windows[column]
+        other, correlation = response.best_matching_command(log.rows(rows), column, grid.period)
+        if other != log.joint_names[column] and correlation > response.CERTAIN_CORRELATION:
             follows = log.joint_names.index(other) not in late
-            found[column][0] = response.of_another(found[column][0], other, correlation, follows)
+            found[column][0] = response.wrong_joint_finding(found[column][0], other, correlation, follows)
     for column, findings in found.items():
         rows, grid = windows[column]
         for finding in findings:

@@ -16,7 +16,7 @@ class Finding:
     severity: Literal["error", "warning", "info"]  # do not use the log as it is; inspect it; a fact
     check: str  # its name
     value: float  # what was measured, in the unit that the message names
-    message: str  # with value and bound
+    message: str  # states value and bound
     remedy: str = ""
     joint: str | None = None  # None for the whole log
     row: int = 0  # the first concerned
@@ -42,7 +42,7 @@ class LogReport:
 
     findings: tuple[Finding, ...]
 
-    def of(self, check: str) -> tuple[Finding, ...]:
+    def by_check(self, check: str) -> tuple[Finding, ...]:
         """Findings of one check."""
         return tuple(finding for finding in self.findings if finding.check == check)
 

@@ -11,12 +11,12 @@ from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
 from motorprior.robots.robot import Robot
 
-RATES = (5.0, 2e4)  # of motor logs [Hz]; other rates mean another unit of time
+RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
 MAX_JITTER = 0.5
 READINGS = 5  # maximum duration of a failed read
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
-MAX_TURNS = 4.0  # of a joint without known limits
+MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
 FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
 WRAPS = "by a turn"
@@ -113,7 +113,7 @@ def jumps(log: MotorLog) -> Iterator[Finding]:
 def failed_reads(log: MotorLog) -> np.ndarray:
     """(T, J) rows in which a read of a joint failed.
 
-    Its angle leaps and comes back within 5 readings, or leaps within 5 readings of an end of a segment; or its velocity
+    Its angle jumps and comes back within 5 readings, or jumps within 5 readings of an end of a segment; or its velocity
     is a spike (`velocity_spikes`).
     """
     failed, period = np.zeros(log.joint_pos.shape, dtype=bool), _reading_period(log)
@@ -149,9 +149,9 @@ def _reading_period(log: MotorLog) -> float:
 def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str, int]]:
     """Channel, kind and row of each jump of one joint; ``period`` of new readings [s].
 
-    A jump exceeds 3 usual steps, 10 encoder steps, 10 rad/s and 0.03 rad. The usual step is the sixth largest median of
-    three successive steps, which fast motion raises and a failed read does not. A single reading that leaps and comes
-    back is found next to slow motion, too: see `_spikes`.
+    A jump exceeds 3·u, 10 encoder steps, 10 rad/s and 0.03 rad, with u = sixth largest |median(Δ[k-1], Δ[k], Δ[k+1])|
+    over the steps Δ: fast motion increases u, a failed read does not. `_spikes` also finds single readings that jump
+    and come back during slow motion.
     """
     angle, command = log.joint_pos[:, column], log.position_target[:, column]
     steps, command_steps = (np.diff(values, prepend=values[0]) for values in (angle, command))
@@ -192,7 +192,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
 
 
 def _spikes(angle: np.ndarray, parts: Sequence[slice], min_jump: float) -> Iterator[int]:
-    """Rows of single readings that leap and come back.
+    """Rows of single readings that jump and come back.
 
     Both steps exceed ``min_jump`` [rad], and 8 times the motion around them: the steps before and after, and their sum.
     """
@@ -206,7 +206,7 @@ def _spikes(angle: np.ndarray, parts: Sequence[slice], min_jump: float) -> Itera
         yield from (part.start + 2 + np.flatnonzero(is_spike)).tolist()
 
 
-def angles(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
+def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
     """Angles outside the limits of the robot, or beyond one turn (warning) or four turns (error) without limits."""
     limits = np.full((log.num_joints, 2), np.nan) if robot is None else robot.limits_of(log.joint_names)
     unknown = [joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()]
@@ -266,7 +266,7 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
             yield Finding(severity, "units", float(speed[fast].max()), message, remedy, joint, int(fast.argmax()))
 
 
-def ranges(log: MotorLog) -> Iterator[Finding]:
+def summary(log: MotorLog) -> Iterator[Finding]:
     """For comparison with the robot (info): ranges of the angles in degrees, and logged gains and registers."""
     degrees = np.rad2deg([log.joint_pos.min(axis=0), log.joint_pos.max(axis=0)])
     spans = [f"{joint} {low:.4g}..{high:.4g}" for joint, (low, high) in zip(log.joint_names, degrees.T, strict=True)]
@@ -274,4 +274,4 @@ def ranges(log: MotorLog) -> Iterator[Finding]:
     yield Finding("info", "settings", 0.0, f"the log states {settings_text(log) or 'no gain, register or posture'}")
 
 
-CHECKS = (rate, gaps, repeats, speeds, ranges)
+CHECKS = (rate, gaps, repeats, speeds, summary)

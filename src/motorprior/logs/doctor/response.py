@@ -19,11 +19,11 @@ from motorprior.signals import runs_of_true
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
 TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
-MAX_OFFSET = 1.2  # of an angle from its command [rad]; loads deflect servos less
-SURE = 0.8  # correlation above which sign and order of a joint are certain
-RATIOS = (0.1, 3.0)  # of the motion to its command; otherwise the motion failed, or has another unit
+MAX_OFFSET = 1.2  # maximum offset of an angle from its command [rad]; loads deflect servos less
+CERTAIN_CORRELATION = 0.8  # correlation above which sign and order of a joint are certain
+RATIOS = (0.1, 3.0)  # plausible motion / command; others mean a failed motion or another unit
 MIN_REVERSALS = 4
-MIN_ROWS, MAX_ROWS = 20, 20_000  # of a window
+MIN_ROWS, MAX_ROWS = 20, 20_000  # size of a window
 
 
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
@@ -79,7 +79,7 @@ def reversals(angle: np.ndarray) -> int:
     return max(count, 0)
 
 
-def dead(log: MotorLog) -> Iterator[Finding]:
+def frozen_angle(log: MotorLog) -> Iterator[Finding]:
     """Angles that rest for 0.5 s, away from end stops, while the command moves by half of its range and 0.1 rad.
 
     The last 0.25 s do not count, as a servo responds late.
@@ -100,20 +100,20 @@ def dead(log: MotorLog) -> Iterator[Finding]:
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
-    """Correlation r[k] of the angle with the command k rows before, k = -lead, …, lag, over the same rows of the angle.
+    """Correlation r of the angle with the command k rows before, over the same rows of the angle.
 
-    Returns r, lead, and k >= 0 of the first positive and of the first negative peak.
+    Returns r for k = -zero_lag, …, lag; zero_lag; k >= 0 of the first positive and of the first negative peak.
     """
     command, angle = window.position_target[:, 0], window.joint_pos[:, 0]
     lag = min(int(0.5 / window.period), len(angle) // 2)  # 0.5 s later
-    lead = min(max(1, int(0.25 / window.period)), len(angle) // 4)  # to 0.25 s earlier
-    later = angle[lag : len(angle) - lead] - angle[lag : len(angle) - lead].mean()
-    r = np.zeros(lead + lag + 1)
+    zero_lag = min(max(1, int(0.25 / window.period)), len(angle) // 4)  # to 0.25 s earlier
+    later = angle[lag : len(angle) - zero_lag] - angle[lag : len(angle) - zero_lag].mean()
+    r = np.zeros(zero_lag + lag + 1)
     for index in range(len(r)):
-        part = command[lag + lead - index :][: len(later)]
+        part = command[lag + zero_lag - index :][: len(later)]
         part = part - part.mean()
         r[index] = part @ later / max(np.sqrt((part @ part) * (later @ later)), 1e-300)
-    return r, lead, _first_peak(r[lead - 1 :]), _first_peak(-r[lead - 1 :])
+    return r, zero_lag, _first_peak(r[zero_lag - 1 :]), _first_peak(-r[zero_lag - 1 :])
 
 
 def _first_peak(r: np.ndarray) -> int:
@@ -134,19 +134,19 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
 
     An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
     """
-    (r, lead, late, opposed), joint, period = correlation_peaks(window), window.joint_names[0], window.period
-    seconds, follows, opposes = late * period, float(r[lead + late]), float(r[lead + opposed])
+    (r, zero_lag, late, opposed), joint, period = correlation_peaks(window), window.joint_names[0], window.period
+    seconds, follows, opposes = late * period, float(r[zero_lag + late]), float(r[zero_lag + opposed])
     described = f"{joint} follows its command {1e3 * seconds:.3g} ms later, correlation {follows:.2f}"
     against = f"moves against its command {1e3 * opposed * period:.3g} ms later, correlation {opposes:.2f}"
     can_oppose = opposes < -MIN_CORRELATION and opposed * period < MAX_LAG
-    ahead = int(np.argmin(np.append(np.diff(r[lead::-1]) > 0.0, False)))  # while the correlation rises
+    ahead = int(np.argmin(np.append(np.diff(r[zero_lag::-1]) > 0.0, False)))  # while the correlation rises
     speed = float(np.percentile(np.abs(np.diff(window.position_target[:, 0])), 95)) / period
     severity, value, message, remedy = "warning", seconds, described, ""
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
         severity, value, message = "error", opposes, f"{joint} {against}"
         remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
         remedy += "[joints.….position_target]"
-        if -opposes <= SURE:
+        if -opposes <= CERTAIN_CORRELATION:
             remedy = "compare sign and order of the joints, and the clocks of command and angle"
     elif follows < MIN_CORRELATION:
         value, message = follows, f"{described}, below {MIN_CORRELATION}"
@@ -154,7 +154,7 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
     elif can_oppose and opposed < late and seconds < MAX_LAG:
         message = f"{described}, or {against}"
         remedy = "record more than one frequency, or a step: the lag of one sine is ambiguous"
-    elif ahead * period >= 0.015 and 1.0 - r[lead - ahead] <= 0.2 * (1.0 - r[lead]):
+    elif ahead * period >= 0.015 and 1.0 - r[zero_lag - ahead] <= 0.2 * (1.0 - r[zero_lag]):
         value, message = -ahead * period, f"{joint} moves {1e3 * ahead * period:.3g} ms before its command"
         remedy = "command and measurement have different clocks, or are in different rows: put them on one clock"
     elif seconds > MAX_LAG and seconds * speed > 0.1:  # [rad]; less may be dead band and friction
@@ -169,21 +169,22 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
         yield Finding("warning", "offset", offset, message, remedy, joint)
 
 
-def followed(rows: MotorLog, column: int, period: float) -> tuple[str, float]:
+def best_matching_command(rows: MotorLog, column: int, period: float) -> tuple[str, float]:
     """The joint whose command the angle of a joint follows most closely within a servo's lag, and the correlation."""
     grid, found = resample(rows, period), []
     for other in excited_joints(grid):
         window = replace(grid.joint(column), position_target=grid.position_target[:, [other]])
-        r, lead, late, _ = correlation_peaks(window)
-        found.append((float(r[lead + late]) if late * period < MAX_LAG else 0.0, grid.joint_names[other]))
+        r, zero_lag, late, _ = correlation_peaks(window)
+        found.append((float(r[zero_lag + late]) if late * period < MAX_LAG else 0.0, grid.joint_names[other]))
     correlation, name = max(found)
     return name, correlation
 
 
-def of_another(finding: Finding, other: str, correlation: float, other_follows: bool) -> Finding:
+def wrong_joint_finding(finding: Finding, other: str, correlation: float, other_follows: bool) -> Finding:
     """The finding of `tracking` for a joint that follows the command of another joint.
 
-    Exchanged joints are two. Where the reverse of its own command explains the angle as well, nothing is recommended.
+    Two joints are exchanged only if both follow each other's command. If a sign error explains the angle equally well,
+    no remedy is given.
     """
     is_reverse = finding.severity == "error" and -finding.value > correlation - 0.1
     if is_reverse and other_follows:
@@ -198,11 +199,11 @@ def of_another(finding: Finding, other: str, correlation: float, other_follows: 
 def saturation(window: MotorLog) -> Iterator[Finding]:
     """An angle that rests at its extreme for 0.1 s while the command, delayed by the lag, continues beyond it.
 
-    The command continues by 10 % of its range and 0.03 rad after the joint stopped: friction and dead bands also hold
-    a joint, but after a reversal.
+    The command continues by 10 % of its range and 0.03 rad after the joint stopped. Friction and dead bands stop a
+    joint only after a reversal.
     """
-    joint, (r, lead, late, _) = window.joint_names[0], correlation_peaks(window)
-    late = min(late, int(0.1 / window.period)) if r[lead + late] >= MIN_CORRELATION else 0
+    joint, (r, zero_lag, late, _) = window.joint_names[0], correlation_peaks(window)
+    late = min(late, int(0.1 / window.period)) if r[zero_lag + late] >= MIN_CORRELATION else 0
     min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
     for sign in (1.0, -1.0):
         command, angle = sign * window.position_target[:, 0], sign * window.joint_pos[:, 0]
@@ -260,4 +261,4 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
         yield Finding("error" if wrong else "warning", "velocity", slope, message, remedy, joint)
 
 
-CHECKS = (excitation, dead, copied, velocity)
+CHECKS = (excitation, frozen_angle, copied, velocity)

@@ -23,7 +23,7 @@ from motorprior.artifacts import read_text
 from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import CONDITIONS, NUMBER, MotorLog, bad_value, checked
+from motorprior.logs.motor_log import NUMBER, OPERATING_CONDITIONS, MotorLog, bad_value, checked
 from motorprior.robots.robot import Robot
 from motorprior.signals import runs_of_true
 
@@ -75,7 +75,7 @@ def _conditions(content: dict[str, Any]) -> dict[str, Any]:
     for channel, name in (("supply_voltage", "input_volts"), ("motor_temperature", "temp")):
         rows = [entry.get(name) for entry in content["entries"]]
         for values in (rows, [default] * len(rows) if channel == "supply_voltage" else []):
-            if values and all(is_number(value, *CONDITIONS[channel][:2]) and value != 0 for value in values):
+            if values and all(is_number(value, *OPERATING_CONDITIONS[channel][:2]) and value != 0 for value in values):
                 found[channel] = np.array(values, dtype=np.float64)[:, None]
                 break
     return found

@@ -10,9 +10,9 @@ from weighed_arm import write_arm
 
 from motorprior.artifacts import read_json
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import PRESETS, record
+from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
-from motorprior.commands.real_motors import RealMotors, loads_of, read_logs_of, run_real_motors
+from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report
 from motorprior.identification.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -30,13 +30,13 @@ def logs(tmp_path: Path) -> Path:
     fleet = load_fleet("mixed")
     motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
     for seed, name in enumerate(("first", "second")):
-        log = record(motors, PRESETS["rollout"], 6000, seed, fleet)
+        log = record(motors, BENCH_PRESETS["rollout"], 6000, seed, fleet)
         write_log(tmp_path / "logs" / f"{name}.parquet", replace(log, joint_names=JOINTS, joint_torque=None))
     return tmp_path / "logs"
 
 
 def report_of(logs: Path, out: Path) -> tuple[Results, dict[str, list]]:
-    return run_real_motors(RealMotors(logs, out)), read_json(out / "notes.json")
+    return run_quick_report(QuickReport(logs, out)), read_json(out / "notes.json")
 
 
 def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
@@ -82,7 +82,7 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: P
     for number, posture in enumerate(postures):  # suspended in the first row of every log
         codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
         write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))
-    config = RealMotors(tmp_path / "logs", tmp_path / "out")
+    config = QuickReport(tmp_path / "logs", tmp_path / "out")
     loads, _ = loads_of(config, read_logs_of(config).logs, robot)
     assert (loads is not None) == (set(postures) == {"suspended"})
 

@@ -22,25 +22,24 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working
 
-# training log for motors and for responses, of all joints together, and the maximum of each joint [s]; the fit takes
-# most of the minute
+# training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes most of the minute
 MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0
 TEST_SECONDS = 120.0
 
 
 @dataclass(frozen=True)
-class RealMotors:
+class QuickReport:
     """Fit models to the motors of real logs, and evaluate them on held-out logs."""
 
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
     out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
     suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
-    seed: int = 0  # of the fits and samples
+    seed: int = 0  # random seed of fits and samples
     robot: str = DEFAULT_ROBOT  # name or .toml file of the robot of the logs; not used for logs with other joints
 
 
-def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
+def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot, folder = load_robot(config.robot), read_logs_of(config)
@@ -52,7 +51,7 @@ def run_real_motors(config: RealMotors, progress: Progress = SILENT) -> Results:
     return read_results(config.out)
 
 
-def read_logs_of(config: RealMotors) -> LogFolder:
+def read_logs_of(config: QuickReport) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
@@ -72,7 +71,7 @@ def read_logs_of(config: RealMotors) -> LogFolder:
     return found
 
 
-def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress: Progress) -> None:
+def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress: Progress) -> None:
     from motorprior.identification.quick_report import report_with_loads, report_without_loads
     from motorprior.report.sections import write_validation  # here: it imports matplotlib
 
@@ -92,7 +91,7 @@ def _write_report(config: RealMotors, folder: LogFolder, robot: Robot, progress:
     write_validation(config.out, found, [*lines, loads, logs.rule])
 
 
-def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
+def _without_gaps(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
@@ -108,7 +107,7 @@ def _without_gaps(config: RealMotors, folder: LogFolder) -> tuple[dict[str, Moto
 
 
 def loads_of(
-    config: RealMotors, logs: dict[str, MotorLog], robot: Robot | None
+    config: QuickReport, logs: dict[str, MotorLog], robot: Robot | None
 ) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
     """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
     if all(log.load_inertia is not None and log.external_torque is not None for log in logs.values()):
