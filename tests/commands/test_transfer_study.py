@@ -15,8 +15,8 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
-from motorprior.studies.statistics import CONDITIONS, FROZEN, OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
-from motorprior.studies.study_settings import Study
+from motorprior.studies.statistics import OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
+from motorprior.studies.study_settings import CONDITIONS, Study
 from motorprior.studies.transfer import CHOICES, WALKS
 
 DRAWS = 2
@@ -27,7 +27,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
         tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, draws=DRAWS, seconds=2.5, iterations=1,
-        conditions=CONDITIONS + tuple(FROZEN), motors=12, bench_steps=1500, adam_steps=30, workers=2,
+        conditions=tuple(CONDITIONS), motors=12, bench_steps=1500, adam_steps=30, workers=2,
     )  # fmt: skip
     run_study(config)
     return config
@@ -68,7 +68,7 @@ def test_figures_have_intervals_and_p_values(done: Study):
             if condition != REFERENCE:
                 assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
     fits = read_json(done.out / "bench_0" / "fits" / "fits.json")
-    assert fits["ideal_pd"]["error"] >= fits["tuned_pd"]["error"] >= 0.9 * fits["friction_pd"]["error"]
+    assert fits["gains"]["error"] >= fits["rotor"]["error"] >= 0.9 * fits["friction"]["error"]
     for setting, choices in CHOICES.items():
         selection = read_json(done.out / "selection" / f"{setting}.json")
         assert selection["fleet"] == "mixed" and selection["chosen"] in choices

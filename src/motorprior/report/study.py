@@ -13,9 +13,7 @@ from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
     COMPARED,
-    CONDITIONS,
     CONVERGED,
-    FROZEN,
     OWN,
     OWN_FOREIGN,
     PLACES,
@@ -23,6 +21,7 @@ from motorprior.studies.statistics import (
     Estimate,
     StudyStatistics,
 )
+from motorprior.studies.study_settings import CONDITIONS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
 _PLACES = {"fleet": "other robots of the same fleet", "hard": "other motors, floor, load, delays and pushes"}
@@ -53,7 +52,7 @@ def study_sections(summary: StudyStatistics) -> list[Section]:
 
 def conditions_in(summary: StudyStatistics) -> list[str]:
     """Training conditions in the order of every table."""
-    found, order = {condition for _, condition in summary.upright}, (*CONDITIONS, *FROZEN)
+    found, order = {condition for _, condition in summary.upright}, tuple(CONDITIONS)
     return [name for name in order if name in found] + sorted(found - set(order))
 
 

@@ -21,19 +21,11 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from scipy.special import stdtrit
 
-from motorprior.actuator import motor_prior
 from motorprior.artifacts import write_text
 from motorprior.results import Result, Results
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.gait_quality import UNITS
 
-CONDITIONS = (  # training conditions, in the order of every table, see docs/transfer.md
-    "ideal_pd", "tuned_pd", "friction_pd", "random_pd", "adapted_pd", "paper", "paper_wide", "central_motor",
-    "sampled_prior", "adapted_prior", "robust_prior", "oracle",
-)  # fmt: skip
-# variants of the sampled prior, with the mean motor's values of these constants
-FROZEN = {f"frozen_{group}": group for group in motor_prior.FROZEN}
-ADAPTED = ("adapted_prior", "adapted_pd")  # the policy of seed k is fitted to robot k, and walks on it alone
 REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
 OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors

@@ -1,25 +1,68 @@
-"""Settings of the transfer study."""
+"""Training conditions and settings of the transfer study."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from motorprior.actuator.motor_prior import FROZEN
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
+from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Kind, require_executor
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
-from motorprior.studies.statistics import CONDITIONS, FROZEN
+from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.studies.environments import ENVIRONMENTS, NOISY, OUT_OF_FAMILY
 
 VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
+PDS = {"gains": GAINS, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}  # kinds of PD -> their fitted constants
+# sensor noise of the environments, and pushes: without any disturbance policies overfit one deterministic walk, and
+# fall more often on held-out robots
+TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The motors of trainings: a PD or a prior, fitted to the bench or to the log of one robot, or the true fleet."""
+
+    pd: str = ""  # kind of PD
+    prior: str = ""  # preset of the prior
+    adapted: bool = False  # to the log of robot k, on which alone the policy of seed k walks
+    options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
+    randomization: Randomization = TRAINING  # of the training in addition to the motors
+
+    @property
+    def per_population(self) -> bool:
+        """Whether it is trained for, and evaluated on, the motors of one population."""
+        return self.adapted or not (self.pd or self.prior)
+
+
+CONDITIONS = {  # in the order of every table, see docs/transfer.md
+    "ideal_pd": Condition(pd="gains"),
+    "tuned_pd": Condition(pd="rotor"),
+    "friction_pd": Condition(pd="friction"),
+    "random_pd": Condition(pd="friction"),
+    "adapted_pd": Condition(pd="friction", adapted=True),
+    "paper": Condition(prior="paper"),
+    "paper_wide": Condition(prior="paper_wide"),
+    "central_motor": Condition(prior="rollout", options={"latent_spread": 0.0}),
+    "sampled_prior": Condition(prior="rollout"),
+    "adapted_prior": Condition(prior="rollout", adapted=True),
+    "robust_prior": Condition(prior="rollout", randomization=ROBUST),
+    "oracle": Condition(),
+}
+STANDARD = tuple(CONDITIONS)
+SHARED = Condition(prior="given")  # other motors, the same for both populations
+# the sampled prior with the mean motor's values of these constants
+CONDITIONS |= {f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN}
 
 
 @dataclass(frozen=True)
@@ -32,8 +75,8 @@ class Study:
     """Population of the bench's motors and of the environment `fleet`; the robot's own if not given."""
     foreign: str = "foreign_direct"
     """Out-of-family population, of the environments `foreign` and `hard`."""
-    conditions: tuple[str, ...] = CONDITIONS
-    """Training conditions: those of docs/transfer.md, or other motors, as in `walk`."""
+    conditions: tuple[str, ...] = STANDARD
+    """Training conditions: some of those of docs/transfer.md, or other motors, as in `walk`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
     """Environments of the evaluation, some of those of docs/transfer.md."""
     benches: int = 4
@@ -103,6 +146,12 @@ class Study:
         of_oracle = self.oracle_seeds if condition == "oracle" else None
         return range(of_oracle or self.seeds)
 
+    @property
+    def fitted(self) -> list[Condition]:
+        """Conditions with a model that is fitted to logs."""
+        known = (CONDITIONS[name] for name in self.conditions if name in CONDITIONS)
+        return [each for each in known if each.pd or each.prior]
+
     def robot_of(self, seed: int) -> int:
         """Number of the robot that the adapted policies of a seed walk on."""
         return seed % self.robots if self.robots else seed
@@ -130,7 +179,7 @@ class Study:
     def require_valid(self) -> None:
         """Check the settings; raises `ConfigError`, which names the invalid one."""
         robot = load_robot(self.robot)
-        for name in (name for name in self.conditions if name not in (*CONDITIONS, *FROZEN)):
+        for name in (name for name in self.conditions if name not in CONDITIONS):
             try:
                 simulated_motors(name, robot)
             except ConfigError as error:

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -28,7 +28,7 @@ from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
 from motorprior.exceptions import ConfigError
 from motorprior.identification.adapt import adapt
-from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, WITH_FRICTION, WITH_ROTOR, fit_pd
+from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, fit_pd
 from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.identification.presets import network_steps
 from motorprior.locomotion.ars import ArsConfig
@@ -40,7 +40,7 @@ from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_thre
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import import_bullet
-from motorprior.simulation.randomization import ROBUST, Randomization
+from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY, WalkSettings, train_policy
 from motorprior.stage import description, is_finished, working
@@ -48,7 +48,6 @@ from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import (
     ENVIRONMENTS,
     IN_FAMILY,
-    NOISY,
     OUT_OF_FAMILY,
     motors_of_robot,
     motors_of_walk,
@@ -57,24 +56,15 @@ from motorprior.studies.environments import (
 )
 from motorprior.studies.gait_quality import walk_measures
 from motorprior.studies.statistics import (
-    ADAPTED,
-    CONDITIONS,
-    FROZEN,
     OWN,
     OWN_FOREIGN,
     WalkRow,
     read_walks,
     write_walks,
 )
-from motorprior.studies.study_settings import VALIDATION, Study
+from motorprior.studies.study_settings import CONDITIONS, PDS, SHARED, TRAINING, VALIDATION, Study
 
 WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
-# conditions whose motors are PDs fitted to the bench: their free constants; random_pd is friction_pd with a range
-FITTED_PDS = {"ideal_pd": GAINS, "tuned_pd": WITH_ROTOR, "friction_pd": WITH_FRICTION}
-CONDITION_PRESETS = {name: name for name in ("paper", "paper_wide")} | dict.fromkeys(
-    ("central_motor", "sampled_prior", "adapted_prior", "robust_prior", *FROZEN), "rollout"
-)  # condition -> preset of its prior
-PER_POPULATION = ("oracle", *ADAPTED)  # trained, and evaluated, for motors of one population
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # random stream of these logs
 
@@ -83,8 +73,6 @@ _AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the
 SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no condition
 
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
-# without any disturbance policies overfit one deterministic walk, and fall more often on held-out robots
-TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
 _EPISODE_STEPS = 500  # episode length in training [control steps]
 # with the search's defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out robots
 _STEP_SIZE, _DELTA_STD = 0.03, 0.04
@@ -111,9 +99,8 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
 
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
     """Record the motors of a bench; excitation -> log, the paper's only if a condition needs it."""
-    kinds = ["paper"] if "paper" in bench.conditions else []
-    if _fitted_pds(bench) or any(CONDITION_PRESETS.get(name, "paper") != "paper" for name in bench.conditions):
-        kinds.append("rollout")
+    fitted = {each.prior or each.pd for each in bench.fitted}
+    kinds = [*(["paper"] if "paper" in fitted else []), *(["rollout"] if fitted - {"paper"} else [])]
     return {
         kind: record_bench(
             bench.robot, bench.fleet, motors=bench.motors, steps=bench.bench_steps, preset=kind, seed=bench.seed,
@@ -128,11 +115,10 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
     works = []
     for bench in benches:
         logs = record_benches(bench, progress)
-        presets = {CONDITION_PRESETS[name] for name in bench.conditions if name in CONDITION_PRESETS}
-        for preset in sorted(presets, reverse=True):  # the longest fit first
+        for preset in sorted({each.prior for each in bench.fitted if each.prior}, reverse=True):  # the longest first
             log, steps = logs["paper" if preset == "paper" else "rollout"], network_steps(preset, bench.adam_steps)
             works.append(partial(_fit_prior, log, preset, bench.seed, steps, prior_path(bench, preset).parent))
-        if kinds := _fitted_pds(bench):
+        if kinds := {each.pd for each in bench.fitted if each.pd and not each.adapted}:
             works.append(partial(_fit_pds, bench, logs["rollout"], bench.out / "fits", kinds))
     in_parallel(works, threads, progress)
 
@@ -146,25 +132,16 @@ def prior_path(bench: Study, preset: str) -> Path:
     return bench.out / "priors" / preset / PRIOR
 
 
-def _fitted_pds(bench: Study) -> dict[str, tuple[str, ...]]:
-    """PDs that the conditions need, and their fitted constants."""
-    needed = {"friction_pd" if name == "random_pd" else name for name in bench.conditions}
-    return {name: free for name, free in FITTED_PDS.items() if name in needed}
-
-
-def _fit_pds(
-    bench: Study, log: MotorLog, folder: Path, kinds: Mapping[str, tuple[str, ...]], progress: Progress
-) -> None:
-    """Fit PDs to a log with known loads; FITS has constants and error."""
+def _fit_pds(bench: Study, log: MotorLog, folder: Path, kinds: set[str], progress: Progress) -> None:
+    """Fit these kinds of PD to a log with known loads; FITS has constants and error."""
     robot = load_robot(bench.robot)
     nominal = nominal_pd(load_robot_fleet(robot, bench.fleet), 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
-    wanted = description("study", {"start": start, "kinds": kinds, "log": log_digest(log)}, robot.files)
+    wanted = description("study", {"start": start, "kinds": sorted(kinds), "log": log_digest(log)}, robot.files)
     if is_finished(folder, wanted):
         return
     with working(folder, wanted), progress.start("fit the PDs", len(kinds) * RESTARTS) as task:
-        fits = {name: fit_pd(log, free, start, task.advance) for name, free in kinds.items()}
-        write_json(folder / FITS, {name: asdict(fit) for name, fit in fits.items()})
+        write_json(folder / FITS, {kind: asdict(fit_pd(log, PDS[kind], start, task.advance)) for kind in sorted(kinds)})
 
 
 # 2. Settings selected on the validation fleet
@@ -179,15 +156,15 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     bench = replace(first, out=config.out / "selection", foreign=str(fleet), validation=fleet)
     chosen = {}
     for setting, name in config.to_select().items():
-        if name in ADAPTED:
+        if CONDITIONS[name].adapted:
             robots = [(first, VALIDATION, seed) for seed in SELECTION_SEEDS]
             adapt_robots(robots, threads, progress)
         found = {}
         for value in CHOICES[setting]:
             policies = []
             for seed in SELECTION_SEEDS:
-                motors = condition_motors(replace(first, **{setting: value}), name, VALIDATION, seed)
-                number, shown = seed if name in ADAPTED else None, f"{name}_{value:g}"
+                motors = motors_text(replace(first, **{setting: value}), name, VALIDATION, seed)
+                number, shown = seed if CONDITIONS[name].adapted else None, f"{name}_{value:g}"
                 policies.append(
                     PolicyRun(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot_number=number)
                 )
@@ -210,7 +187,7 @@ def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progres
 
 def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
     """The robots that policies of a bench are adapted to."""
-    adapted = any(name in bench.conditions for name in ADAPTED)
+    adapted = any(each.adapted for each in bench.fitted)
     numbers = sorted({bench.robot_of(seed) for seed in range(bench.seeds)}) if adapted else []
     return [(bench, population, number) for number in numbers for population in (IN_FAMILY, OUT_OF_FAMILY)]
 
@@ -234,7 +211,7 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
             for path in priors:
                 adapt(MotorPrior.load(path), log, anyway=True, progress=SILENT).save(folder / POSTERIOR)
     if "adapted_pd" in bench.conditions and population != VALIDATION:
-        _fit_pds(bench, read_parquet(folder / LOG), folder / "adapted_pd", {"adapted_pd": WITH_FRICTION}, progress)
+        _fit_pds(bench, read_parquet(folder / LOG), folder / "fits", {CONDITIONS["adapted_pd"].pd}, progress)
 
 
 # 4. Policies
@@ -264,33 +241,30 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     """The policies of this seed on a bench."""
     made = []
     for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
-        number = bench.robot_of(seed) if name in ADAPTED else None
-        randomization = ROBUST if name == "robust_prior" else TRAINING
-        for population in (OUT_OF_FAMILY, IN_FAMILY) if name in PER_POPULATION else (IN_FAMILY,):
-            within = (population,) if name in PER_POPULATION else (IN_FAMILY, OUT_OF_FAMILY)
+        condition, number = CONDITIONS.get(name, SHARED), bench.robot_of(seed)
+        for population in (OUT_OF_FAMILY, IN_FAMILY) if condition.per_population else (IN_FAMILY,):
+            within = (population,) if condition.per_population else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
-            motors = condition_motors(bench, name, population, bench.robot_of(seed))
-            made.append(PolicyRun(bench, name, seed, motors, randomization, population, environments, number))
+            motors, only = motors_text(bench, name, population, number), number if condition.adapted else None
+            made.append(PolicyRun(bench, name, seed, motors, condition.randomization, population, environments, only))
     return made
 
 
-def condition_motors(bench: Study, name: str, population: str, number: int) -> str:
+def motors_text(bench: Study, name: str, population: str, number: int) -> str:
     """Motors of a condition: fitted to the bench or to the log of a robot, or those of a population."""
-    if name not in (*CONDITIONS, *FROZEN):
+    if name not in CONDITIONS:
         return name
-    if name == "oracle":
+    condition, robot = CONDITIONS[name], _robot_folder(bench, population, number)
+    if condition.pd:
+        fits = read_json((robot if condition.adapted else bench.out) / "fits" / FITS)
+        pd_range = bench.pd_range if name == "random_pd" else None
+        return motor_text("pd", spread=pd_range, **fits[condition.pd]["constants"])
+    if not condition.prior:
         return motor_text("fleet", fleet=bench.fleet_of(population))
-    robot = _robot_folder(bench, population, number)
-    if name == "adapted_pd":
-        return motor_text("pd", **read_json(robot / name / FITS)[name]["constants"])
-    if name in (*FITTED_PDS, "random_pd"):
-        kind, pd_range = ("friction_pd", bench.pd_range) if name == "random_pd" else (name, None)
-        return motor_text("pd", spread=pd_range, **read_json(bench.out / "fits" / FITS)[kind]["constants"])
-    prior = prior_path(bench, CONDITION_PRESETS[name])
-    if name == "adapted_prior":
+    prior = prior_path(bench, condition.prior)
+    if condition.adapted:
         return motor_text("posterior", file=robot / POSTERIOR, prior=prior, prior_share=bench.prior_share)
-    spread = 0.0 if name == "central_motor" else None
-    return motor_text("prior", file=prior, latent_spread=spread, frozen=FROZEN.get(name))
+    return motor_text("prior", file=prior, **condition.options)
 
 
 def walk_table(config: Study, policies: Sequence[PolicyRun], progress: Progress = SILENT) -> list[WalkRow]:
