@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.report.study import difference_table, headline_table, own_table
+from motorprior.report.study import difference_table, measure_table, own_table
 from motorprior.studies.statistics import WalkRow, read_walks, scores, summarise, write_walks
 
 
@@ -50,8 +50,9 @@ def test_a_clear_difference_is_significant_and_none_is_not():
         assert found.p < 0.05 and found.difference.value < -0.5 and found.difference.high < 0.0
     assert summary.differences["fleet", "friction_pd", "upright"].p > 0.05
     order = ["ideal_pd", "friction_pd", "adapted_pd", "sampled_prior"]
-    assert [row[0] for row in headline_table(summary).rows] == order
-    assert [row[0] for row in difference_table(summary).rows] == order[:-1]
+    for measure in ("upright", "speed"):
+        assert [row[0] for row in measure_table(summary, measure).rows] == order
+        assert [row[0] for row in difference_table(summary, measure).rows] == order[:-1]
 
 
 def test_every_bench_and_every_policy_is_shown():

@@ -212,10 +212,10 @@ def transfer(config: TransferCommand) -> None:
     if config.study:
         if config.walks or config.engine is not None:
             raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
-        from motorprior.report.study import difference_table, headline_table, own_table  # here: it imports matplotlib
+        from motorprior.report.study import study_sections  # here: it imports matplotlib
 
         found = run_study(Study(**study), TERMINAL, command_line())
-        for each in (own_table(found), headline_table(found), difference_table(found)):
+        for each in (one for section in study_sections(found) for one in section.tables):
             table(each.caption, each.columns, each.rows)
         print(config.out / PAGE)
         return

@@ -13,7 +13,6 @@ from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
     COMPARED,
-    CONVERGED,
     OWN,
     OWN_FOREIGN,
     PLACES,
@@ -30,23 +29,20 @@ _AS_GOOD = 0.02  # difference of the time upright below which two conditions are
 
 def study_sections(summary: StudyStatistics) -> list[Section]:
     """Own simulations, speed and time upright of all conditions, and their differences from the sampled prior."""
-    differences = difference_table(summary)
     text = (
-        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots: speed [m/s] and time "
-        "upright [%], means over benches with 95 % intervals, and the share of policies that are upright for 90 % of "
-        "the time."
+        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots: means over benches "
+        "with 95 % intervals."
     )
     drawn = picture(
         forest_plot(summary, conditions_in(summary)),
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
     )
-    sections = [
-        own_simulations(summary),
-        Section("Speed and time upright on held-out robots", (text,), (drawn,), (headline_table(summary),)),
-    ]
-    if differences.rows:
-        text = "Differences from the sampled prior; p corrected by Holm for all of them."
-        sections.append(Section("Differences from the sampled prior", (text,), tables=(differences,)))
+    tables = tuple(measure_table(summary, measure) for measure in SHOWN)
+    sections = [own_simulations(summary), Section("Held-out robots", (text,), (drawn,), tables)]
+    if summary.differences:
+        tables = tuple(difference_table(summary, measure) for measure in SHOWN)
+        text = "Permutation tests within benches; p corrected by Holm for all differences."
+        sections.append(Section("Differences from the sampled prior", (text,), tables=tables))
     return sections
 
 
@@ -74,35 +70,33 @@ def own_table(summary: StudyStatistics) -> Table:
     return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 
 
-def headline_table(summary: StudyStatistics) -> Table:
-    """A row per condition, a cell per environment."""
+SHOWN = {"upright": ("time upright [%]", 100.0, ".0f"), "speed": ("speed [m/s]", 1.0, ".2f")}  # title, factor, format
+
+
+def measure_table(summary: StudyStatistics, measure: str) -> Table:
+    """A row per condition, a cell per environment: the mean over benches with its interval."""
     places = [place for place in PLACES if place in {place for place, _ in summary.upright}]
+    title, factor, form = SHOWN[measure]
 
     def cell(place: str, condition: str) -> str:
-        if (place, condition) not in summary.upright:
-            return ""
-        speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
-        share = 100.0 * float(np.mean(summary.upright[place, condition] >= CONVERGED))
-        return f"{with_interval(speed, 1.0, '.2f')}; {with_interval(upright, 100.0, '.0f')}; {share:.0f}"
+        found = summary.estimates.get((place, condition, measure))
+        return "" if found is None else with_interval(found, factor, form)
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
-    caption = "speed [low, high]; time upright [%] [low, high]; policies upright for 90 % of the time [%]"
-    return Table(("trained on", *places), rows, caption)
+    return Table(("trained on", *places), rows, f"{title}, mean over benches [95 % interval]")
 
 
-def difference_table(summary: StudyStatistics) -> Table:
+def difference_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
     places = [place for place in ENVIRONMENTS if place in {place for place, _ in summary.upright}]
+    title, factor, form = SHOWN[measure]
 
     def cell(place: str, condition: str) -> str:
-        texts = []
-        for measure, factor, form in (("speed", 1.0, "+.2f"), ("upright", 100.0, "+.0f")):
-            if (found := summary.differences.get((place, condition, measure))) is not None:
-                texts.append(f"{with_interval(found.difference, factor, form)} p={found.p:.2g}")
-        return "; ".join(texts)
+        found = summary.differences.get((place, condition, measure))
+        return "" if found is None else f"{with_interval(found.difference, factor, f'+{form}')} p={found.p:.2g}"
 
     rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
-    caption = "speed [m/s] [low, high]; time upright [percentage points] [low, high]"
+    caption = f"{title}, minus that of the sampled prior [95 % interval], and p"
     return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
 
 
