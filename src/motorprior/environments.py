@@ -33,7 +33,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "f
         motors: motors of the episodes: a text such as "prior:FILE", "pd:kp=9" or "fleet", the robot's own physical
             motors (`actuator.registry`); a prior, a posterior or a fleet to sample; fixed motors; or a function that
             samples them with a generator.
-        options: fields of `WalkConfig`, such as engine, task, randomization, commands, gait and episode_steps.
+        options: fields of `WalkConfig`, such as engine, task, randomization, commands and episode_steps.
 
     Raises:
         ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.

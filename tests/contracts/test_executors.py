@@ -21,7 +21,7 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
-SHAPE = PolicyShape.of(PUPPER_V2, "trot", hidden_units=0, symmetric=True)
+SHAPE = PolicyShape.of(PUPPER_V2, hidden_units=0, symmetric=True)
 WALK = WalkConfig(episode_steps=60, randomization=Randomization(joint_noise=0.01, mass=(0.9, 1.1)))
 
 

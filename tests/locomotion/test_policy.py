@@ -51,12 +51,12 @@ def test_low_pass_is_the_sampled_first_order_step_response():
 
 @pytest.mark.parametrize("units", [0, 3])
 def test_file_holds_everything(tmp_path, units):
-    path, policy = tmp_path / "policy.safetensors", a_policy(units, gait="bound", forward=(-0.1, 0.9))
+    path, policy = tmp_path / "policy.safetensors", a_policy(units, forward=(-0.1, 0.9))
     policy.save(path)
     loaded = Policy.load(path)
     for one, other in zip((*loaded.arrays, loaded.kp, loaded.kd), (*policy.arrays, policy.kp, policy.kd), strict=True):
         np.testing.assert_array_equal(one, other, strict=True)
-    for name in ("control_dt", "robot", "joint_names", "forward", "gait", "provenance"):
+    for name in ("control_dt", "robot", "joint_names", "forward", "provenance"):
         assert getattr(loaded, name) == getattr(policy, name)
 
 
@@ -74,8 +74,8 @@ def test_another_robots_policy_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda tensors, header: header.update(schema_version=2), "schema_version = 2 is not 3"),
-        (lambda tensors, header: header.update(gait="hop"), "gait = 'hop' is not"),
+        (lambda tensors, header: header.update(schema_version=3), "schema_version = 3 is not 4"),
+        (lambda tensors, header: header.update(fastest=-1.0), "fastest = -1 is not"),
         (lambda tensors, header: tensors.pop("hidden"), r"missing keys \['hidden'\]"),
         (lambda tensors, header: tensors.update(kd=np.zeros(3)), r"kd is float64\(3,\), wanted float64\(12,\)"),
         (lambda tensors, header: tensors.update(weights=np.zeros((17, 24), np.float32)), "float32"),

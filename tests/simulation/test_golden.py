@@ -46,7 +46,7 @@ def found(draw: DrawMotors) -> str:
         command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
     )  # fmt: skip
     walk = WalkConfig(episode_steps=80, randomization=everything)
-    shape = PolicyShape.of(PUPPER_V2, "trot", hidden_units=4, symmetric=True)
+    shape = PolicyShape.of(PUPPER_V2, hidden_units=4, symmetric=True)
     search = PolicySearch(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
     executor = make_executor(lambda: WalkSimulator(Scene(PUPPER_V2, draw, walk)), 1)
     for _ in range(3):

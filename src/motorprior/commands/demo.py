@@ -188,7 +188,7 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
     for name in FILMED:
         trained = _policies(bench, name)[seed]
-        walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait, randomization=HARD)
+        walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
         scene = twin_scene(trained.robot, fleet, walk)
         (episodes[f"trained on: {model_label(name)}"],) = run_walks(
             scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors

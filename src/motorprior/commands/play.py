@@ -106,6 +106,6 @@ def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
         scene = trained.scene(walk)
     else:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
-        walk = replace(walk, randomization=randomization, gait=trained.policy.gait)
+        walk = replace(walk, randomization=randomization)
         scene = twin_scene(trained.robot, load_robot_fleet(trained.robot, config.fleet), walk)
     return run_walks(scene, trained.policy.arrays, [config.seed])[0]

@@ -36,7 +36,7 @@ class PolicyMotion:
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
         self._policy, self._has_imu = policy.arrays, has_imu
-        self._body = body_of(robot.with_speed_range(policy.forward), policy.gait)
+        self._body = body_of(robot.with_speed_range(policy.forward))
         self.gait = new_gait(self._body)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
@@ -203,7 +203,7 @@ def _away(
     if kind == "trot":
         over, body = None, body_of(robot)  # it keeps its shape
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
-        gait = open_loop_gait(body, steps, forward, frequency, 0.0, body.swing_stance_ratio, robot.control_dt)
+        gait = open_loop_gait(body, steps, forward, frequency, 0.0, 1.0, robot.control_dt)
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)

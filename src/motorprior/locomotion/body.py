@@ -8,12 +8,11 @@ stride follows from the commanded speed and yaw rate. `control_step.command_step
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
 from motorprior.compiled import njit
-from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import Robot
 
 NUM_MODULATIONS = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
@@ -30,19 +29,10 @@ MIN_PITCH_STIFFNESS = 5.0
 # the fleets of the small robot 0.8 to 1 give the same walks.
 LEAD_SHARE = 0.9
 _MAX_COSINE = 0.999  # maximum |cos(knee angle)|; positions beyond are out of reach and replaced by the nearest
-GaitName = Literal["trot", "walk", "pace", "bound", "pronk"]
-GAITS: tuple[GaitName, ...] = get_args(GaitName)
-# Phases of the legs front right, front left, rear right, rear left; that of phase p touches down at 1 - p of the cycle.
-_PHASES = {
-    "walk": (0.25, 0.75, 0.5, 0.0),  # rear left, front left, rear right, front right: one at a time
-    "pace": (0.0, 0.5, 0.0, 0.5),
-    "bound": (0.0, 0.0, 0.5, 0.5),
-    "pronk": (0.0, 0.0, 0.0, 0.0),
-}
 
 
 class Body(NamedTuple):
-    """Arrays of a robot with n joints and L legs in one gait; see `robots.robot.Robot` for sources."""
+    """Arrays of a robot with n joints and L legs; see `robots.robot.Robot` for sources."""
 
     control_dt: float  # control period [s]
     nominal_pose: np.ndarray  # (n,) [rad]
@@ -59,7 +49,6 @@ class Body(NamedTuple):
     # in the plane of the leg
     nominal_feet: np.ndarray
     phases: np.ndarray  # (L,) phases of the legs in the cycle of the gait, in [0, 1)
-    swing_stance_ratio: float  # usual time in swing over time in stance [-]
     frequency: float  # usual [Hz]
     swing_height: float  # lift of a foot in swing [m]
     min_speed: float  # lowest commanded speed [m/s], 0 or negative
@@ -71,10 +60,9 @@ class Body(NamedTuple):
     reference_torque: float  # unit of torque in the reward's penalty [N·m]
 
 
-def body_of(robot: Robot, gait: str = "trot") -> Body:
-    """The arrays of a legged robot in a gait; ConfigError if it cannot walk, or not in this gait."""
+def body_of(robot: Robot) -> Body:
+    """The arrays of a legged robot; ConfigError if it cannot walk."""
     size = robot.require_legs()
-    phases, ratio = phases_of(robot, gait)
     return Body(
         control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,
@@ -88,8 +76,7 @@ def body_of(robot: Robot, gait: str = "trot") -> Body:
         lengths=np.array([(leg.thigh, leg.shank) for leg in robot.legs]),
         foot_radius=np.array([leg.foot_radius for leg in robot.legs]),
         nominal_feet=np.array([(*leg.rest, *leg.reach(robot.nominal_pose)) for leg in robot.legs]),
-        phases=phases,
-        swing_stance_ratio=ratio,
+        phases=np.array([leg.phase for leg in robot.legs]),
         frequency=size.frequency,
         swing_height=size.swing_height,
         min_speed=size.forward[0],
@@ -150,24 +137,6 @@ def lever_arms(thigh: float, shank: float, hip: float, knee: float) -> tuple[flo
     """
     by_knee = -shank * math.sin(hip + knee)
     return by_knee - thigh * math.sin(hip), by_knee
-
-
-def phases_of(robot: Robot, gait: str) -> tuple[np.ndarray, float]:
-    """(legs,) phases of a robot's legs in a gait, in [0, 1), and its usual time in swing over time in stance.
-
-    The phases of a trot are in the robot's description; other gaits raise ConfigError unless it has four legs.
-    """
-    if gait not in GAITS:
-        raise ConfigError(f"gait {gait!r} is unknown", remedy=f"use one of {', '.join(GAITS)}", argument="gait")
-    if gait == "trot":
-        return np.array([leg.phase for leg in robot.legs]), 1.0
-    middle = float(np.mean([leg.rest[0] for leg in robot.legs]))
-    corners = [2 * (leg.rest[0] <= middle) + (leg.rest[1] > 0.0) for leg in robot.legs]
-    if sorted(corners) != [0, 1, 2, 3]:
-        problem = f"gait {gait!r} is for four legs, one at each corner of the body"
-        remedy = "use the gait trot, whose phases are in the robot's file"
-        raise ConfigError(problem, remedy=remedy, argument="gait")
-    return np.array(_PHASES[gait])[corners], 1.0 / 3.0 if gait == "walk" else 1.0
 
 
 @njit(cache=True)

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motorprior.artifacts import write_tensors
-from motorprior.bounds import TABLE, TEXT, many, number, one_of
+from motorprior.bounds import TABLE, TEXT, many, number
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import GAITS, NUM_MODULATIONS, Body, GaitName, action_size, observation_size
+from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
@@ -36,12 +36,11 @@ MAX_RATIO = 2.0  # maximum swing/stance ratio over the usual one; the minimum is
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
     "policy",
-    3,
+    4,
     {
         "control_dt": number(above=0.0),
         "robot": TEXT,
         "joint_names": many(TEXT, minimum=1),
-        "gait": one_of(*GAITS),
         "slowest": number(-10.0, 0.0, unit="m/s"),
         "fastest": number(0.0, 10.0, above=0.0, unit="m/s"),
         "provenance": TABLE,
@@ -120,10 +119,10 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 @njit(cache=True)
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
-    """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual gait.
+    """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual trot.
 
     Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], intensity 1 + 0.75 a, height
-    a · swing_height / 2 [m], ratio r 2^a, and turn a · max_yaw_rate [rad/s] to ``out`` (actions,).
+    a · swing_height / 2 [m], ratio 2^a, and turn a · max_yaw_rate [rad/s] to ``out`` (actions,).
     """
     joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
@@ -132,7 +131,7 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     out[joints + INTENSITY] = 1.0 + INTENSITY_SHARE * action[joints + INTENSITY]
     out[joints + HEIGHT] = HEIGHT_SHARE * body.swing_height * action[joints + HEIGHT]
     ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(MAX_RATIO))
-    out[joints + SWING_STANCE_RATIO] = body.swing_stance_ratio * ratio
+    out[joints + SWING_STANCE_RATIO] = ratio
     out[joints + TURN] = body.max_yaw_rate * action[joints + TURN]
 
 
@@ -147,7 +146,6 @@ class Policy(Printable):
     robot: str  # its name
     joint_names: tuple[str, ...]  # in the order of residuals and observed angles
     forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
-    gait: GaitName  # see `body.phases_of`
     provenance: Mapping[str, Any]  # settings of its training; JSON values only
 
     @classmethod
@@ -157,12 +155,11 @@ class Policy(Printable):
         arrays: PolicyArrays,
         kp: np.ndarray,
         kd: np.ndarray,
-        gait: GaitName = "trot",
         provenance: Mapping[str, Any] = MappingProxyType({}),
     ) -> Policy:
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_legs().forward
-        return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, gait, provenance)
+        return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)
 
     def overview(self) -> Overview:
         """For people: the robot, and the training."""
@@ -171,7 +168,7 @@ class Policy(Printable):
         weight = f"{made[ROBOT_WEIGHT] / GRAVITY:.2f} kg" if ROBOT_WEIGHT in made else ""
         best = f"iteration {made['iteration']}, mean return {made['own_return']:.2f} m" if "iteration" in made else ""
         facts = {
-            "robot": ", ".join(filter(None, (self.robot, weight))), "gait": self.gait,
+            "robot": ", ".join(filter(None, (self.robot, weight))),
             "commanded speed": f"{self.forward[0]:g} to {self.forward[1]:g} m/s",
             "control": f"{1.0 / self.control_dt:g} Hz",
             "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""), "best": best,
@@ -195,7 +192,7 @@ class Policy(Printable):
         """Write the policy as one file, atomically."""
         tensors = dict(zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True))
         header = _HEADER.make(
-            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names), gait=self.gait,
+            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names),
             slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
         )  # fmt: skip
         write_tensors(Path(path), tensors, header)
@@ -213,5 +210,5 @@ class Policy(Printable):
         forward = float(header["slowest"]), float(header["fastest"])
         return cls(
             arrays, kp, kd, float(header["control_dt"]), header["robot"], tuple(header["joint_names"]), forward,
-            header["gait"], header["provenance"],
+            header["provenance"],
         )  # fmt: skip

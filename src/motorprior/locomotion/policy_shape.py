@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import RunningStats
-from motorprior.locomotion.body import action_size, observation_size, phases_of
+from motorprior.locomotion.body import action_size, observation_size
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 
@@ -32,15 +32,15 @@ class PolicyShape:
     mirror: Mirror | None = None  # mirror symmetry of the robot in its gait; None for a policy without
 
     @classmethod
-    def of(cls, robot: Robot, gait: str, hidden_units: int, symmetric: bool) -> PolicyShape:
-        """Shape of a robot's policy in a gait; ConfigError for an impossible symmetry."""
+    def of(cls, robot: Robot, hidden_units: int, symmetric: bool) -> PolicyShape:
+        """Shape of a robot's policy; ConfigError for an impossible symmetry."""
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
         if hidden_units % 2:
             problem = f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs"
             remedy = f"give {hidden_units + 1}, or train without symmetry"
             raise ConfigError(problem, remedy=remedy, argument="hidden_units")
-        return cls(robot.num_joints, hidden_units // 2, mirror_of(robot, gait))
+        return cls(robot.num_joints, hidden_units // 2, mirror_of(robot))
 
     @property
     def observations(self) -> int:
@@ -109,14 +109,14 @@ class Mirror(NamedTuple):
     action: np.ndarray  # (actions, actions)
 
 
-def mirror_of(robot: Robot, gait: str = "trot") -> Mirror:
-    """Mirror of a robot's observations and actions in a gait; ConfigError if legs or gait have no mirror image."""
+def mirror_of(robot: Robot) -> Mirror:
+    """Mirror of a robot's observations and actions; ConfigError if legs or gait have no mirror image."""
     partners = _partners(robot)
     joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
     for leg, partner in zip(robot.legs, partners, strict=True):
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
-    phase = _phase_sign(robot, gait, partners)
+    phase = _phase_sign(robot, partners)
     swap = sign[:, None] * np.eye(robot.num_joints)[joints]
     tilt, followed = [-1.0, 1.0, -1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, -1.0, phase, phase]
     return Mirror(
@@ -136,9 +136,9 @@ def _partners(robot: Robot) -> list[int]:
     return partners
 
 
-def _phase_sign(robot: Robot, gait: str, partners: list[int]) -> float:
+def _phase_sign(robot: Robot, partners: list[int]) -> float:
     """-1 if the legs of a pair step half a cycle apart, 1 if together."""
-    phases = phases_of(robot, gait)[0]
+    phases = np.array([leg.phase for leg in robot.legs])
     apart = (phases[partners] - phases) % 1.0
     for shift, sign in ((0.5, -1.0), (0.0, 1.0)):
         error = np.abs(apart - shift)

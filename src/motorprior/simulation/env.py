@@ -42,7 +42,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = Box(-bounds, bounds, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (action_size(robot.num_joints),), np.float64)
         self._robot, self._backend, self._walk = robot, backend, walk or WalkConfig()
-        self._body, self._weights = body_of(robot, self._walk.gait), self._walk.task.array()
+        self._body, self._weights = body_of(robot), self._walk.task.array()
         self.gait = new_gait(self._body)
         self._sensors, self._schedule = self._walk.inputs(robot, 0)
         self._steps, self._running = 0, False

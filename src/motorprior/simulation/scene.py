@@ -20,7 +20,7 @@ from motorprior.bounds import require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
-from motorprior.locomotion.body import GaitName, body_of
+from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     GaitState,
@@ -59,8 +59,6 @@ class WalkConfig:
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands = field(default_factory=Commands)
     """Commanded speeds and yaw rates, also above the robot's usual range."""
-    gait: GaitName = "trot"
-    """Gait: phases of the legs."""
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses several cores."""
 
@@ -188,7 +186,7 @@ class WalkSimulator:
     """Runs episodes of a scene in MuJoCo; one per thread."""
 
     def __init__(self, scene: Scene):
-        self._scene, self._body = scene, body_of(scene.robot, scene.walk.gait)
+        self._scene, self._body = scene, body_of(scene.robot)
         self.world, self._weights = World(scene.robot, scene.physics_dt), scene.walk.task.array()
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:

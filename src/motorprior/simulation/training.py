@@ -97,14 +97,14 @@ def train_policy(
         ray_address: a running Ray cluster for the executor ray; Ray starts on this machine if not given.
         name: of the training, in its progress.
         progress: where to report to.
-        changes: fields of `WalkSettings`, such as iterations and gait; ``seed`` is that of the search.
+        changes: fields of `WalkSettings`, such as iterations; ``seed`` is that of the search.
 
     Returns:
         The best policy of all evaluations.
 
     Raises:
         ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start of another shape,
-            or symmetry of a robot or a gait that has none.
+            or symmetry of a robot that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
         SimulationFault: most episodes had one.
     """
@@ -203,9 +203,6 @@ class Training:
     ):
         if start is not None:
             start.require_robot(robot, where)
-            if start.gait != settings.gait:
-                problem = f"the policy was trained to {start.gait}, wanted gait {settings.gait!r}"
-                raise ConfigError(problem, where=where, remedy=f"use the gait {start.gait}", argument="gait")
             robot = robot.with_speed_range(start.forward)
         self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, Curve()
         fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
@@ -214,7 +211,7 @@ class Training:
         drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
         scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
         self._simulators = [partial(simulator_of, scene) for scene in scenes]  # of training, and of a validation fleet
-        shape = PolicyShape.of(self.robot, settings.gait, settings.hidden_units, settings.symmetric)
+        shape = PolicyShape.of(self.robot, settings.hidden_units, settings.symmetric)
         self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
     def note(self, progress: Progress) -> None:
@@ -287,5 +284,4 @@ class Training:
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
         found |= {ROBOT_WEIGHT: self.robot.weight}
-        gait, provenance = self.settings.gait, settings | found | provenance
-        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, gait, provenance)
+        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, settings | found | provenance)

@@ -141,7 +141,7 @@ class TrainedPolicy:
         Raises ArtifactError or ConfigError for missing motors, or an engine that is not installed.
         """
         motors, engine = self.motors, engine or self.policy.provenance.get("engine", "mujoco")
-        walk = replace(walk, gait=self.policy.gait, engine=engine)
+        walk = replace(walk, engine=engine)
         return Scene(self.robot, motors.draw, walk, motors.physics_dt)
 
 
@@ -157,9 +157,9 @@ def straight_ahead(robot: Robot) -> Commands:
 
 
 def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Commands) -> Scene:
-    """A walk of DURATION_STEPS with a policy's gait: on a fleet's twin with encoder noise, or on given motors."""
+    """A walk of DURATION_STEPS: on a fleet's twin with encoder noise, or on given motors."""
     robot = robot.with_speed_range(policy.forward)
-    walk = WalkConfig(DURATION_STEPS, commands=commands, gait=policy.gait)
+    walk = WalkConfig(DURATION_STEPS, commands=commands)
     if isinstance(motors, Fleet):
         return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
     simulated = simulated_motors(motors, robot)
@@ -219,7 +219,7 @@ def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Co
     """
     found = np.zeros((len(PUSHES), len(FRICTIONS)))
     for trained in policies:
-        walk = WalkConfig(DURATION_STEPS, commands=commands, gait=trained.policy.gait)
+        walk = WalkConfig(DURATION_STEPS, commands=commands)
         motors = partial(motors_of_walk, trained.robot, fleet, study, None)
         for row, push in enumerate(PUSHES):
             for column, friction in enumerate(FRICTIONS):

@@ -329,7 +329,7 @@ def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, .
     """Walks of a policy in its training simulation and in environments."""
     bench, robot, policy, draws = run.bench, trained.robot, trained.policy.arrays, range(run.bench.draws)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
-    walk = WalkConfig(steps, commands=bench.commands, gait=trained.policy.gait)
+    walk = WalkConfig(steps, commands=bench.commands)
     executor = partial(make_executor, workers=bench.episodes_at_a_time, kind=bench.executor, address=bench.ray_address)
     own = OWN_FOREIGN if run.population == OUT_OF_FAMILY else OWN
     scene = trained.scene(replace(walk, randomization=run.randomization))
