@@ -80,7 +80,7 @@ COMMON = {
     "calibrate": ("logs", "out", "robot", "fleet", "posture"),
     "import": ("paths", "out", "columns", "robot", "suspended", "as_joint", "kp", "kd"),
     "bench": ("out", "robot", "fleet", "motors", "seed"),
-    "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "gait", "workers"),
+    "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "workers"),
     "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "robot"),
     "transfer": ("walks", "out", "study", "fleet", "robot", "workers"),
     "deploy": ("policy", "port", "virtual"),
