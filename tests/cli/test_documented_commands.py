@@ -118,7 +118,7 @@ def test_every_command_on_logs_runs(folder: Path, page: str):
     ("line", "words"),
     [
         ("--logs go2 --columns go2_identification --robot go2.toml --suspended", ("prior", "tuned PD", "traj_3")),
-        ("--logs go2 --columns go2_identification", ("loads: unknown", "dead band")),
+        ("--logs go2 --columns go2_identification", ("loads: unknown", "dead_band")),
         ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid bodies of so101", "prior")),
         ("--logs xl330", ("loads: from the logs", "pendulum")),
     ],
