@@ -36,6 +36,6 @@ def test_a_folder_needs_motors_that_can_be_found_again(tmp_path: Path):
         mp.train_policy(PUPPER_V2, mp.load_fleet("pupper_v2"), out=tmp_path, **SHORT)
     first = mp.train_policy(PUPPER_V2, "fleet", out=tmp_path, **SHORT)
     written = (tmp_path / POLICY).stat().st_mtime_ns
-    again = mp.train_policy(PUPPER_V2, "fleet", out=tmp_path, **SHORT)
+    again = mp.train_policy(PUPPER_V2, "fleet", out=str(tmp_path), **SHORT)
     np.testing.assert_array_equal(again.arrays.weights, first.arrays.weights)
     assert (tmp_path / POLICY).stat().st_mtime_ns == written

@@ -101,7 +101,7 @@ def record_bench(
     preset: str = "rollout",
     seed: int = 0,
     excitation: Path | None = None,
-    out: Path | None = None,
+    out: str | Path | None = None,
     progress: Progress = SILENT,
 ) -> MotorLog:
     """Record physical motors of a fleet on a virtual dynamometer.
@@ -134,7 +134,7 @@ def record_bench(
     if out is None:
         log = record(settings.physical_motors(), chosen, steps, seed, population)
         return replace(log, robot=population.robot)  # no bench.json names it
-    played = [] if excitation is None else [excitation]
+    out, played = Path(out), [] if excitation is None else [excitation]
     wanted = description("bench", settings.as_json(), [*robot.files, *played], asdict(chosen))
     if not is_finished(out, wanted):
         title = f"bench {preset}: {motors} motors, {steps} steps"

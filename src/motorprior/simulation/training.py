@@ -73,8 +73,8 @@ def train_policy(
     motors: MotorSource,
     settings: WalkSettings | None = None,
     *,
-    start: Policy | Path | None = None,
-    out: Path | None = None,
+    start: Policy | str | Path | None = None,
+    out: str | Path | None = None,
     workers: int | None = None,
     executor: Kind = "threads",
     ray_address: str | None = None,
@@ -112,13 +112,14 @@ def train_policy(
     settings = replace(settings, **changes)
     if seed is not None:
         settings = replace(settings, search=replace(settings.search, seed=seed))
-    path, given = (start, Policy.load(start)) if isinstance(start, Path) else (None, start)
+    path, given = (Path(start), Policy.load(start)) if isinstance(start, str | Path) else (None, start)
     training = Training(robot, motors, settings, given, path or "start")
     run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
     if out is None:
         training.note(progress)
         run(ray_address)
         return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
+    out = Path(out)
     if not isinstance(motors, str) or isinstance(start, Policy):
         raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
     if path is not None and path.resolve() == (out / POLICY).resolve():
