@@ -59,7 +59,7 @@ class Demo:
     """Seed of everything."""
     motors: int = 16
     """Motors on the bench."""
-    bench_steps: int = 3000
+    bench_steps: int = 5000
     """Samples per motor and excitation."""
     adam_steps: int | None = None
     """Adam steps of the paper's network; the preset's own number if not given."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,24 +11,18 @@ from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
-from motorprior.identification.evaluation.errors import (
-    FREE_RUN_RMSE,
-    WHOLE_RUN_RMSE,
-    LogErrors,
-    error_results,
-)
+from motorprior.identification.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.identification.evaluation.free_runs import (
     FREE_RUN,
     WHOLE_RUN,
     MotorModel,
-    free_run_errors,
+    Validation,
+    evaluate,
     free_runs,
-    traces,
 )
 from motorprior.identification.fit_prior import fit_recipe
-from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
+from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
-from motorprior.identification.validate import Validation
 from motorprior.logs.loads import with_some_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
@@ -61,11 +54,11 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     if train.num_joints > 1:
         models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.classes_of(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
-    whole, short = (_errors(logs, {name: runs[name][span] for name in runs}, models) for span in (WHOLE_RUN, FREE_RUN))
-    drawn = traces(whole, "prior", {name: runs[name][WHOLE_RUN] for name in runs}, models, ("tuned_pd", "prior"))
-    results = error_results(whole, WHOLE_RUN_RMSE) + error_results(short, FREE_RUN_RMSE)
-    lines = (*warnings, *whole.warnings("prior"))
-    return Validation(results, drawn, [line.removeprefix(WARNING) for line in lines], prior.constants())
+    spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
+    of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}
+    found = evaluate(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
+    lines = [line.removeprefix(WARNING) for line in (*warnings, *found.warnings)]
+    return found._replace(warnings=lines, constants=prior.constants())
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
@@ -73,8 +66,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
     runs = {name: whole_runs(with_some_load(log), preset) for name, log in logs.test.items()}
-    errors = _errors(logs, runs, models)
-    drawn = traces(errors, "servo_limits", runs, models, ("second_order", "servo_limits"))
+    found = evaluate(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
     responses = models["servo_limits"]
     fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
     values = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
@@ -87,11 +79,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
         if joints.any()
     ]
     constants = Constants.of(values, units, {name: not joints.any() for name, joints in reached.items()})
-    return Validation(error_results(errors, WHOLE_RUN_RMSE), drawn, warnings, constants)
-
-
-def _errors(logs: Split, runs: Mapping[str, Sequence[WindowRuns]], models: Mapping[str, MotorModel]) -> LogErrors:
-    return LogErrors.of(logs.test, [free_run_errors(runs[name], models) for name in logs.test])
+    return found._replace(warnings=warnings, constants=constants)
 
 
 def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:

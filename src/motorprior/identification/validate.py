@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.constants import Constants
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
@@ -17,22 +15,8 @@ from motorprior.identification import presets
 from motorprior.identification.adapt import adapt_to, note_training_log
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.errors import (
-    MAX_ERROR,
-    PRIOR,
-    TUNED_PD,
-    LogErrors,
-    error_results,
-    log_warnings,
-)
-from motorprior.identification.evaluation.free_runs import (
-    WHOLE_RUN,
-    MotorModel,
-    Trace,
-    free_run_errors,
-    free_runs,
-    traces,
-)
+from motorprior.identification.evaluation.errors import PRIOR, TUNED_PD, log_warnings
+from motorprior.identification.evaluation.free_runs import MotorModel, Validation, evaluate, free_runs
 from motorprior.identification.fit_prior import fit_recipe, trained_on
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
@@ -52,15 +36,6 @@ BASELINE_PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction
 LONG_RUNS = {"per_motor": "pace_long_runs", "coulomb_viscous": "coulomb_viscous", "stribeck": "stribeck"}
 BASELINE_PERIOD = 0.002  # sample period of these presets [s]; priors with another period have no such baselines
-
-
-class Validation(NamedTuple):
-    """Errors, and what is drawn of them."""
-
-    results: Results
-    traces: list[Trace]
-    warnings: list[str]
-    constants: Constants | None = None  # constants of the fitted models
 
 
 def validate(
@@ -121,25 +96,22 @@ def validate(
     }
     baselines = fitted_baselines(train, preset, folder, adam_steps, seed, progress)
     models |= {name: motors for name, motors in baselines.items() if motors is not None}
-    failed = {name: np.full((1, test.num_joints), MAX_ERROR) for name, motors in baselines.items() if motors is None}
-    results, errors = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))]), {}
-    with progress.start("free runs", len(runs)) as task:
-        for span, each in runs.items():
-            quantity = f"{span}_rmse"  # a key of SPANS
-            found = {name: values[None] for name, values in free_run_errors(each, models).items()}
-            errors[span] = LogErrors((test.source,), test.joint_names, found | failed)
-            results += error_results(errors[span], quantity, {"median": np.median, "mean": np.mean}).where(log=None)
-            results += Results.of(
-                Result(f"{COVERAGE[quantity]}{level}", "1", share, model)
-                for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
-                for level, share in log_coverage(prior, motors, each).items()
-            )
-            task.advance()
-    warnings = errors[WHOLE_RUN].warnings(ADAPTED)
-    for line in warnings:
+    failed = [name for name, motors in baselines.items() if motors is None]
+    of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
+    median_and_mean = {"median": np.nanmedian, "mean": np.nanmean}
+    found = evaluate(
+        {test.source: test}, of_spans, models, ADAPTED, (TUNED_PD, PRIOR, ADAPTED), median_and_mean, failed
+    )
+    for line in found.warnings:
         progress.note(line)
-    drawn = traces(errors[WHOLE_RUN], ADAPTED, {test.source: runs[WHOLE_RUN]}, models, (TUNED_PD, PRIOR, ADAPTED))
-    return Validation(results, drawn, warnings)
+    coverages = [
+        Result(f"{COVERAGE[f'{span}_rmse']}{level}", "1", share, model)
+        for span, each in runs.items()
+        for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
+        for level, share in log_coverage(prior, motors, each).items()
+    ]
+    trained = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
+    return found._replace(results=trained + found.results.where(log=None) + Results.of(coverages))
 
 
 def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:

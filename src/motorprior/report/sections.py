@@ -15,7 +15,7 @@ from motorprior.bench.class_behaviour import LOAD, class_behaviours
 from motorprior.bench.families import FAMILIES
 from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.validate import Validation
+from motorprior.identification.evaluation.free_runs import Validation
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture

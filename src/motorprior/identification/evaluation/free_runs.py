@@ -1,15 +1,23 @@
-"""Free runs of models over logs: errors, and traces of the joints with the median and the maximum error."""
+"""Evaluation of models in free runs over logs: errors, warnings, and traces of two joints."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.constants import Constants
 from motorprior.identification.baselines.response_fit import ResponseMotors
-from motorprior.identification.evaluation.errors import LogErrors, capped
+from motorprior.identification.evaluation.errors import (
+    MAX_ERROR,
+    MEAN,
+    TUNED_PD,
+    LogErrors,
+    capped,
+    error_results,
+)
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
     LoadedMotors,
@@ -20,6 +28,7 @@ from motorprior.identification.physics.window_runs import (
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
+from motorprior.results import Results
 from motorprior.signals import rms
 
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
@@ -62,6 +71,47 @@ class Trace:
     target: np.ndarray
     measured: np.ndarray
     models: dict[str, np.ndarray]
+
+
+class Validation(NamedTuple):
+    """Errors, and what is drawn of them."""
+
+    results: Results
+    traces: list[Trace]
+    warnings: list[str]
+    constants: Constants | None = None  # constants of the fitted models
+
+
+def evaluate(
+    logs: Mapping[str, MotorLog],
+    runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
+    models: Mapping[str, MotorModel],
+    judged: str,
+    drawn: Collection[str],
+    statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MEAN,
+    failed: Collection[str] = (),
+) -> Validation:
+    """Errors of models in free runs over logs.
+
+    Args:
+        logs: test logs of the same joints, by name.
+        runs: quantity -> log -> its free runs; the last quantity is that of whole segments.
+        models: of the motors of the joints.
+        judged: the model that warnings are about, if it is compared with a tuned PD.
+        drawn: models of the traces, which are of the joints where ``judged`` has the median and the maximum error.
+        statistics: of the errors over joints and logs.
+        failed: names of models that could not be fitted; their errors are MAX_ERROR.
+    """
+    results, whole = Results(), None
+    for quantity, of_logs in runs.items():
+        found = [free_run_errors(of_logs[name], models) for name in logs]
+        for errors in found:
+            errors |= dict.fromkeys(failed, np.full(len(next(iter(errors.values()))), MAX_ERROR))
+        whole = LogErrors.of(logs, found)
+        results += error_results(whole, quantity, statistics)
+    assert whole is not None
+    warnings = whole.warnings(judged) if TUNED_PD in models else []
+    return Validation(results, traces(whole, judged, of_logs, models, drawn), warnings)
 
 
 def traces(
