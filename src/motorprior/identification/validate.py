@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
@@ -15,7 +13,7 @@ from motorprior.identification import presets
 from motorprior.identification.adapt import adapt_to, note_training_log
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.errors import PRIOR, TUNED_PD, log_warnings
+from motorprior.identification.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
 from motorprior.identification.evaluation.free_runs import MotorModel, Validation, evaluate, free_runs
 from motorprior.identification.fit_prior import fit_recipe, trained_on
 from motorprior.identification.presets import Preset, recipe_of
@@ -98,10 +96,8 @@ def validate(
     models |= {name: motors for name, motors in baselines.items() if motors is not None}
     failed = [name for name, motors in baselines.items() if motors is None]
     of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
-    median_and_mean = {"median": np.nanmedian, "mean": np.nanmean}
-    found = evaluate(
-        {test.source: test}, of_spans, models, ADAPTED, (TUNED_PD, PRIOR, ADAPTED), median_and_mean, failed
-    )
+    drawn = (TUNED_PD, PRIOR, ADAPTED)
+    found = evaluate({test.source: test}, of_spans, models, ADAPTED, drawn, MEDIAN_AND_MEAN, failed)
     for line in found.warnings:
         progress.note(line)
     coverages = [

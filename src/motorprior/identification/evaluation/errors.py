@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,7 +39,9 @@ SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
-MEAN: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MappingProxyType({None: np.nanmean})
+Statistics: TypeAlias = Mapping[str | None, Callable[[np.ndarray], np.floating]]  # name in results -> function
+MEAN: Statistics = MappingProxyType({None: np.nanmean})
+MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 _MAX_SEGMENTS = 20  # maximum number of segments of a replay
 # quantities of the quick report: errors of free runs of whole segments and of 1 s
 WHOLE_RUN_RMSE, FREE_RUN_RMSE = "real_motors_rmse", "real_motors_free_run_rmse"
@@ -192,7 +195,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
 def error_results(
     errors: LogErrors,
     quantity: str,
-    statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MEAN,
+    statistics: Statistics = MEAN,
 ) -> Results:
     """Statistics of each model over all joints and logs; its means by joint and by log."""
     rows = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
@@ -15,6 +15,7 @@ from motorprior.identification.evaluation.errors import (
     MEAN,
     TUNED_PD,
     LogErrors,
+    Statistics,
     capped,
     error_results,
 )
@@ -88,7 +89,7 @@ def evaluate(
     models: Mapping[str, MotorModel],
     judged: str,
     drawn: Collection[str],
-    statistics: Mapping[str | None, Callable[[np.ndarray], np.floating]] = MEAN,
+    statistics: Statistics = MEAN,
     failed: Collection[str] = (),
 ) -> Validation:
     """Errors of models in free runs over logs.
