@@ -103,16 +103,15 @@ def evaluate(
         statistics: of the errors over joints and logs.
         failed: names of models that could not be fitted; their errors are MAX_ERROR.
     """
-    results, whole = Results(), None
+    errors = {}
     for quantity, of_logs in runs.items():
         found = [free_run_errors(of_logs[name], models) for name in logs]
-        for errors in found:
-            errors |= dict.fromkeys(failed, np.full(len(next(iter(errors.values()))), MAX_ERROR))
-        whole = LogErrors.of(logs, found)
-        results += error_results(whole, quantity, statistics)
-    assert whole is not None
-    warnings = whole.warnings(judged) if TUNED_PD in models else []
-    return Validation(results, traces(whole, judged, of_logs, models, drawn), warnings)
+        failures = dict.fromkeys(failed, np.full(next(iter(logs.values())).num_joints, MAX_ERROR))
+        errors[quantity] = LogErrors.of(logs, [each | failures for each in found])
+    *_, whole = runs
+    results = sum((error_results(each, quantity, statistics) for quantity, each in errors.items()), Results())
+    warnings = errors[whole].warnings(judged) if TUNED_PD in models else []
+    return Validation(results, traces(errors[whole], judged, runs[whole], models, drawn), warnings)
 
 
 def traces(
