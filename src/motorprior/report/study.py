@@ -21,6 +21,7 @@ from motorprior.studies.statistics import (
     StudyStatistics,
 )
 from motorprior.studies.study_settings import CONDITIONS
+from motorprior.studies.transfer import LOG_SECONDS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
 _PLACES = {"fleet": "other robots of the same fleet", "hard": "other motors, floor, load, delays and pushes"}
@@ -162,8 +163,9 @@ def headline(summary: StudyStatistics) -> str:
     first = f"Here a simpler model is as good as the learned prior: the {model_label(best)}. " if equal else ""
     return (
         f"{first}Policies trained on samples of the learned motor prior are upright for {percent(REFERENCE)} of the "
-        f"time on robots they have never seen; trained on an ideal PD for {percent('ideal_pd')}; on the best of the "
-        f"baselines, the {model_label(best)}, for {percent(best)}."
+        f"time on robots they have never seen; on the prior adapted to {LOG_SECONDS:g} s of log of the robot for "
+        f"{percent('adapted_prior')}; on an ideal PD for {percent('ideal_pd')}; on the best of the baselines, the "
+        f"{model_label(best)}, for {percent(best)}."
     )
 
 
