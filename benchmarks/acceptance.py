@@ -53,7 +53,7 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
         "demo": [*product, "demo", "--out", str(out / "demo")],
         "real_logs": [*real, "--folds", "1", "--seconds", "12", "--adam-steps", "100", "--out", str(out / "real_logs")],
         "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
-        "foreign": [str(BENCHMARKS / "foreign.py"), *SMALL, "--out", str(out / "foreign")],
+        "out_of_family": [str(BENCHMARKS / "out_of_family.py"), *SMALL, "--out", str(out / "out_of_family")],
     }
 
 
@@ -72,7 +72,7 @@ def run(config: Run) -> None:
 def collected(out: Path) -> dict[str, float]:
     """All figures except times, named after the run."""
     figures: dict[str, float] = {}
-    for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "foreign")):
+    for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "out_of_family")):
         found = json.loads(path.read_text())
         figures |= {f"{path.parent.name}/{name}": value for name, value in found.items() if "seconds" not in name}
     return figures

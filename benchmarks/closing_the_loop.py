@@ -168,7 +168,7 @@ def train(
 def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
     """Record a robot, and adapt the prior to its motors."""
     folder = settings.out / f"robot_{number}_{wear}"
-    run_adapt(Adapt(settings.prior, record(folder, number, wear), folder / "posterior", anyway=True), PROGRESS)
+    run_adapt(Adapt(settings.prior, record(folder, number, wear), folder / "posterior", allow_outliers=True), PROGRESS)
     return RobotCase(number, wear, folder, folder / "posterior" / POSTERIOR)
 
 

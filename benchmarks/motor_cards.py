@@ -94,7 +94,7 @@ def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str,
 def _is_held_out(name: str, path: Path) -> bool:
     if name in HELD_OUT:
         return any(word in path.name for word in HELD_OUT[name])
-    kp = read_parquet(path).stated_kp
+    kp = read_parquet(path).logged_kp
     assert kp is not None
     return float(kp[0, 0]) == HELD_OUT_GAIN
 

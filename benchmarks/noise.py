@@ -73,7 +73,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> N
     port = SimulatedPort(robot, noise_seed % ROBOTS, noise_seed, drop=share, corrupt=share)
     with on_its_clock(port), RobotLink(robot, port) as link:
         try:
-            steering = nullcontext(Teleop(None, None, robot.require_legs(), (SPEED, 0.0)))
+            steering = nullcontext(Teleop(None, None, robot.require_gait(), (SPEED, 0.0)))
             walk(Session(link, gains, timing=timing), loaded, steering, seconds)
         except RobotFault as error:
             fault = error.kind

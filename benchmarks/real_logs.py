@@ -246,7 +246,7 @@ def xl330(settings: Settings) -> Iterator[Test]:
     """One servo with a pendulum, four gains: each is left out in turn."""
     gains: dict[float, list[Path]] = {}
     for path in imported(settings, "xl330", None, None, "*.json.gz"):
-        kp = read_parquet(path).stated_kp
+        kp = read_parquet(path).logged_kp
         assert kp is not None
         gains.setdefault(float(kp[0, 0]), []).append(path)
     folds = leave_out([path for group in gains.values() for path in group], list(gains.values()))

@@ -110,8 +110,8 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
     robot = load_robot(str(write_arm(folder / "known")))
     log = MotorLog(
         time=np.arange(len(target)) / rate, position_target=target, joint_pos=quantum * np.round(angles / quantum),
-        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", stated_kp=kp * ones,
-        stated_kd=kd * ones,
+        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", logged_kp=kp * ones,
+        logged_kd=kd * ones,
     )  # fmt: skip
     return with_loads(smooth_on_grid(log, PERIOD), robot)
 

@@ -56,7 +56,7 @@ def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
 
 
 def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
-    """(steps, joints) targets [rad] of the zero policy: the plain trot."""
+    """(steps, joints) targets [rad] of the zero policy: the untrained gait."""
     body, zero = body_of(robot), np.zeros(action_size(robot.num_joints))
     targets, gait = np.zeros((steps, robot.num_joints)), new_gait(body)
     for target in targets:
@@ -76,7 +76,7 @@ def timed(work: Callable[[], object]) -> float:
 def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
     """Episodes with every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
     zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
-    walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_legs().forward[1]))
+    walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_gait().forward[1]))
     for name, motors in actuators.items():
         physics_dt = robot.physics_step(motors.kind.max_step)
         simulator = WalkSimulator(Scene(robot, lambda rng, motors=motors: motors, walk, physics_dt))

@@ -134,7 +134,7 @@ class Environments:
         """
         found = []
         for share in self.settings.speeds:
-            forward = share * self.robot.require_legs().forward[1]
+            forward = share * self.robot.require_gait().forward[1]
             episodes = self.episodes(place, policy, Commands.steady(forward))
             qualities = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
             walks = Results.of(row for each in qualities for row in quality_results(each, "walk", place))
@@ -146,14 +146,14 @@ def command_cases(robot: Robot) -> dict[str, Commands]:
     """COMMANDS by their names in figures.json."""
     cases: dict[str, Commands] = {}
     for share, turn in COMMANDS:
-        forward, yaw_rate = _speed(robot, share), turn * robot.require_legs().yaw_rate
+        forward, yaw_rate = _speed(robot, share), turn * robot.require_gait().yaw_rate
         cases[f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
     return cases
 
 
 def _speed(robot: Robot, share: float) -> float:
     """Speed [m/s] from a fraction of the fastest, forward if positive."""
-    slowest, fastest = robot.require_legs().forward
+    slowest, fastest = robot.require_gait().forward
     return share * (fastest if share > 0.0 else -slowest)
 
 

@@ -20,12 +20,12 @@ ARM = """
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("prior", help="prior.safetensors, for example from examples/log_to_prior.py")
-parser.add_argument("--draws", type=int, default=5, help="number of arms, each with new motors")
+parser.add_argument("--arms", type=int, default=5, help="number of arms, each with new motors")
 parser.add_argument("--seconds", type=float, default=2.0)
 args = parser.parse_args()
 
 prior = mp.MotorPrior.load(args.prior)
-for seed in range(args.draws):
+for seed in range(args.arms):
     model = mujoco.MjModel.from_xml_string(ARM)  # the motors replace armature, damping and friction of its joints
     data = mujoco.MjData(model)
     driven = mp.DrivenJoints(model, data, prior.sample(2, seed), ["shoulder", "elbow"])

@@ -34,7 +34,7 @@ def test_own_logs_become_a_prior(prior: Path, tmp_path: Path, capsys):
 
 
 def test_a_prior_drives_an_arm(prior: Path, capsys):
-    run("prior_into_your_model.py", prior, "--draws=2", "--seconds=0.1")
+    run("prior_into_your_model.py", prior, "--arms=2", "--seconds=0.1")
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == ["motors 0", "motors 1"]
 

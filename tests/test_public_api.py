@@ -94,8 +94,8 @@ def test_adapt_warns_of_motors_that_did_not_move():
     still = replace(log, joint_pos=log.joint_pos * [1.0, 0.0, 1.0])
     notes, prior = StringIO(), mp.fit_prior(log, "pace")
     with pytest.warns(UserWarning, match="motor_001"):
-        mp.adapt(prior, still, anyway=True)
-    assert mp.adapt(prior, still, anyway=True, progress=mp.Lines(notes)).mean.shape[0] == 3
+        mp.adapt(prior, still, allow_outliers=True)
+    assert mp.adapt(prior, still, allow_outliers=True, progress=mp.Lines(notes)).mean.shape[0] == 3
     assert "warning" in notes.getvalue() and "motor_001" in notes.getvalue()
 
 
@@ -110,7 +110,7 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     again = mp.train_policy("pupper_v2", prior, iterations=1, seed=0, workers=2, episode_steps=5)
     np.testing.assert_array_equal(again.arrays.weights, policies[0].arrays.weights)
     further = mp.train_policy(ROBOT, prior, iterations=1, workers=1, episode_steps=5, start=again)
-    assert further.provenance["own_return"] >= again.provenance["own_return"]
+    assert further.provenance["best_return"] >= again.provenance["best_return"]
     rows = mp.compare(ROBOT, {"prior": policies[0], "oracle": policies}, {"twin": fleet})
     table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
     assert len(table) == len(rows) == 9 and {row.motors for row in rows} == {"twin"}

@@ -30,7 +30,7 @@ def test_a_prior_has_the_quantiles_of_its_samples(prior: MotorPrior):
 
 def test_gains_of_a_firmware_have_units_of_their_own(prior: MotorPrior):
     firmware = replace(prior, model=replace(prior.model, gain_unit="firmware"), gains=np.ones((2, 2)))
-    row = firmware.constants()["kp_per_stated"]
+    row = firmware.constants()["kp_per_logged"]
     assert row.unit.startswith("N·m/rad per unit") and row.identifiable
     physical = replace(prior, model=replace(prior.model, gain_unit="N·m/rad"), gains=np.full((2, 2), 3.0))
     assert physical.constants()["kp"].median == pytest.approx(3.0 * prior.constants()["kp"].median)

@@ -58,7 +58,7 @@ def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp
     ):
         assert isinstance(motors, GreyBoxActuator)
         np.testing.assert_array_equal(motors.gains, gains)
-    log: Any = SimpleNamespace(joint_names=("calf", "tail"), stated_classes=())
+    log: Any = SimpleNamespace(joint_names=("calf", "tail"), given_classes=())
     found = prior.predicted(log)
     np.testing.assert_array_equal(found.mean, [gain_scaled.mean[2], np.zeros(3)])
     np.testing.assert_array_equal(found.std, [np.full(3, SAME_JOINT_STD), np.ones(3)])
@@ -69,7 +69,7 @@ def classed(gain_scaled: MotorPrior) -> MotorPrior:
     """A prior with three classes of one motor each."""
     means = np.array([[-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 0.0, 5.0]])
     classes = JointClasses(("hip", "thigh", "calf"), ("hip", "thigh", "calf"), means, np.full(3, 4.0))
-    return replace(gain_scaled, stated_classes=classes, misfit=np.array([0.5, 1.0, 2.0]))
+    return replace(gain_scaled, given_classes=classes, misfit=np.array([0.5, 1.0, 2.0]))
 
 
 def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
@@ -80,7 +80,7 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
         for side in ("FL", "FR")
         for row, (kind, joint) in enumerate(zip(("calf", "hip", "thigh"), PUPPER_V2.joints, strict=False), 1)
     )
-    robot = replace(PUPPER_V2, joints=joints, stated_classes=())
+    robot = replace(PUPPER_V2, joints=joints, given_classes=())
     assert robot.joint_classes == ("calf", "hip", "thigh") * 2
     motors = prior.sample(robot, 0)
     assert isinstance(motors, GreyBoxActuator)
@@ -90,7 +90,7 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2])
     # other words in the robot's file for joints that were recorded
     recorded = tuple(replace(joint, name=name) for joint, name in zip(joints, ("calf", "hip", "thigh"), strict=False))
-    robot = replace(PUPPER_V2, joints=recorded, stated_classes=("knee", "abad", "upper"))
+    robot = replace(PUPPER_V2, joints=recorded, given_classes=("knee", "abad", "upper"))
     np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1]])
     unseen = prior.sample(("tail",) * 500, 0)
     assert unseen.z.std() > 3.5 and np.abs(unseen.z.mean()) < 0.4
@@ -100,7 +100,7 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
 
 
 def test_joints_are_expected_by_name_and_class(classed: MotorPrior):
-    log: Any = SimpleNamespace(joint_names=("calf", "other calf"), stated_classes=("calf", "calf"))
+    log: Any = SimpleNamespace(joint_names=("calf", "other calf"), given_classes=("calf", "calf"))
     found = classed.predicted(log)
     np.testing.assert_array_equal(found.mean, [classed.mean[2], classed.classes.mean[2]])
     np.testing.assert_array_equal(found.std, np.ones((2, 3)))

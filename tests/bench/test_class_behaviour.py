@@ -69,7 +69,7 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
     names = ("hip", "calf") * 6
     z = means[[0, 1] * 6] + rng.standard_normal((12, 3))
     classes = JointClasses(("hip", "calf"), names, means, np.full(3, 6.0))
-    prior = MotorPrior(box, z, np.zeros_like(z), "rollout", "r", "m", {}, {}, stated_classes=classes)
+    prior = MotorPrior(box, z, np.zeros_like(z), "rollout", "r", "m", {}, {}, given_classes=classes)
     hip, calf = class_behaviours(prior)
     assert (hip.name, calf.name) == ("hip", "calf") and set(hip.sampled) == {"step", "chirp", "friction"}
     for found in (hip, calf):
@@ -78,7 +78,7 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
             low, high = np.percentile(values, [5, 95], axis=0)
             inside = (low <= found.recorded[name] + 1e-9) & (found.recorded[name] <= high + 1e-9)
             assert inside.mean() > 0.7, name
-    swapped = replace(prior, stated_classes=replace(classes, mean=means[::-1].copy()))
+    swapped = replace(prior, given_classes=replace(classes, mean=means[::-1].copy()))
     wrong = class_behaviours(swapped)[0]
     low, high = np.percentile(wrong.sampled["friction"], [5, 95], axis=0)
     assert not ((low <= wrong.recorded["friction"]) & (wrong.recorded["friction"] <= high)).any()

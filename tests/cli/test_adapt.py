@@ -77,7 +77,7 @@ def test_outliers_are_rejected(folder: Path, tmp_path: Path, motorprior):
     outcome = motorprior(*line)
     assert outcome.code == 2 and "outliers" in outcome.err
     assert not (tmp_path / "out" / "posterior.safetensors").exists()
-    assert motorprior(*line, "--anyway").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
+    assert motorprior(*line, "--allow-outliers").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ Edit = Callable[[Path], object]
         ("walk --motors prior", ("file is missing",)),
         ("walk --motors hydraulic:3", ("no kind 'hydraulic'", "fleet, prior, posterior, pd")),
         ("transfer", ("no policy", "walk")),
-        ("transfer --draws 2", ("draws needs --study",)),
+        ("transfer --walks 2", ("walks needs --study",)),
         ("demo --motors 5", ("--motors 5", "at least 12")),
         ("demo --logs nowhere", ("nowhere", "no such file")),
     ],

@@ -12,7 +12,7 @@ from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.log_replay import with_posture
 
-SMALL = ("--starts", "1", "--iterations", "1", "--draws", "3")
+SMALL = ("--starts", "1", "--iterations", "1", "--samples", "3")
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,8 @@ SMALL = {
     "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
     "bench": "--motors 12 --steps 1500",
     "simulate": "--seconds 2",
-    "adapt": "--anyway",
-    "replay": "--draws 2",
+    "adapt": "--allow-outliers",
+    "replay": "--samples 2",
     "validate-log": "--adam-steps 4",
 }
 """What makes a command small enough for a test."""

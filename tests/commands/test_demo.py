@@ -33,7 +33,7 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         logs = None
     config = Demo(
         folder / "run", logs=logs, motors=12, bench_steps=1500, adam_steps=30, iterations=1, directions=2, seeds=2,
-        draws=2,
+        walks=2,
     )  # fmt: skip
     run_demo(config)
     return config
@@ -47,8 +47,8 @@ def figures(config: Demo) -> dict[str, float]:
 def test_every_figure_is_a_finite_number_and_the_page_has_every_chapter(demo: Demo):
     found = figures(demo)
     wanted = {
-        f"{place}/{name}/{measure}{end}"
-        for place in ("own", "fleet", "hard")
+        f"{environment}/{name}/{measure}{end}"
+        for environment in ("own", "fleet", "hard")
         for name in CONDITIONS
         for measure in ("upright", "speed")
         for end in ("", "/low", "/high")
@@ -81,8 +81,16 @@ def test_the_page_says_first_if_a_baseline_is_as_good(baseline: float, starts: s
     shares = dict.fromkeys(CONDITIONS, 0.95) | dict.fromkeys(("ideal_pd", "friction_pd", "random_pd", "paper"), 0.4)
     shares["friction_pd"] = baseline
     walks = [
-        {"bench": 0, "place": place, "condition": name, "seed": seed, "draw": draw, "speed": 0.6, "upright": share}
-        for place in ("own", "fleet", "hard")
+        {
+            "bench": 0,
+            "environment": environment,
+            "condition": name,
+            "seed": seed,
+            "walk": draw,
+            "speed": 0.6,
+            "upright": share,
+        }
+        for environment in ("own", "fleet", "hard")
         for name, share in shares.items()
         for seed in range(2)
         for draw in range(2)

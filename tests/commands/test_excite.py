@@ -43,7 +43,9 @@ def test_the_torque_balance_closes():
 def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Path):
     write_log(tmp_path / "run.parquet", suspended_run())
     out = tmp_path / "walk.safetensors"
-    found = run_excite(Excite((tmp_path / "run.parquet",), out, "recorded", robot="pupper_v2", max_torque=0.5, csv=2.0))
+    found = run_excite(
+        Excite((tmp_path / "run.parquet",), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0)
+    )
     assert found.classes == ("knee",) and found.bounds[0, 3] <= 0.5
     table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
     assert table.shape == (200, 3) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]

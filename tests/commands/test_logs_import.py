@@ -128,7 +128,7 @@ def test_several_gains_are_reported_with_their_joints(tmp_path: Path):
     write_log(path, of_pupper())
     messages = imported(LogsImport((path,), out, kp=gains, robot=PUPPER.name))
     assert f"kp: {PUPPER.joint_names[0]} 1, {PUPPER.joint_names[1]} 2," in messages
-    logged = read_parquet(out / "walk.parquet").stated_kp
+    logged = read_parquet(out / "walk.parquet").logged_kp
     assert logged is not None and tuple(logged[0]) == gains
     with pytest.raises(ConfigError, match="kp: 2 gains for 12 joints"):
         import_logs(LogsImport((path,), out, kp=(1.0, 2.0)))

@@ -31,5 +31,5 @@ def test_two_policies_are_one_under_the_other_in_a_film_that_repeats_exactly(gai
 def test_a_turn_on_the_spot_has_no_measures_per_metre(gait_walk: Path, tmp_path: Path):
     _, found = run_play(Play((gait_walk,), tmp_path / "a", forward=0.0, yaw_rate=0.6, seconds=2.5))
     measured = set(found.distinct("quantity"))
-    assert not {"speed_error", "heading_deg_per_m", "lateral_share", "slip", "transport"} & measured
+    assert not {"speed_error", "heading_deg_per_m", "lateral_share", "slip", "cost_of_transport"} & measured
     assert {"upright", "speed", "foot_lift_mm"} <= measured

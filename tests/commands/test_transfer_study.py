@@ -15,7 +15,7 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
-from motorprior.studies.statistics import OWN, OWN_FOREIGN, REFERENCE, read_walks, scores
+from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, REFERENCE, read_walks, scores
 from motorprior.studies.study_settings import CONDITIONS, Study
 from motorprior.studies.transfer import CHOICES, WALKS
 
@@ -26,7 +26,7 @@ DRAWS = 2
 def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
-        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, draws=DRAWS, seconds=2.5, iterations=1,
+        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, walks=DRAWS, seconds=2.5, iterations=1,
         conditions=tuple(CONDITIONS), motors=12, bench_steps=1500, adam_steps=30, workers=2,
     )  # fmt: skip
     run_study(config)
@@ -36,12 +36,12 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
 @pytest.mark.slow
 def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     walks = read_walks(done.out / WALKS)
-    for place in (OWN, *ENVIRONMENTS):
+    for environment in (OWN, *ENVIRONMENTS):
         for condition in done.conditions:
-            cell = [walk for walk in walks if (walk["place"], walk["condition"]) == (place, condition)]
+            cell = [walk for walk in walks if (walk["environment"], walk["condition"]) == (environment, condition)]
             assert scores(cell, "speed").shape == (done.benches, done.seeds, DRAWS)
-    own_foreign = {walk["condition"] for walk in walks if walk["place"] == OWN_FOREIGN}
-    assert own_foreign == {"oracle", "adapted_prior", "adapted_pd"}
+    own_out_of_family = {walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY}
+    assert own_out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
 
 
 @pytest.mark.slow
@@ -53,7 +53,7 @@ def test_walks_have_the_command_of_the_training(done: Study):
     walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
     seed_of = partial(walk_seed, 0)
     episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(DRAWS), seed_of)
-    rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["place"]) == (0, OWN)]
+    rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["environment"]) == (0, OWN)]
     found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
     assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)
 
@@ -73,7 +73,7 @@ def test_figures_have_intervals_and_p_values(done: Study):
         selection = read_json(done.out / "selection" / f"{setting}.json")
         assert selection["fleet"] == "mixed" and selection["chosen"] in choices
     page = (done.out / "report.html").read_text("utf-8")
-    assert "adapted_prior" in page and "foreign" in page
+    assert "adapted_prior" in page and "out_of_family" in page
 
 
 @pytest.mark.slow
@@ -88,7 +88,7 @@ def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
 @pytest.mark.parametrize(
     ("change", "argument"),
     [
-        ({"foreign": "pupper_v2"}, "foreign"),
+        ({"out_of_family": "pupper_v2"}, "out_of_family"),
         ({"conditions": ("nothing",)}, "conditions"),
         ({"motors": 4}, "motors"),
         ({"validation": "nothing"}, "validation"),

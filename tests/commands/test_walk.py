@@ -95,7 +95,7 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     motors = simulated_motors("fleet:mixed", robot)
     there = WalkSimulator(Scene(robot, motors.draw, config, motors.physics_dt))
     seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
-    assert policy.provenance["own_return"] == np.mean([there.run(policy.arrays, seed).total for seed in seeds])
+    assert policy.provenance["best_return"] == np.mean([there.run(policy.arrays, seed).total for seed in seeds])
     assert policy.provenance["validation"] == "mixed"
 
 

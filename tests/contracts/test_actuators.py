@@ -38,7 +38,7 @@ def physical(n):
     return PhysicalActuator(replace(motors, torque_limit=np.full(n, LIMIT)))
 
 
-def foreign(n):
+def out_of_family(n):
     """Without what depends on the absolute position, so that only differences count."""
     motors = load_fleet("foreign_direct").sample(n, np.random.default_rng(2))
     assert isinstance(motors, OutOfFamilyMotors)
@@ -70,7 +70,7 @@ MAKERS = {
     "physical": physical,
     "latent": latent,
     "grey_box": grey_box,
-    "foreign": foreign,
+    "out_of_family": out_of_family,
 }
 
 

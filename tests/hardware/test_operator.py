@@ -18,7 +18,7 @@ from motorprior.hardware.teleop import Teleop
 from motorprior.hardware.virtual_robot import IDLE
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-GAIT, VERTICAL, HORIZONTAL = PUPPER_V2.require_legs(), 1, 0
+GAIT, VERTICAL, HORIZONTAL = PUPPER_V2.require_gait(), 1, 0
 
 
 class Terminal:

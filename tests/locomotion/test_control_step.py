@@ -139,7 +139,7 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
     assert slid(np.full((4, 3), np.nan)) == 0.0 and slid(feet_at(0.5)) == 0.0
 
 
-GAIT = PUPPER_V2.require_legs()
+GAIT = PUPPER_V2.require_gait()
 
 
 def test_a_schedule_holds_each_command_and_fills_the_range_evenly_in_any_order():

@@ -49,6 +49,6 @@ def test_gains_change_between_segments_only(make_log):
     kp = np.full(log.joint_pos.shape, 2.0)
     kp[log.num_rows // 2 :] = 3.0
     with pytest.raises(LogError, match="changes within a segment"):
-        checked(make_log(stated_kp=kp))
+        checked(make_log(logged_kp=kp))
     halves = np.arange(log.num_rows) // (log.num_rows // 2)
-    assert checked(make_log(stated_kp=kp, segment=np.minimum(halves, 1))).stated_kp is not None
+    assert checked(make_log(logged_kp=kp, segment=np.minimum(halves, 1))).logged_kp is not None

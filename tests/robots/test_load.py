@@ -85,7 +85,7 @@ def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned:
     (tmp_path / "dog.toml").write_text(LEGS_TOML)
     robot = load_robot(tmp_path / "dog.toml")
     with pytest.raises(ConfigError, match=f"cannot walk: .*{words}"):
-        robot.require_legs()
+        robot.require_gait()
 
 
 def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
@@ -97,7 +97,7 @@ def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
 
 def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     hips = 0.4 * np.cos(0.8) + 0.02
-    gait = dog.require_legs()
+    gait = dog.require_gait()
     assert gait.frequency == 3.0
     assert gait.swing_height == pytest.approx(0.24 * hips, abs=5e-4)
     speed = np.sqrt(9.81 * hips)

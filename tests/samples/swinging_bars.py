@@ -42,7 +42,7 @@ def swing(seconds: float) -> Bars:
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
     log = MotorLog(
         time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
-        source="bars", stated_kp=kp, stated_kd=kd,
+        source="bars", logged_kp=kp, logged_kd=kd,
     )  # fmt: skip
     return Bars(log, motors)
 

@@ -14,7 +14,7 @@ from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy, zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import require_walks
-from motorprior.simulation.training import ROBOT_WEIGHT, WalkSettings, other_weight, train_policy
+from motorprior.simulation.training import ROBOT_WEIGHT, WalkSettings, train_policy, weight_warning
 
 ROBOT = load_robot("pupper_v2")
 
@@ -35,10 +35,10 @@ def test_diverged_walks_are_named_and_counted():
 
 def test_a_heavier_robot_than_the_trained_one_is_a_warning():
     policy = Policy.of(ROBOT, zero_policy(ROBOT.num_joints), ROBOT.nominal_pose, ROBOT.nominal_pose)
-    assert not other_weight(policy, ROBOT)
+    assert not weight_warning(policy, ROBOT)
     trained = replace(policy, provenance={ROBOT_WEIGHT: ROBOT.weight - 4.0 * 9.81})
     assert all(
-        f"{weight / 9.81:.2f} kg" in other_weight(trained, ROBOT)
+        f"{weight / 9.81:.2f} kg" in weight_warning(trained, ROBOT)
         for weight in (trained.provenance[ROBOT_WEIGHT], ROBOT.weight)
     )
-    assert not other_weight(replace(policy, provenance={ROBOT_WEIGHT: 1.01 * ROBOT.weight}), ROBOT)
+    assert not weight_warning(replace(policy, provenance={ROBOT_WEIGHT: 1.01 * ROBOT.weight}), ROBOT)

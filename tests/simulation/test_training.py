@@ -28,7 +28,7 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     assert found.provenance["symmetric"] == walked.provenance["symmetric"] == options.get("symmetric", True)
     for one, other in zip(found.arrays, walked.arrays, strict=True):
         np.testing.assert_array_equal(one, other)
-    assert found.provenance["own_return"] == walked.provenance["own_return"]
+    assert found.provenance["best_return"] == walked.provenance["best_return"]
 
 
 def test_a_folder_needs_motors_that_can_be_found_again(tmp_path: Path):

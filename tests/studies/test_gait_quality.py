@@ -100,7 +100,9 @@ def test_cost_of_transport_is_work_over_weight_and_distance():
     episode = gliding(height=0.1)
     velocity, torque = episode.motion[:, 6 : 6 + JOINTS], episode.motion[:, 6 + JOINTS :]
     velocity[:, 3], torque[:, 3], torque[:, 5] = -2.0, 0.6, 1.1
-    assert measured(episode)["transport"] == pytest.approx(1.2 / (ROBOT.weight * 0.3)), "only the third joint moves"
+    assert measured(episode)["cost_of_transport"] == pytest.approx(1.2 / (ROBOT.weight * 0.3)), (
+        "only the third joint moves"
+    )
 
 
 def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():
@@ -124,4 +126,4 @@ def test_measures_of_a_study_include_the_time_after_a_fall():
 
 def test_without_velocities_of_the_engine_they_are_differences_of_the_poses():
     without = measured(replace(gliding(), motion=np.zeros((0, 6 + 2 * JOINTS))))
-    assert without["slip"] == pytest.approx(1.0, rel=0.01) and np.isnan(without["transport"])
+    assert without["slip"] == pytest.approx(1.0, rel=0.01) and np.isnan(without["cost_of_transport"])

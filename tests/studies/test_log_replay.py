@@ -34,7 +34,7 @@ KP, KD = np.linspace(5.0, 7.0, ROBOT.num_joints), np.linspace(0.5, 0.6, ROBOT.nu
 
 
 def with_gains(log: MotorLog, kp: np.ndarray, kd: np.ndarray | None = None, unit: str = "N·m/rad") -> MotorLog:
-    both = {"stated_kp": kp, "stated_kd": kd}
+    both = {"logged_kp": kp, "logged_kd": kd}
     rows = {name: None if gain is None else np.tile(gain, (log.num_rows, 1)) for name, gain in both.items()}
     return replace(log, gain_unit=unit, **rows)
 

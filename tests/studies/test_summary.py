@@ -8,8 +8,8 @@ from motorprior.report.study import difference_table, measure_table, own_table
 from motorprior.studies.statistics import WalkRow, read_walks, scores, summarise, write_walks
 
 
-def row(bench: int, place: str, condition: str, seed: int, draw: int, **measures: float) -> WalkRow:
-    return {"bench": bench, "place": place, "condition": condition, "seed": seed, "draw": draw} | measures
+def row(bench: int, environment: str, condition: str, seed: int, draw: int, **measures: float) -> WalkRow:
+    return {"bench": bench, "environment": environment, "condition": condition, "seed": seed, "walk": draw} | measures
 
 
 def test_scores_are_sorted_by_bench_seed_and_draw():
@@ -30,16 +30,18 @@ def test_a_saved_table_is_read_back_with_undefined_measures(tmp_path: Path):
     assert all(np.isnan(walk["torque"]) for walk in found)
 
 
-def invented(conditions: dict[str, float], benches: int = 3, seeds: int = 4, draws: int = 8) -> list[WalkRow]:
+def invented(conditions: dict[str, float], benches: int = 3, seeds: int = 4, walks: int = 8) -> list[WalkRow]:
     """Walks in one environment and in the training simulation, upright for a share about that of the condition."""
     rng = np.random.default_rng(0)
     return [
-        row(bench, place, name, seed, draw, speed=upright, upright=float(np.clip(rng.normal(upright, 0.02), 0, 1)))
-        for place in ("own", "fleet")
+        row(
+            bench, environment, name, seed, draw, speed=upright, upright=float(np.clip(rng.normal(upright, 0.02), 0, 1))
+        )
+        for environment in ("own", "fleet")
         for name, upright in conditions.items()
         for bench in range(benches)
         for seed in range(seeds)
-        for draw in range(draws)
+        for draw in range(walks)
     ]
 
 
@@ -58,7 +60,7 @@ def test_a_clear_difference_is_significant_and_none_is_not():
 def test_every_bench_and_every_policy_is_shown():
     walks = invented({"sampled_prior": 1.0, "oracle": 1.0})
     for walk in walks:
-        if (walk["bench"], walk["place"], walk["condition"], walk["seed"]) == (1, "own", "oracle", 2):
+        if (walk["bench"], walk["environment"], walk["condition"], walk["seed"]) == (1, "own", "oracle", 2):
             walk["upright"] = 0.2
     summary = summarise(walks)
     (shown,) = (row for row in own_table(summary).rows if row[0] == "oracle")

@@ -59,10 +59,9 @@ MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
 MAX_RATE = 0.25  # kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
 LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
-ZERO_SCALE = SIGNED["encoder_zero"]  # [rad]
 EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 STRIBECK_VELOCITY = 0.3  # [rad/s]
-PER_LOGGED = "_per_stated"  # suffix of constants that are multiples of a logged gain
+PER_LOGGED = "_per_logged"  # suffix of constants that are multiples of a logged gain
 
 Values = Any  # one number per motor, in the type of the arithmetic
 
@@ -115,7 +114,7 @@ def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict
 
 
 def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
-    """Constants by name; multiples of logged gains are renamed, for example ``kp_per_stated``."""
+    """Constants by name; multiples of logged gains are renamed, for example ``kp_per_logged``."""
     return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
 
 

@@ -61,7 +61,7 @@ FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
     "armature": ("armature",),
-    "play": ("gear_stiffness", "backlash", "gear_damping"),
+    "backlash": ("gear_stiffness", "backlash", "gear_damping"),
 }
 _HEADER = Header(
     "motor prior",
@@ -144,14 +144,14 @@ class MotorPrior(Printable):
     metrics: dict[str, float]  # metrics of the training
     joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
     gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
-    stated_classes: JointClasses | None = None  # `classes`; None: one class
+    given_classes: JointClasses | None = None  # `classes`; None: one class
     # (M,) residual of each training motor over that of all at its speeds (`reference.residual_scale`) [-]; none: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @property
     def classes(self) -> JointClasses:
         """Classes of joints."""
-        return self.stated_classes or JointClasses.one(len(self.mean), self.model.num_latents)
+        return self.given_classes or JointClasses.one(len(self.mean), self.model.num_latents)
 
     def classes_at(self, joint_names: Sequence[str]) -> tuple[str, ...]:
         """The class of each joint: that of the training motor of the same name, otherwise by name."""
@@ -162,7 +162,7 @@ class MotorPrior(Printable):
     def classes_of(self, of: MotorLog | Robot) -> tuple[str, ...]:
         """The class of each joint: as stated by the robot's description, otherwise, or if unknown, `classes_at`."""
         named, known = self.classes_at(of.joint_names), self.classes.names
-        stated = of.stated_classes if any(of.stated_classes) else named
+        stated = of.given_classes if any(of.given_classes) else named
         both = zip(stated, named, strict=True)
         return tuple(own if own in known or name not in known else name for own, name in both)
 
@@ -393,7 +393,7 @@ class MotorPrior(Printable):
         classes = tuple(header["classes"]), tuple(header["joint_classes"])
         return cls(
             model, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains,
-            stated_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
+            given_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
             misfit=tensors["misfit"],
         )  # fmt: skip
 

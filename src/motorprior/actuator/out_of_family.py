@@ -342,5 +342,5 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 OUT_OF_FAMILY_KIND = ActuatorKind(
-    "foreign", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
+    "out_of_family", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
 )

@@ -111,7 +111,7 @@ def record_bench(
         fleet: population of the motors; the robot's own if not given.
         motors: number of motors.
         steps: samples per motor.
-        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, in short), narrow
+        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, shorter), narrow
             (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: draws the motors and their excitation; same arguments, same bytes.
         excitation: a file of `fit_excitation` to play in every segment, on its loads, instead of the preset's.

@@ -109,7 +109,7 @@ GEARED = Family(
 )  # fmt: skip
 # motors of `actuator.out_of_family`
 OUT_OF_FAMILY_MOTORS = Family(
-    name="foreign",
+    name="out_of_family",
     motor="The out-of-family motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a "
     "gear that hardens and has play and hysteresis. The learned models lack most of these equations.",
     kind=out_of_family.OUT_OF_FAMILY_KIND,

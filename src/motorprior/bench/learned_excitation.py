@@ -133,7 +133,7 @@ def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
 MAKERS = {"generated": generated, "surrogate": surrogate, "recorded": recorded}
 _HEADER = Header(
     "excitation", 1,
-    {"play": one_of(*MAKERS), "classes": many(TEXT, 1), "period": number(above=0.0, unit="s"), "provenance": TABLE},
+    {"method": one_of(*MAKERS), "classes": many(TEXT, 1), "period": number(above=0.0, unit="s"), "provenance": TABLE},
     _REMEDY, "excitation.safetensors", "motorprior excite",
 )  # fmt: skip
 _TENSORS = {
@@ -170,7 +170,7 @@ class LearnedExcitation:
     def with_method(self, method: str) -> LearnedExcitation:
         """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""
         if method == "generated" and not self.weights:
-            raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="play")
+            raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="method")
         return replace(self, method=method)
 
     def within(self, limits: Bounds) -> LearnedExcitation:
@@ -212,7 +212,7 @@ class LearnedExcitation:
     def save(self, path: Path) -> None:
         """Write it as one safetensors file."""
         tensors = {name: getattr(self, name) for name in _TENSORS} | dict(self.weights)
-        entries = {"play": self.method, "classes": list(self.classes), "period": self.period}
+        entries = {"method": self.method, "classes": list(self.classes), "period": self.period}
         header = _HEADER.make(**entries, provenance=dict(self.provenance))
         write_tensors(path, {name: np.asarray(value, np.float64) for name, value in tensors.items()}, header)
 
@@ -220,11 +220,11 @@ class LearnedExcitation:
     def load(cls, path: str | Path) -> LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
-        count, has_weights = len(header["classes"]), header["play"] == "generated" or "w_out" in tensors
+        count, has_weights = len(header["classes"]), header["method"] == "generated" or "w_out" in tensors
         weights = {name: Tensor(shape) for name, shape in weight_shapes(count).items()} if has_weights else {}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(
-            header["play"], tuple(header["classes"]), float(header["period"]),
+            header["method"], tuple(header["classes"]), float(header["period"]),
             **{name: tensors[name] for name in _TENSORS} | {"window_class": tensors["window_class"].astype(int)},
             weights={name: tensors[name] for name in weights}, provenance=header["provenance"],
         )  # fmt: skip

@@ -82,7 +82,7 @@ COMMON = {
     "bench": ("out", "robot", "fleet", "motors", "seed"),
     "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "workers"),
     "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "robot"),
-    "transfer": ("walks", "out", "study", "fleet", "robot", "workers"),
+    "transfer": ("policies", "out", "study", "fleet", "robot", "workers"),
     "deploy": ("policy", "port", "virtual"),
     "record": ("port", "virtual", "standing"),
     "doctor": ("port", "virtual", "seconds", "idle"),

@@ -124,7 +124,8 @@ def validate(config: Validate) -> None:
     """See `run_validate`; the tables of held-out motors and of the distribution only where they were measured."""
     results = run_validate(config, TERMINAL)
     titles = {
-        "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical is the floor",
+        "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
+        "physical: the true motors, started 4 mrad off",
         "held_out": "The same on held-out motors, adapted to 10 s of log each",
     }
     for motors, title in titles.items():
@@ -176,8 +177,8 @@ def walk(config: WalkCommand) -> None:
     evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
     if config.seeds == 1:
         folder, best = config.out, run_walk(one, TERMINAL).provenance
-        print(f"best policy: iteration {best['iteration']}, mean return {best['own_return']:.2f} m on {evaluated}")
-        if best["own_return"] < 0.0:
+        print(f"best policy: iteration {best['iteration']}, mean return {best['best_return']:.2f} m on {evaluated}")
+        if best["best_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
             TERMINAL.note(f"warning: a negative return: the robot falls or barely walks -> {remedy}")
     else:
@@ -200,7 +201,7 @@ def play(config: Play) -> None:
 class TransferCommand(Transfer, Study):
     """Evaluate policies on held-out robots, or run the study."""
 
-    walks: tyro.conf.Positional[tuple[Path, ...]] = ()
+    policies: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
     """Train policies on each model of a bench's motors, and evaluate them in their training simulation and in four
     environments: about three hours on two cores; a rerun resumes. Study options require it."""
@@ -210,8 +211,8 @@ def transfer(config: TransferCommand) -> None:
     """See `run_transfer` and `run_study`."""
     settings, study = ({each.name: getattr(config, each.name) for each in fields(kind)} for kind in (Transfer, Study))
     if config.study:
-        if config.walks or config.engine is not None:
-            raise ConfigError("a study trains its own policies", remedy="give neither walks nor an engine")
+        if config.policies or config.engine is not None:
+            raise ConfigError("a study trains its own policies", remedy="give neither policies nor an engine")
         from motorprior.report.study import study_sections  # here: it imports matplotlib
 
         found = run_study(Study(**study), TERMINAL, command_line())
@@ -222,7 +223,7 @@ def transfer(config: TransferCommand) -> None:
     for field in fields(Study):
         if field.name not in settings and study[field.name] != field.default:
             raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
-    if not config.walks:
+    if not config.policies:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     rows = tables.transfer_table(run_transfer(Transfer(**settings), TERMINAL))
     table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *rows)

@@ -1,4 +1,4 @@
-"""Find the motors of a log in a prior's latent space."""
+"""Adapt a prior to a log: the posterior of its motors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POSTERIOR = "posterior.safetensors"
 
 @dataclass(frozen=True)
 class Adapt:
-    """Find the motors of a log in the prior's latent space."""
+    """Adapt a prior to a log: the posterior of its motors."""
 
     prior: Path
     """Prior that `motorprior identify` wrote, of the robot that the log names."""
@@ -25,7 +25,7 @@ class Adapt:
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
     """Folder for posterior.safetensors."""
-    anyway: bool = False
+    allow_outliers: bool = False
     """Write the posterior even if motors are outliers of the prior."""
 
 
@@ -38,7 +38,7 @@ def run_adapt(config: Adapt, progress: Progress = SILENT) -> MotorPosterior:
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return MotorPosterior.load(config.out / POSTERIOR, prior)
     with locked(config.out):
-        posterior = adapt(prior, log, anyway=config.anyway, progress=progress)
+        posterior = adapt(prior, log, allow_outliers=config.allow_outliers, progress=progress)
         with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)
     return posterior

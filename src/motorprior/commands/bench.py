@@ -19,7 +19,7 @@ class Bench:
     fleet: str | None = None
     """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, in short), narrow (sinusoids on
+    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, shorter), narrow (sinusoids on
     one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
     motors: int = 32
     """Number of motors sampled from the fleet."""

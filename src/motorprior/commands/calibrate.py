@@ -43,7 +43,7 @@ class Calibrate:
     """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
     iterations: int = 6
     """Maximum iterations of each search."""
-    draws: int = 20
+    samples: int = 20
     """Samples of the robot's motors from the fitted fleet, for the bands."""
     seed: int = 0
     """Seed of the starts and the motors."""
@@ -51,7 +51,7 @@ class Calibrate:
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
     """Calibrate, or read the results of the finished stage; errors for a log, fleet or setting that cannot be used."""
-    for name in ("starts", "iterations", "draws"):
+    for name in ("starts", "iterations", "samples"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)
     robot = load_robot(config.robot)
@@ -76,15 +76,15 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
 def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
-    """The share of the measured angles in the 90 % bands of samples of the fitted fleet; draws a joint of each log."""
+    """The share of the measured angles in the 90 % bands of the fitted fleet; draws a joint of each log."""
     from motorprior.report.plots import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
     rng, traces, covered = np.random.default_rng(config.seed), [], []
-    with progress.start(f"{config.draws} draws of the fleet", len(problem.replayers)) as task:
+    with progress.start(f"{config.samples} samples of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
             log = replayer.log
-            motors = [motors_with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.draws)]
+            motors = [motors_with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.samples)]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
             low, high = band(np.array(replayed), 90)
             inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]

@@ -42,7 +42,7 @@ _PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 @dataclass(frozen=True)
 class Demo:
-    """Run the paper's experiment in minutes; a rerun resumes."""
+    """Learn motors, train policies on several models of them, and test these on held-out virtual robots; resumes."""
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""
@@ -69,7 +69,7 @@ class Demo:
     """Directions per iteration of ARS."""
     seeds: int = 2
     """Policies per condition, but one of the oracle."""
-    draws: int = 12
+    walks: int = 12
     """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""
@@ -178,13 +178,13 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
     from motorprior.report.page import Picture
     from motorprior.report.plots_style import model_label
 
-    hard = [walk for walk in walks if walk["place"] == "hard"]
+    hard = [walk for walk in walks if walk["environment"] == "hard"]
     upright = [scores([walk for walk in hard if walk["condition"] == name], "upright")[0] for name in FILMED]
     typical = int(np.argmin(sum(np.abs(each - each.mean()) for each in upright)))
     seed, number = (int(index) for index in np.unravel_index(typical, upright[0].shape))
     robot, episodes = load_robot(bench.robot), {}
     steps = round(bench.seconds / robot.control_dt)
-    fleet = load_robot_fleet(robot, bench.foreign)
+    fleet = load_robot_fleet(robot, bench.out_of_family)
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
     for name in FILMED:
         trained = _policies(bench, name)[seed]

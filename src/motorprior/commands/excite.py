@@ -31,7 +31,7 @@ class Excite:
     """Logs in any format of docs/logs.md: recordings of `deploy` and `record`, logs of `simulate`, imported logs."""
     out: Path
     """File to write (.safetensors)."""
-    play: str = "generated"
+    method: str = "generated"
     """generated (adversarial network), surrogate (Gaussian process with the runs' spectrum and marginals) or recorded
     (windows of the runs)."""
     robot: str | None = None
@@ -48,9 +48,9 @@ class Excite:
     """Bound of external torques [N·m], for a bench; 1.25 times the runs' if not given."""
     steps: int = STEPS
     """Training steps of the network."""
-    plan: Path | None = None
+    plan_prior: Path | None = None
     """Prior (.safetensors): keep the windows that shrink its posterior most, and report what they identify."""
-    csv: float = 0.0
+    csv_seconds: float = 0.0
     """Duration of targets and external torques of every joint class that are also written as .csv [s]."""
     seed: int = 0
     """Seed of the training and the streams."""
@@ -58,20 +58,20 @@ class Excite:
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
     """Fit, plan, write; errors for a setting or file that cannot be used."""
-    require_number("csv", config.csv)
+    require_number("csv_seconds", config.csv_seconds)
     for name in ("max_speed", "max_torque"):
         require_number(name, getattr(config, name), positive=True, maximum=inf)
     robot = load_robot(config.robot) if config.robot else None
     logs = [_with_loads(config, path, progress) for path in config.runs]
     period = robot.control_dt if robot else 0.01
     found = fit_excitation(
-        logs, config.play, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
+        logs, config.method, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
         out=config.out, progress=progress,
     )  # fmt: skip
     speed = robot.wire.safety.target_speed if robot and robot.wire else inf
     found = found.within(Bounds(inf, min(speed, config.max_speed), inf, config.max_torque))
-    if config.plan is not None:
-        found, plans = active(found, MotorPrior.load(config.plan), config.seed)
+    if config.plan_prior is not None:
+        found, plans = active(found, MotorPrior.load(config.plan_prior), config.seed)
         for plan in plans:
             shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
             progress.note(
@@ -82,8 +82,8 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
         limits = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
         progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {limits}")
-    if config.csv:
-        _write_csv(found, config.out.with_suffix(".csv"), config.csv, config.seed)
+    if config.csv_seconds:
+        _write_csv(found, config.out.with_suffix(".csv"), config.csv_seconds, config.seed)
     return found
 
 

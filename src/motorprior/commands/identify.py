@@ -23,7 +23,7 @@ from motorprior.progress import SILENT, Progress
 class Identify:
     """Learn a motor prior from motor logs."""
 
-    bench: Path | tuple[Path, ...]
+    logs: Path | tuple[Path, ...]
     """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different
     motors."""
     out: Path
@@ -45,7 +45,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
     """Train, unless the folder already contains this prior, and return it; errors as `fit_recipe`, `training_log`."""
     require_seed(config.seed)
     recipe = identification_preset(config.preset, config.steps)
-    log, provenance = training_log(config.bench)
+    log, provenance = training_log(config.logs)
     log = log if config.torque else replace(log, joint_torque=None)
     return fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
 

@@ -18,7 +18,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
-from motorprior.simulation.training import POLICY, other_weight
+from motorprior.simulation.training import POLICY, weight_warning
 from motorprior.stage import locked, write_results
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
@@ -62,7 +62,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
     require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
-    gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_legs()
+    gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_gait()
     forward = gait.forward[1] if config.forward is None else config.forward
     require_number("forward", forward, *gait.forward)
     require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
@@ -72,7 +72,7 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     with locked(config.out):
         with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
             for name, trained in policies.items():
-                if line := other_weight(trained.policy, robot):
+                if line := weight_warning(trained.policy, robot):
                     progress.note(line)
                 episodes[name] = _walk(config, trained, WalkConfig(steps, commands=Commands.steady(*command)))
                 require_walks([episodes[name]], name)

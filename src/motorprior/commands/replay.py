@@ -36,7 +36,7 @@ class Replay:
     """Folder for figures.json."""
     fleet: str | None = None
     """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace both."""
-    draws: int = 20
+    samples: int = 20
     """Samples of the robot's motors from the prior."""
     seed: int = 0
     """Seed of the motors."""
@@ -49,7 +49,7 @@ class Replay:
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     """Replay, or read the results of the finished stage; errors for an input that cannot be used."""
-    require_count("draws", config.draws)
+    require_count("samples", config.samples)
     require_seed(config.seed)
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
@@ -61,7 +61,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     with working(config.out, wanted):
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
         rows, count = list[Result](), len(replayers)
-        with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.draws)) as task:
+        with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.samples)) as task:
             for name, replayer in replayers.items():
                 simulated: dict[str, np.ndarray] = {}
                 for model, actuators in _models(config, robot, fleet, replayer, prior).items():
@@ -90,12 +90,12 @@ def _models(
     classes, gains = prior.classes_of(log), log.gains
     if gains is None or log.gain_unit != prior.model.gain_unit:
         gains = robot_gains(prior, robot)
-    drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.draws)]
+    drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.samples)]
     return {
         "ideal_pd": [motors_with_logged_gains(nominal_pd(fleet, count), log)],
         "physical": [motors_with_logged_gains(fleet.center(count), log).actuator()],
         "physical_draws": [motors.actuator() for motors in drawn],
-        prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.draws)],
+        prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.samples)],
     }
 
 

@@ -16,7 +16,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
-from motorprior.simulation.training import POLICY, other_weight
+from motorprior.simulation.training import POLICY, weight_warning
 from motorprior.stage import PAGE, description, is_finished, locked, read_results, working, write_results
 from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
@@ -29,7 +29,7 @@ from motorprior.studies.transfer import study_walks
 class Transfer:
     """Evaluate policies in their training simulation and on the twin."""
 
-    walks: tuple[Path, ...]
+    policies: tuple[Path, ...]
     """Folders of `motorprior walk`; seeds of one actuator model are averaged."""
     out: Path
     """Folder for figures.json."""
@@ -46,9 +46,9 @@ class Transfer:
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     """Evaluate, or read the finished evaluation; errors for a policy, motors or a fleet that cannot be used."""
     robot = load_robot(config.robot)
-    robot.require_legs()
+    robot.require_gait()
     fleet = load_robot_fleet(robot, config.fleet)
-    files = [path if path.is_file() else path / POLICY for path in config.walks]
+    files = [path if path.is_file() else path / POLICY for path in config.policies]
     require_count("workers", config.workers)
     policies = [TrainedPolicy.load(path, robot) for path in files]
     settings = asdict(config)
@@ -59,7 +59,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     commands = compare.straight_ahead(compare.with_shared_speeds(robot, (each.policy for each in policies)))
     works, seeds = [], Counter[str]()
     for each in policies:
-        if line := other_weight(each.policy, robot):
+        if line := weight_warning(each.policy, robot):
             progress.note(line)
         walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
         twin = compare.motors_scene(robot, each.policy, fleet, commands)

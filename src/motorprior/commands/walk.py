@@ -9,7 +9,7 @@ from pathlib import Path
 
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count
-from motorprior.locomotion.executor import Kind
+from motorprior.locomotion.executor import ExecutorKind
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results
@@ -34,7 +34,7 @@ class Walk(WalkSettings):
     gait if not given."""
     workers: int = min(2, os.cpu_count() or 1)
     """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not depend on it."""
-    executor: Kind = "threads"
+    executor: ExecutorKind = "threads"
     """Threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
@@ -76,7 +76,7 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     found = in_parallel(works, threads, progress)
     with atomic_path(config.out / PICTURE) as temporary:
         temporary.write_bytes(png_bytes(learning_curves({config.out.name: read_curves(folders.values())})))
-    best = {seed: float(policy.provenance["own_return"]) for seed, policy in zip(folders, found, strict=True)}
-    results = Results.of(Result("own_return", "m", value, seed=seed) for seed, value in best.items())
+    best = {seed: float(policy.provenance["best_return"]) for seed, policy in zip(folders, found, strict=True)}
+    results = Results.of(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
     write_results(config.out, results)
     return results

@@ -1,7 +1,7 @@
 """JSON of better-actuator-models (BAM): read as motors, written as one file per sample and joint.
 
-Law, friction m1, m2 and m5, and integration of its simulator, after BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M the
-torque of the motor and E that of the load on it [N·m]:
+Control law, friction m1, m2 and m5, and integrator of its simulator, after BAM 1.0.2 (Rhoban/bam, Apache-2.0), with M
+the torque of the motor and E that of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)

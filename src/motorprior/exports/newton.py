@@ -27,12 +27,12 @@ from motorprior.actuator.geared_motor import DAMPING
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.exports.warp_motors import Row, Rows, WarpMotors
 
-Places = wp.array(dtype=wp.uint32)
+Indices = wp.array(dtype=wp.uint32)
 
 
 @wp.kernel
 def _gather(
-    angles: Row, velocities: Row, targets: Row, at_angle: Places, at_velocity: Places, at_target: Places, pos: Row,
+    angles: Row, velocities: Row, targets: Row, at_angle: Indices, at_velocity: Indices, at_target: Indices, pos: Row,
     vel: Row, target: Row,
 ):  # fmt: skip
     i = wp.tid()

@@ -33,10 +33,10 @@ from motorprior.signals import rmse
 
 EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
 MAX_STEP = 0.002  # maximum physics step of the replay [s]
-SMOOTH, STEPS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
+SMOOTH, STEP_SIGNALS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
 # trial -> load inertia over the median armature [-], and signals; steps reach the torque limit
-TRIALS = {"leg": (1.25, SMOOTH), "shank": (0.1, SMOOTH), "leg_steps": (1.25, STEPS)}
-GRAVITY = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
+TRIALS = {"leg": (1.25, SMOOTH), "shank": (0.1, SMOOTH), "leg_steps": (1.25, STEP_SIGNALS)}
+GRAVITY_PER_INERTIA = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
 SECONDS, HOLD = 3.0, 0.01  # duration of a trial and of each target (a 100 Hz policy's) [s]
 _SEED = 54
 
@@ -117,7 +117,7 @@ def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
     chosen = [EXCITATIONS[signals[motor % len(signals)]].target for motor in range(n)]
     targets = np.stack([zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1)
     inertia = np.full(n, load * float(np.median(armature)))
-    weight = np.tile(-GRAVITY * inertia, (steps, 1))
+    weight = np.tile(-GRAVITY_PER_INERTIA * inertia, (steps, 1))
     return Trial(targets, weight, inertia, dt, load_stiffness=weight)
 
 

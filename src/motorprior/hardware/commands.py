@@ -41,7 +41,7 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         require_number("seconds", settings.seconds, 0.0, 1e6, positive=True)
     policy = Policy.load(path)
     policy.require_robot(robot)
-    gait = robot.with_speed_range(policy.forward).require_legs()
+    gait = robot.with_speed_range(policy.forward).require_gait()
     if settings.forward is not None:
         require_number("forward", settings.forward, *gait.forward)
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
@@ -70,23 +70,23 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     safety, standing = robot.require_wire().safety, settings.standing
     # Steps of a leg that carries weight would tip a standing robot.
     excitation = settings.excitation or ("multisine" if standing else "varied")
-    amplitude, speed = settings.amplitude, settings.speed
+    amplitude, max_speed = settings.amplitude, settings.max_speed
     if amplitude is None:  # small on the ground: feet that push into it look blocked
         amplitude = 0.1 if standing else 0.4
-    if speed is None:  # steps in the air must be fast, to reach a motor's torque limit
+    if max_speed is None:  # steps in the air must be fast, to reach a motor's torque limit
         fast = excitation in ("steps", "varied") and not standing
-        speed = min(safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
-    settings = replace(settings, excitation=excitation, amplitude=amplitude, speed=speed)
+        max_speed = min(safety.target_speed, _FAST_TARGETS if fast else _SLOW_TARGETS)
+    settings = replace(settings, excitation=excitation, amplitude=amplitude, max_speed=max_speed)
     require_number("seconds", settings.seconds, 1.0, 3600.0)
     require_number("amplitude", amplitude, 0.0, 1.5, positive=True)
-    require_number("speed", speed, 0.0, safety.target_speed, positive=True)
+    require_number("max_speed", max_speed, 0.0, safety.target_speed, positive=True)
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     joints = joints_of(robot, settings.joint)
-    targets = hardware_targets(robot, excitation, joints, settings.seconds, amplitude, speed, settings.seed)
+    targets = hardware_targets(robot, excitation, joints, settings.seconds, amplitude, max_speed, settings.seed)
     how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
     # A suspended robot may hang tilted.
-    limits = replace(safety, target_speed=speed, max_tilt=safety.max_tilt if standing else math.inf)
+    limits = replace(safety, target_speed=max_speed, max_tilt=safety.max_tilt if standing else math.inf)
     with _session(robot, port, settings, gains, how_to_stop, show, {"command": "record"}, limits) as (session, out):
         session.need_imu = standing and session.need_imu
         excite(session, targets, suspended=not standing)

@@ -68,7 +68,7 @@ class RecordSettings(RunSettings):
         joint: joints to excite: all, a leg (FR), a kind (knee) or a joint (FR_knee).
         seconds: duration [s].
         amplitude: maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given.
-        speed: limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk, and 8
+        max_speed: limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk, and 8
             otherwise.
         standing: the robot stands on the ground and sits down afterwards; otherwise it is suspended in the air.
         seed: seed of the random signals.
@@ -78,6 +78,6 @@ class RecordSettings(RunSettings):
     joint: str = "all"
     seconds: float = 60.0
     amplitude: float | None = None
-    speed: float | None = None
+    max_speed: float | None = None
     standing: bool = False
     seed: int = 0

@@ -31,7 +31,7 @@ _EVENT = struct.Struct("<IhBB")  # Linux joystick API: time [ms], value, type, n
 _AXIS, _BUTTON = 2, 1
 _VERTICAL, _HORIZONTAL = 1, 0  # axes of the left stick; -32767 is forward, left
 _MAX_DEFLECTION, _DEAD_ZONE = 32767.0, 0.06  # a released stick does not rest at exactly 0
-# In the sharpest turn the maximum speed is 1 - this of that straight ahead: with both at their limits policies fell.
+# In the sharpest turn the maximum speed is 1 - this times that straight ahead: policies fell with both at their limits.
 _SLOW_DOWN_IN_TURNS = 0.4
 _AUTONOMOUS_SPEED = 0.3  # [m/s]
 

@@ -44,7 +44,7 @@ def adapt(
     prior: MotorPrior,
     log: MotorLog,
     *,
-    anyway: bool = False,
+    allow_outliers: bool = False,
     progress: Progress = WARNED,
 ) -> MotorPosterior:
     """Find the motors of a log in a prior's latent space.
@@ -52,7 +52,7 @@ def adapt(
     Args:
         prior: of motors of this kind.
         log: with load_inertia and external_torque, at the prior's sample period; a few seconds are enough.
-        anyway: also if motors are outliers of the prior.
+        allow_outliers: also if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by default warnings are
             Python warnings.
 
@@ -74,9 +74,9 @@ def adapt(
     named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, test.reason, strict=True) if reason]
     if named:
         problem = f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}"
-        if not anyway:
-            remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set anyway"
-            raise LogError(problem, where=log.source, argument="anyway", remedy=remedy)
+        if not allow_outliers:
+            remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set allow_outliers"
+            raise LogError(problem, where=log.source, argument="allow_outliers", remedy=remedy)
         progress.note(f"{WARNING}{problem}")
     if progress is not SILENT:  # tuning a PD to compare with takes time
         _note_findings(prior, log, found, progress)

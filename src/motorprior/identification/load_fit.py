@@ -114,8 +114,8 @@ def _regression(runs: WindowRuns) -> np.ndarray:
 
 def require_physical_kp(log: MotorLog) -> None:
     """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
-    if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
-        has = "no kp" if log.stated_kp is None else "kp in firmware units"
+    if log.logged_kp is None or log.gain_unit != PHYSICAL_GAINS:
+        has = "no kp" if log.logged_kp is None else "kp in firmware units"
         raise LogError(
             f"{has}: without kp in {PHYSICAL_GAINS} a load cannot be fitted", where=log.source,
             remedy=f"in the column map, set gain = '{PHYSICAL_GAINS}' in [units], and kp of every joint in that unit",

@@ -74,7 +74,7 @@ class Preset:
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
-GEAR = FROZEN["play"]
+GEAR = FROZEN["backlash"]
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
 # long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is barely identifiable
@@ -155,7 +155,7 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
     """The recipe with the gains, registers and conditions of a log, which a grey box does not fit."""
     if not recipe.grey_boxes:
         return recipe
-    if log.stated_kp is not None:
+    if log.logged_kp is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     conditions = []
     for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):

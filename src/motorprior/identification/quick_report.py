@@ -88,8 +88,8 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]
     limit = np.full(log.num_joints, 1e9) if described is None else described.torque_limit[joints]
     zero, one = np.zeros(log.num_joints), np.ones(log.num_joints)
-    if log.stated_kd is not None and log.gain_unit == PHYSICAL_GAINS:
+    if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
         return {"ideal_pd": GainScaledPd(IdealPd(one, one, limit, zero, zero), np.ones(2))}
-    if described is None or log.stated_kp is not None:
+    if described is None or log.logged_kp is not None:
         return {}
     return {"ideal_pd": IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)}

@@ -62,7 +62,7 @@ class Body(NamedTuple):
 
 def body_of(robot: Robot) -> Body:
     """The arrays of a legged robot; ConfigError if it cannot walk."""
-    size = robot.require_legs()
+    gait = robot.require_gait()
     return Body(
         control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,
@@ -77,12 +77,12 @@ def body_of(robot: Robot) -> Body:
         foot_radius=np.array([leg.foot_radius for leg in robot.legs]),
         nominal_feet=np.array([(*leg.rest, *leg.reach(robot.nominal_pose)) for leg in robot.legs]),
         phases=np.array([leg.phase for leg in robot.legs]),
-        frequency=size.frequency,
-        swing_height=size.swing_height,
-        min_speed=size.forward[0],
-        max_speed=size.forward[1],
-        max_yaw_rate=size.yaw_rate,
-        max_residual=size.residual,
+        frequency=gait.frequency,
+        swing_height=gait.swing_height,
+        min_speed=gait.forward[0],
+        max_speed=gait.forward[1],
+        max_yaw_rate=gait.yaw_rate,
+        max_residual=gait.residual,
         min_height=robot.min_base_height,
         max_height=robot.max_base_height,
         reference_torque=robot.reference_torque,

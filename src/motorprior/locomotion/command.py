@@ -42,7 +42,7 @@ class Commands:
 
     def extend_range(self, robot: Robot) -> Robot:
         """The robot with its speed range extended by theirs; ConfigError for a yaw rate outside its range."""
-        limit, (slowest, fastest) = robot.require_legs().yaw_rate, robot.require_legs().forward
+        limit, (slowest, fastest) = robot.require_gait().yaw_rate, robot.require_gait().forward
         if self.yaw_rate is not None:
             require_range("commands.yaw_rate", self.yaw_rate, -limit, limit)
         low, high = self.forward or (slowest, fastest)
@@ -50,9 +50,9 @@ class Commands:
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
-        rng, size = np.random.default_rng([_STREAM, seed]), robot.require_legs()
-        forward = self.forward or (size.forward[0], MAX_COMMAND * size.forward[1])
-        turn = self.yaw_rate or (-size.yaw_rate, size.yaw_rate)
+        rng, gait = np.random.default_rng([_STREAM, seed]), robot.require_gait()
+        forward = self.forward or (gait.forward[0], MAX_COMMAND * gait.forward[1])
+        turn = self.yaw_rate or (-gait.yaw_rate, gait.yaw_rate)
         each = max(1, round(self.hold / robot.control_dt))
         count = -(-steps // each)
         shares = (rng.permutation(count) + rng.uniform(size=count)) / count

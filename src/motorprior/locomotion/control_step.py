@@ -224,7 +224,7 @@ def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
 SPEED_FILTER = 0.3  # [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
-CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
+REWARD_CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw
     for leg in range(body.legs.shape[0]):
         angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
         radius, before, foot = body.foot_radius[leg], feet[leg], state.foot_pos[leg]
-        if foot[2] < radius + CONTACT_HEIGHT and before[2] < radius + CONTACT_HEIGHT:  # false for NaN
+        if foot[2] < radius + REWARD_CONTACT_HEIGHT and before[2] < radius + REWARD_CONTACT_HEIGHT:  # false for NaN
             rolled = radius * (angle - before[3])
             x, y = foot[0] - before[0] - rolled * cosine, foot[1] - before[1] - rolled * sine
             total += math.sqrt(x * x + y * y) / body.control_dt

@@ -26,7 +26,7 @@ from typing import Any, Literal, TypeVar
 from motorprior.exceptions import ConfigError, SimulationFault
 
 T = TypeVar("T")
-Kind = Literal["threads", "ray"]
+ExecutorKind = Literal["threads", "ray"]
 RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
@@ -36,7 +36,7 @@ _NUMBERS = itertools.count()
 
 
 def make_executor(
-    make_simulator: Callable[[], Any], workers: int, kind: Kind = "threads", address: str | None = None
+    make_simulator: Callable[[], Any], workers: int, kind: ExecutorKind = "threads", address: str | None = None
 ) -> Executor:
     """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
 
@@ -46,7 +46,7 @@ def make_executor(
     return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
 
 
-def require_executor(kind: Kind, address: str | None) -> None:
+def require_executor(kind: ExecutorKind, address: str | None) -> None:
     """Raise ConfigError if Ray is not installed, no cluster answers, or an address is given without Ray."""
     if kind != "ray" and address is not None:
         raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")

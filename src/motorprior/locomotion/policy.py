@@ -71,7 +71,7 @@ class PolicyArrays(NamedTuple):
 
 
 def zero_policy(num_joints: int) -> PolicyArrays:
-    """The policy of zero actions, which is the plain gait."""
+    """The policy of zero actions, which is the untrained gait."""
     observations, actions = observation_size(num_joints), action_size(num_joints)
     weights = np.zeros((actions, observations + 1))
     nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
@@ -158,7 +158,7 @@ class Policy(Printable):
         provenance: Mapping[str, Any] = MappingProxyType({}),
     ) -> Policy:
         """A policy of a robot with the speed range of the training."""
-        forward = robot.require_legs().forward
+        forward = robot.require_gait().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)
 
     def overview(self) -> Overview:
@@ -166,7 +166,7 @@ class Policy(Printable):
         made = self.provenance
         motors = made.get("motors")
         weight = f"{made[ROBOT_WEIGHT] / GRAVITY:.2f} kg" if ROBOT_WEIGHT in made else ""
-        best = f"iteration {made['iteration']}, mean return {made['own_return']:.2f} m" if "iteration" in made else ""
+        best = f"iteration {made['iteration']}, mean return {made['best_return']:.2f} m" if "iteration" in made else ""
         facts = {
             "robot": ", ".join(filter(None, (self.robot, weight))),
             "commanded speed": f"{self.forward[0]:g} to {self.forward[1]:g} m/s",

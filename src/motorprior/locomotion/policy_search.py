@@ -53,9 +53,9 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 
 
 class PolicySearch:
-    """A search for a policy from ``start`` or from the zero policy, which is the plain gait; picklable, for workers.
+    """A search for a policy from ``start`` or from the untrained gait; picklable, for workers.
 
-    The best policy has the largest mean return [m] in evaluation; before the first it is the zero policy.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the untrained gait.
     """
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
@@ -66,7 +66,7 @@ class PolicySearch:
             self.ars.parameters = self.ars.average = shape.parameters(start)
             m2 = START_OBSERVATIONS * np.square(start.std)
             self.ars.observations = RunningStats(START_OBSERVATIONS, start.mean, m2)
-        elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout the policy is still the plain gait
+        elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout this is still the untrained gait
             _, hidden, _ = shape.split(self.ars.parameters)
             rng = np.random.default_rng([config.seed, HIDDEN])
             hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])

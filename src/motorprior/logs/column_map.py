@@ -131,7 +131,7 @@ class ColumnMap:
 
     def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
         """(J,) kp and kd of these joints as channels of a log, if given."""
-        found = {f"stated_{name}": [getattr(joint, name) for joint in joints] for name in GAINS}
+        found = {f"logged_{name}": [getattr(joint, name) for joint in joints] for name in GAINS}
         return {name: np.array(values) for name, values in found.items() if None not in values}
 
 

@@ -27,8 +27,8 @@ JOINT_SERIES = {
     "load_inertia": "kg_m2",
     "external_torque": "N_m",
     "load_stiffness": "N_m_per_rad",
-    "stated_kp": "stated",
-    "stated_kd": "stated",
+    "logged_kp": "stated",
+    "logged_kd": "stated",
     "supply_voltage": "V",
     "motor_temperature": "degC",
 }
@@ -81,14 +81,14 @@ class MotorLog(Printable):
     posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
     # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the output shaft in both
     encoder: str = "joint"
-    stated_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
-    stated_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with stated_kp
+    logged_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
+    logged_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with logged_kp
     supply_voltage: np.ndarray | None = None  # (T, J) at the motor [V]
     motor_temperature: np.ndarray | None = None  # (T, J) [°C]
     # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
-    stated_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
+    given_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
@@ -116,7 +116,7 @@ class MotorLog(Printable):
     @property
     def joint_classes(self) -> tuple[str, ...]:
         """(J) class of each joint, see `robots.joint_classes`."""
-        return self.stated_classes or classes_by_name(self.joint_names)
+        return self.given_classes or classes_by_name(self.joint_names)
 
     @property
     def readings(self) -> np.ndarray:
@@ -157,7 +157,7 @@ class MotorLog(Printable):
         """The log of some of its joints."""
         series = {name: value[:, list(joints)] for name, value in channels(self).items() if name in JOINT_SERIES}
         names = tuple(self.joint_names[joint] for joint in joints)
-        return replace(self, joint_names=names, stated_classes=tuple(self.joint_classes[j] for j in joints), **series)
+        return replace(self, joint_names=names, given_classes=tuple(self.joint_classes[j] for j in joints), **series)
 
     def joint(self, index: int) -> MotorLog:
         """The log of one joint, J = 1."""
@@ -169,11 +169,11 @@ class MotorLog(Printable):
 
         kd equals kp if it is not logged, since models only use its ratio to that of other logs. None without gains.
         """
-        if self.stated_kp is None:
+        if self.logged_kp is None:
             return None
         first = [part.start for part in self.segment_slices()]
-        kd = self.stated_kp if self.stated_kd is None else self.stated_kd
-        return np.median([self.stated_kp[first], kd[first]], axis=1)
+        kd = self.logged_kp if self.logged_kd is None else self.logged_kd
+        return np.median([self.logged_kp[first], kd[first]], axis=1)
 
     @property
     def conditions(self) -> dict[str, np.ndarray]:
@@ -237,7 +237,7 @@ def gain_texts(log: MotorLog) -> list[str]:
     """Each logged gain with its unit."""
     texts = []
     for name, unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
-        if (gains := getattr(log, f"stated_{name}")) is not None:
+        if (gains := getattr(log, f"logged_{name}")) is not None:
             values = " to ".join(dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max())))
             texts.append(f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
     return texts
@@ -255,8 +255,8 @@ Where: TypeAlias = str | Path | None
 _TINY = float(np.nextafter(0.0, 1.0))
 _BOUNDS = {  # lowest and highest value, and what it is
     "load_inertia": (_TINY, np.inf, "a positive inertia [kg·m²]"),
-    "stated_kp": (_TINY, np.inf, "a positive gain"),
-    "stated_kd": (0.0, np.inf, "a gain of 0 or more"),
+    "logged_kp": (_TINY, np.inf, "a positive gain"),
+    "logged_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
     **{key: (low, high, f"from {low:g} to {high:g} {unit}") for key, (low, high, unit) in OPERATING_CONDITIONS.items()},
 }
@@ -318,7 +318,7 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
 
 def _check_segments(log: MotorLog, where: Where) -> None:
     """Rows, times and gains within segments."""
-    if log.stated_kp is None and log.stated_kd is not None:
+    if log.logged_kp is None and log.logged_kd is not None:
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
     seen: set[int] = set()
     for part in log.segment_slices():
@@ -331,7 +331,7 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
         seen.add(index)
         require_increasing(log.time[part], where, part.start)
-        for name in ("stated_kp", "stated_kd"):
+        for name in ("logged_kp", "logged_kd"):
             gains = getattr(log, name)
             if gains is not None and np.any(changed := gains[part] != gains[part.start]):
                 row, column = np.argwhere(changed)[0].tolist()

@@ -17,7 +17,7 @@ MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
 MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recording
 _MAX_NAMED = 5  # gaps that the message lists
 # Channels that are held until the next row; the others are interpolated
-_HELD = ("load_inertia", "stated_kp", "stated_kd", *CODES)
+_HELD = ("load_inertia", "logged_kp", "logged_kd", *CODES)
 
 
 def gap_rows(log: MotorLog) -> np.ndarray:
@@ -181,9 +181,9 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
         values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
         whole = replace(first, **values, segment=segment)
     elif len(set(names)) == len(names):
-        classes = tuple(each for log in logs for each in log.stated_classes)
+        classes = tuple(each for log in logs for each in log.given_classes)
         stated = classes if len(classes) == len(names) else ()
-        whole = replace(_side_by_side(logs, source), joint_names=tuple(names), stated_classes=stated)
+        whole = replace(_side_by_side(logs, source), joint_names=tuple(names), given_classes=stated)
     else:
         remedy = "give each motor its own joint name, or give logs of the same joints in the same order"
         raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)

@@ -209,7 +209,7 @@ def load_log(
     log = _with_settings(log, kp, kd, firmware, conditions, progress)
     if robot is not None and set(log.joint_names) <= set(robot.joint_names):
         classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
-        log = replace(log, stated_classes=tuple(classes[name] for name in log.joint_names))
+        log = replace(log, given_classes=tuple(classes[name] for name in log.joint_names))
     if on_grid is None:
         if model is not None:
             if present := [name for name in LOADS if getattr(log, name) is not None]:
@@ -274,7 +274,7 @@ def _with_settings(
             pairs = zip(log.joint_names, given.tolist(), strict=True)
             progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")
         if given.size:
-            values[f"stated_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
+            values[f"logged_{name}"] = np.broadcast_to(given, log.joint_pos.shape)
     for name, value in (conditions or {}).items():
         if name not in OPERATING_CONDITIONS:
             remedy = f"give {' or '.join(OPERATING_CONDITIONS)}"

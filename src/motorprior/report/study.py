@@ -12,10 +12,10 @@ from motorprior.report.plots_style import TEXT, describe, model_color, model_lab
 from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
+    ALL_ENVIRONMENTS,
     COMPARED,
     OWN,
-    OWN_FOREIGN,
-    PLACES,
+    OWN_OUT_OF_FAMILY,
     REFERENCE,
     Estimate,
     StudyStatistics,
@@ -24,7 +24,7 @@ from motorprior.studies.study_settings import CONDITIONS
 from motorprior.studies.transfer import LOG_SECONDS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
-_PLACES = {"fleet": "other robots of the same fleet", "hard": "other motors, floor, load, delays and pushes"}
+_EXPLAINED = {"fleet": "other robots of the same fleet", "hard": "other motors, floor, load, delays and pushes"}
 _AS_GOOD = 0.02  # difference of the time upright below which two conditions are called equal [-]
 
 
@@ -63,10 +63,10 @@ def own_table(summary: StudyStatistics) -> Table:
     """A row per condition, a cell per bench: time upright of every policy in the simulation of its training."""
     rows = []
     for condition in conditions_in(summary):
-        for place in (OWN, OWN_FOREIGN):
-            if (policies := summary.upright.get((place, condition))) is not None:
+        for env in (OWN, OWN_OUT_OF_FAMILY):
+            if (policies := summary.upright.get((env, condition))) is not None:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
-                rows.append((condition if place == OWN else f"{condition}, out-of-family motors", *cells))
+                rows.append((condition if env == OWN else f"{condition}, out-of-family motors", *cells))
     caption = "time upright of every policy in the simulation of its training [%]"
     return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 
@@ -76,29 +76,29 @@ SHOWN = {"upright": ("time upright [%]", 100.0, ".0f"), "speed": ("speed [m/s]",
 
 def measure_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, a cell per environment: the mean over benches with its interval."""
-    places = [place for place in PLACES if place in {place for place, _ in summary.upright}]
+    envs = [env for env in ALL_ENVIRONMENTS if env in {env for env, _ in summary.upright}]
     title, factor, form = SHOWN[measure]
 
-    def cell(place: str, condition: str) -> str:
-        found = summary.estimates.get((place, condition, measure))
+    def cell(env: str, condition: str) -> str:
+        found = summary.estimates.get((env, condition, measure))
         return "" if found is None else with_interval(found, factor, form)
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
-    return Table(("trained on", *places), rows, f"{title}, mean over benches [95 % interval]")
+    rows = [(condition, *(cell(env, condition) for env in envs)) for condition in conditions_in(summary)]
+    return Table(("trained on", *envs), rows, f"{title}, mean over benches [95 % interval]")
 
 
 def difference_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
-    places = [place for place in ENVIRONMENTS if place in {place for place, _ in summary.upright}]
+    envs = [env for env in ENVIRONMENTS if env in {env for env, _ in summary.upright}]
     title, factor, form = SHOWN[measure]
 
-    def cell(place: str, condition: str) -> str:
-        found = summary.differences.get((place, condition, measure))
+    def cell(env: str, condition: str) -> str:
+        found = summary.differences.get((env, condition, measure))
         return "" if found is None else f"{with_interval(found.difference, factor, f'+{form}')} p={found.p:.2g}"
 
-    rows = [(condition, *(cell(place, condition) for place in places)) for condition in conditions_in(summary)]
+    rows = [(condition, *(cell(env, condition) for env in envs)) for condition in conditions_in(summary)]
     caption = f"{title}, minus that of the sampled prior [95 % interval], and p"
-    return Table(("trained on", *places), [row for row in rows if any(row[1:])], caption)
+    return Table(("trained on", *envs), [row for row in rows if any(row[1:])], caption)
 
 
 def with_interval(found: Estimate, factor: float, form: str) -> str:
@@ -109,8 +109,8 @@ def with_interval(found: Estimate, factor: float, form: str) -> str:
 
 def forest_plot(summary: StudyStatistics, conditions: Sequence[str]) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
-    upright = {(place, name): each for (place, name, kind), each in summary.estimates.items() if kind == "upright"}
-    environments = [place for place in ENVIRONMENTS if place in {place for place, _ in upright}] or [OWN]
+    upright = {(env, name): each for (env, name, kind), each in summary.estimates.items() if kind == "upright"}
+    environments = [env for env in ENVIRONMENTS if env in {env for env, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
     for axes, environment in zip(panels(figure, 1, len(environments), sharey=True)[0], environments, strict=True):
         for row, condition in enumerate(conditions):
@@ -134,15 +134,15 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
     policies = max(each.shape[1] for each in summary.upright.values())
     asked = (
         f"Policies are trained in simulation on models of a robot's motors, and then walk robots that they have never "
-        f"seen, commanded {speed:g} m/s: {'; '.join(f'{place}: {text}' for place, text in _PLACES.items())}."
+        f"seen, commanded {speed:g} m/s: {'; '.join(f'{env}: {text}' for env, text in _EXPLAINED.items())}."
     )
     uncertainty = (
         f"95 % intervals over the robots, of at most {policies} policies per condition, all for one bench of motors. "
         "Intervals exclude variation between trainings and benches; those of the study include it (docs/transfer.md)."
     )
     table = Table(
-        ("trained on", *(f"{place}: {name}" for place in _PLACES for name in ("upright [%]", "speed [m/s]", "gap"))),
-        [(name, *(cell for place in _PLACES for cell in _cells(summary, place, name))) for name in conditions],
+        ("trained on", *(f"{env}: {name}" for env in _EXPLAINED for name in ("upright [%]", "speed [m/s]", "gap"))),
+        [(name, *(cell for env in _EXPLAINED for cell in _cells(summary, env, name))) for name in conditions],
         "Means with 95 % intervals; gap: time upright in the training simulation minus that on held-out robots [%].",
     )
     drawn = picture(forest_plot(summary, conditions), "Time upright; hollow: in the training simulation.")
@@ -152,14 +152,14 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
 def headline(summary: StudyStatistics) -> str:
     """Time upright on held-out robots; starts with a baseline that is as good as the prior, if any."""
 
-    def upright(place: str, name: str) -> float:
-        return summary.estimates[place, name, "upright"].value
+    def upright(env: str, name: str) -> float:
+        return summary.estimates[env, name, "upright"].value
 
     def percent(name: str) -> str:
-        return " and ".join(f"{100 * upright(place, name):.0f} % ({place})" for place in _PLACES)
+        return " and ".join(f"{100 * upright(env, name):.0f} % ({env})" for env in _EXPLAINED)
 
-    best = max(BASELINES, key=lambda name: sum(upright(place, name) for place in _PLACES))
-    equal = all(upright(place, best) > upright(place, REFERENCE) - _AS_GOOD for place in _PLACES)
+    best = max(BASELINES, key=lambda name: sum(upright(env, name) for env in _EXPLAINED))
+    equal = all(upright(env, best) > upright(env, REFERENCE) - _AS_GOOD for env in _EXPLAINED)
     first = f"Here a simpler model is as good as the learned prior: the {model_label(best)}. " if equal else ""
     return (
         f"{first}Policies trained on samples of the learned motor prior are upright for {percent(REFERENCE)} of the "
@@ -169,9 +169,9 @@ def headline(summary: StudyStatistics) -> str:
     )
 
 
-def _cells(summary: StudyStatistics, place: str, condition: str) -> list[str]:
-    own = OWN if place == "fleet" or (OWN_FOREIGN, condition) not in summary.upright else OWN_FOREIGN
-    speed, upright = (summary.estimates[place, condition, measure] for measure in COMPARED)
+def _cells(summary: StudyStatistics, env: str, condition: str) -> list[str]:
+    own = OWN if env == "fleet" or (OWN_OUT_OF_FAMILY, condition) not in summary.upright else OWN_OUT_OF_FAMILY
+    speed, upright = (summary.estimates[env, condition, measure] for measure in COMPARED)
     gap = summary.estimates[own, condition, "upright"].value - upright.value
     return [with_interval(upright, 100.0, ".0f"), with_interval(speed, 1.0, ".2f"), f"{100.0 * gap:+.0f}"]
 

@@ -15,7 +15,7 @@ MODELS = (  # actuator models, in the order of every table
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 
 
-def _place(model: str) -> int:
+def _order(model: str) -> int:
     return MODELS.index(model) if model in MODELS else len(MODELS)
 
 
@@ -24,7 +24,7 @@ def transfer_table(results: Results) -> ColumnsAndRows:
     columns = ["trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]"]
     columns += ["twin: speed [m/s]", "upright", "drift in 5 s [m]"]
     rows = []
-    for name in sorted(results.where(quantity="speed", motors="twin").distinct("model"), key=_place):
+    for name in sorted(results.where(quantity="speed", motors="twin").distinct("model"), key=_order):
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
         for motors in ("own", "twin"):
             found = results.where(motors=motors, model=name)
@@ -60,7 +60,7 @@ def fidelity_table(results: Results, columns: Sequence[str], motors: str = "trai
     found = results.where(motors=motors, statistic="median")
     columns = [column for column in columns if found.where(quantity=column)]
     models = found.where(quantity=columns[0]).distinct("model") if columns else []
-    models.sort(key=_place)
+    models.sort(key=_order)
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
     return ["model", *titles], [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
 

@@ -139,7 +139,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
         gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
-        stated_classes=classes,
+        given_classes=classes,
         files=(path, *sources),
         weight=GRAVITY * model.mass,
         standing_height=height,

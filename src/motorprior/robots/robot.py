@@ -110,7 +110,7 @@ class Robot(Printable):
     foot_friction: float = 0.6  # sliding friction of the feet [-]
     # minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
-    stated_classes: tuple[str, ...] = ()  # `joint_classes`; none: by the joints' names
+    given_classes: tuple[str, ...] = ()  # `joint_classes`; none: by the joints' names
     files: tuple[Path, ...] = ()  # description and model files of a user's robot
     fleets: tuple[tuple[str, str], ...] = ()  # (name, path) of the shipped fleets of its motors, the default first
     physics_dt: float = 0.002  # MuJoCo's step in training [s]
@@ -143,7 +143,7 @@ class Robot(Printable):
     @property
     def joint_classes(self) -> tuple[str, ...]:
         """Class of each joint; motors of one class are sampled from one distribution."""
-        return self.stated_classes or classes_by_name(self.joint_names)
+        return self.given_classes or classes_by_name(self.joint_names)
 
     @property
     def nominal_pose(self) -> np.ndarray:
@@ -182,7 +182,7 @@ class Robot(Printable):
         """Physics step [s] for motors that need steps of at most ``max_step`` [s]; inf allows ``physics_dt``."""
         return self.physics_dt if math.isinf(max_step) else min(max_step, self.twin_physics_dt)
 
-    def require_legs(self) -> Gait:
+    def require_gait(self) -> Gait:
         """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
         problem, remedy = self.leg_mismatch, "change axes and zeros in its model as in docs/your-robot.md"
         if self.gait is None or self.base != "free":
@@ -193,8 +193,8 @@ class Robot(Printable):
         return self.gait
 
     def with_speed_range(self, forward: tuple[float, float]) -> Robot:
-        """The same robot with another range of commanded speeds [m/s]; raises as `require_legs`."""
-        return replace(self, gait=replace(self.require_legs(), forward=forward))
+        """The same robot with another range of commanded speeds [m/s]; raises as `require_gait`."""
+        return replace(self, gait=replace(self.require_gait(), forward=forward))
 
     def require_wire(self) -> Wire:
         """The protocol constants of the real robot; raises ConfigError if they are unknown."""

@@ -90,8 +90,8 @@ def prior_motors(
 ) -> EpisodeMotors:
     """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motors [-].
 
-    frozen names constants that all motors have from the mean motor: friction, delay, armature or play. of_robot is the
-    robot or bench of the prior, if this robot has the same motors.
+    frozen names constants that all motors have from the mean motor: friction, delay, armature or backlash. of_robot is
+    the robot or bench of the prior, if this robot has the same motors.
     """
     require_number("latent_spread", latent_spread)
     prior = _loaded(file, robot, of_robot) if isinstance(file, str) else file

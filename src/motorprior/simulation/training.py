@@ -21,7 +21,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import Kind, make_executor, require_executor
+from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
@@ -76,7 +76,7 @@ def train_policy(
     start: Policy | str | Path | None = None,
     out: str | Path | None = None,
     workers: int | None = None,
-    executor: Kind = "threads",
+    executor: ExecutorKind = "threads",
     ray_address: str | None = None,
     name: str = "train",
     progress: Progress = SHOWN,
@@ -89,7 +89,7 @@ def train_policy(
         motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior or a fleet to
             sample from; fixed motors; or a function that samples them with a generator.
         settings: of the training.
-        start: a policy to continue from; the plain gait if not given. The result is never worse on the same motors.
+        start: a policy to continue from; the untrained gait if not given. The result is never worse on the same motors.
         out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads; an interrupted
             training continues there. It needs motors, and a start, of files: a text, and a path.
         workers: episodes at a time, on which the result does not depend; up to two if not given.
@@ -149,7 +149,7 @@ CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
-def other_weight(policy: Policy, robot: Robot) -> str:
+def weight_warning(policy: Policy, robot: Robot) -> str:
     """A warning if a policy was trained on a robot of another weight, otherwise empty."""
     trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
@@ -227,7 +227,7 @@ class Training:
         workers: int,
         progress: Progress,
         name: str = "train",
-        executor: Kind = "threads",
+        executor: ExecutorKind = "threads",
         ray_address: str | None = None,
         files: TrainingFiles | None = None,
     ) -> None:
@@ -283,6 +283,6 @@ class Training:
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
-        found = {"validation": self._validation, "iteration": search.best_iteration, "own_return": search.best_return}
+        found = {"validation": self._validation, "iteration": search.best_iteration, "best_return": search.best_return}
         found |= {ROBOT_WEIGHT: self.robot.weight}
         return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, settings | found | provenance)

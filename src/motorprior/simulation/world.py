@@ -305,7 +305,7 @@ def prepare_mujoco() -> int:
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 def _end_process(message: bytes) -> None:
     problem = " ".join(message.decode(errors="replace").split())
-    sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: a training goes on from its checkpoint\n")
+    sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: training resumes from its checkpoint\n")
     sys.stderr.flush()
     os._exit(2)
 

@@ -37,32 +37,32 @@ FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
 ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
 
 
-def evaluation_seed(draw: int) -> int:
-    """Seed of walk ``draw`` of an evaluation."""
-    return EVALUATION_SEED + draw
+def evaluation_seed(number: int) -> int:
+    """Seed of walk ``number`` of an evaluation."""
+    return EVALUATION_SEED + number
 
 
 def run_walks(
     scene: Scene,
     policy: PolicyArrays,
-    draws: Sequence[int],
+    numbers: Sequence[int],
     seed_of: Callable[[int], int] = evaluation_seed,
     motors: Callable[[int], Actuator] | None = None,
     executor: Callable[[Callable[[], Any]], Executor] = ONE_AT_A_TIME,
 ) -> list[Episode]:
-    """Episodes, with their traces, of a policy, one per number in ``draws``.
+    """Episodes, with their traces, of a policy, one per number in ``numbers``.
 
     Args:
         scene: robot, engine, motors and episode.
         policy: of this robot.
-        draws: numbers of the walks; walks of one number are equal but for the policy.
+        numbers: numbers of the walks; walks of one number are equal but for the policy.
         seed_of: number -> seed of motors, sensors, ground and pushes.
-        motors: number -> motors, instead of those that the scene draws.
+        motors: number -> motors, instead of those that the scene numbers.
         executor: runs the walks; for Ray, all arguments must be picklable.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:
-        return walks.map(_Walks.run, policy, draws)
+        return walks.map(_Walks.run, policy, numbers)
     finally:
         walks.close()
 
@@ -153,7 +153,7 @@ def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
 
 def straight_ahead(robot: Robot) -> Commands:
     """Constant forward command at the robot's maximum speed."""
-    return Commands.steady(robot.require_legs().forward[1])
+    return Commands.steady(robot.require_gait().forward[1])
 
 
 def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Commands) -> Scene:
@@ -191,7 +191,7 @@ def compare(
         ArtifactError: a robot that cannot be read.
     """
     robot = as_robot(robot)
-    robot.require_legs()
+    robot.require_gait()
     for name, value in (("policies", policies), ("motors", motors)):
         if not value:
             raise ConfigError(f"no {name} given", remedy="give at least one by name", argument=name)

@@ -5,7 +5,7 @@ a study are twins, too, with numbered robots: a robot's motors depend on its fle
 number alone.
 
     fleet     motors of the bench's fleet, with one offset of all its motors per robot
-    foreign   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
+    out_of_family   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
     hard      out-of-family motors; floor, load, slope, delays, dropped readings and pushes as in HARD
     pybullet  the bench's fleet in the other engine: other contacts, other integration
 
@@ -32,7 +32,7 @@ TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and
 ROBOT_STREAM = 0x20B0  # random stream of a numbered robot's motors, likewise
 DRAW_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
 ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
-IN_FAMILY, OUT_OF_FAMILY = "fleet", "foreign"  # populations of motors
+IN_FAMILY, OUT_OF_FAMILY = "fleet", "out_of_family"  # populations of motors
 
 # Assumed sensors of the twin: white noise of a MEMS sensor at 100 Hz; bias of a gyroscope averaged at rest, 0.1 °/s.
 NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
@@ -56,7 +56,7 @@ class Environment:
 
 ENVIRONMENTS = {
     "fleet": Environment(IN_FAMILY, "mujoco", NOISY),
-    "foreign": Environment(OUT_OF_FAMILY, "mujoco", NOISY),
+    "out_of_family": Environment(OUT_OF_FAMILY, "mujoco", NOISY),
     "hard": Environment(OUT_OF_FAMILY, "mujoco", HARD),
     "pybullet": Environment(IN_FAMILY, "pybullet", NOISY),
 }
@@ -73,18 +73,18 @@ def _twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuat
     return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
 
 
-def motors_of_robot(robot: Robot, fleet: Fleet, study: int, number: int) -> TrueMotors:
-    """Motors of robot ``number`` of the study with seed ``study``, see `Fleet.sample`."""
+def motors_of_robot(robot: Robot, fleet: Fleet, study_seed: int, number: int) -> TrueMotors:
+    """Motors of robot ``number`` of the study with seed ``study_seed``, see `Fleet.sample`."""
     # with the name: fleets of one motor family would sample the same parameters in the same order
-    stream = [ROBOT_STREAM, study, number, crc32(fleet.name.encode())]
+    stream = [ROBOT_STREAM, study_seed, number, crc32(fleet.name.encode())]
     return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 
 
-def motors_of_walk(robot: Robot, fleet: Fleet, study: int, only: int | None, number: int) -> Actuator:
+def motors_of_walk(robot: Robot, fleet: Fleet, study_seed: int, only: int | None, number: int) -> Actuator:
     """Motors of walk ``number`` of a study: of robot ``only``, or if that is None, of the robot of this number."""
-    return motors_of_robot(robot, fleet, study, number if only is None else only).actuator()
+    return motors_of_robot(robot, fleet, study_seed, number if only is None else only).actuator()
 
 
-def walk_seed(study: int, draw: int) -> int:
-    """Seed of the sensors, floor and pushes of walk ``draw`` of the study with seed ``study``."""
-    return seed_of(DRAW_STREAM, study, draw)
+def walk_seed(study_seed: int, number: int) -> int:
+    """Seed of the sensors, floor and pushes of walk ``number`` of the study with seed ``study_seed``."""
+    return seed_of(DRAW_STREAM, study_seed, number)

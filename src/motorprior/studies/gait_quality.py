@@ -24,9 +24,9 @@ _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
 UNITS = {  # of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
-    "foot_lift_mm": "mm", "slip": "m/m", "body_rate": "rad/s", "transport": "1", "drift": "m",
+    "foot_lift_mm": "mm", "slip": "m/m", "body_rate": "rad/s", "cost_of_transport": "1", "drift": "m",
 }  # fmt: skip
-_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "transport", "body_rate")
+_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "cost_of_transport", "body_rate")
 
 
 def completed(episode: Episode, steps: int) -> bool:
@@ -51,7 +51,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     lateral_share: final lateral distance from the commanded path at the walk's own speed, over the distance;
     foot_lift_mm/LEG: median over the swings of the maximum clearance of the foot [mm], of swings above 2 mm; slip:
     distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet, over the distance [m/m];
-    body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; transport: mean of
+    body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; cost_of_transport: mean of
     Σ |torque · joint velocity| over weight · |speed|.
 
     ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this many control steps.
@@ -59,7 +59,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
     upright = float(completed(episode, steps))
     end = len(episode.trace) - (0 if upright else round(FALL_TIME / dt))
-    walks = abs(forward) >= MIN_COMMAND * robot.require_legs().forward[1]
+    walks = abs(forward) >= MIN_COMMAND * robot.require_gait().forward[1]
     if end < begin + round(_MIN_TIME / dt):
         return {"upright": upright} | ({} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan})
     heading = headings(episode.trace[:end])
@@ -86,7 +86,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         },
         "slip": float(np.mean(np.sum(feet.sliding * (feet.clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
         "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
-        "transport": power / (robot.weight * pace),
+        "cost_of_transport": power / (robot.weight * pace),
     }
 
 
@@ -135,7 +135,7 @@ def steps_along_heading(position: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 
 def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
     """(steps,) commanded heading [rad] before every control step, 0 before the first, with the ramp of a command."""
-    reached = robot.require_legs().yaw_rate * robot.control_dt / RAMP * np.arange(steps)
+    reached = robot.require_gait().yaw_rate * robot.control_dt / RAMP * np.arange(steps)
     rates = np.sign(yaw_rate) * np.minimum(abs(yaw_rate), reached)  # of the previous control step
     return robot.control_dt * np.cumsum(rates)
 

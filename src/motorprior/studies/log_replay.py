@@ -33,9 +33,9 @@ PostureName: TypeAlias = Literal["auto", "standing", "suspended"]
 
 def logged_constants(log: MotorLog) -> frozenset[str]:
     """Fleet constants among the logged gains; none if those are in firmware units."""
-    if log.stated_kp is None or log.gain_unit != PHYSICAL_GAINS:
+    if log.logged_kp is None or log.gain_unit != PHYSICAL_GAINS:
         return frozenset()
-    return frozenset({"kp"} if log.stated_kd is None else {"kp", "kd_over_kp"})
+    return frozenset({"kp"} if log.logged_kd is None else {"kp", "kd_over_kp"})
 
 
 def motors_with_logged_gains(motors: MotorsT, log: MotorLog) -> MotorsT:
@@ -47,7 +47,7 @@ def motors_with_logged_gains(motors: MotorsT, log: MotorLog) -> MotorsT:
     if gains is None or not logged_constants(log):
         return motors
     kp, kd = gains
-    return replace(motors, kp=kp, kd=kp * motors.kd / motors.kp if log.stated_kd is None else kd)
+    return replace(motors, kp=kp, kd=kp * motors.kd / motors.kp if log.logged_kd is None else kd)
 
 
 def with_posture(log: MotorLog, name: str) -> MotorLog:

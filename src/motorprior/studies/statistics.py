@@ -1,10 +1,10 @@
 """The table of the walks of a study, and its statistics for few policies per bench.
 
-A walk is a row with the seed of its bench, its environment ("place"), training condition, training seed, draw, and
-measures by name, see `gait_quality.walk_measures`. The draw is the number of the sample of motors and conditions, the
-same for every policy of the bench in an environment.
+A walk is a row with the seed of its bench, its environment, training condition, training seed, number ("walk"), and
+measures by name, see `gait_quality.walk_measures`. Walks of one number have the same motors and conditions for every
+policy of the bench in an environment.
 
-Scores are (benches, policies, draws), NaN if undefined. A bench is a random effect: intervals are those of the mean of
+Scores are (benches, policies, walks), NaN if undefined. A bench is a random effect: intervals are those of the mean of
 the benches' statistics, which includes the variation between benches, policies and samples. Intervals of a single bench
 are over its samples and exclude variation between trainings.
 """
@@ -28,10 +28,13 @@ from motorprior.studies.gait_quality import UNITS
 
 REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
-OWN, OWN_FOREIGN = "own", "own_foreign"  # training simulations, the second of policies for out-of-family motors
-PLACES = (OWN, OWN_FOREIGN, *ENVIRONMENTS)
+OWN, OWN_OUT_OF_FAMILY = (
+    "own",
+    "own_out_of_family",
+)  # training simulations, the second of policies for out-of-family motors
+ALL_ENVIRONMENTS = (OWN, OWN_OUT_OF_FAMILY, *ENVIRONMENTS)
 CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
-_KEYS = {"bench": int, "place": str, "condition": str, "seed": int, "draw": int}
+_KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}
 
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
 
@@ -145,23 +148,23 @@ class StudyStatistics:
     differences: dict[tuple[str, str, str], Comparison]
 
     def as_results(self) -> Results:
-        """Rows PLACE/CONDITION/MEASURE with /low and /high, of every bench bench_SEED/PLACE/CONDITION/MEASURE.
+        """Rows ENVIRONMENT/CONDITION/MEASURE with /low and /high; those of every bench begin with bench_SEED/.
 
-        Also PLACE/CONDITION/policies_upright, the share of policies that are upright for CONVERGED of the time, and
-        PLACE/CONDITION/MEASURE_p_against_sampled_prior.
+        Also ENVIRONMENT/CONDITION/policies_upright, the share of policies that are upright for CONVERGED of the time,
+        and ENVIRONMENT/CONDITION/MEASURE_p_against_sampled_prior.
         """
         rows = []
-        for (place, condition, measure), found in self.estimates.items():
-            unit, name = UNITS[measure.partition("/")[0]], f"{place}/{condition}/{measure}"
+        for (env, condition, measure), found in self.estimates.items():
+            unit, name = UNITS[measure.partition("/")[0]], f"{env}/{condition}/{measure}"
             ends = {None: found.value, "low": found.low, "high": found.high}
             rows += [Result(name, unit, value, statistic=end) for end, value in ends.items() if np.isfinite(value)]
-        for (place, condition, measure), values in self.by_bench.items():
-            names = [f"bench_{bench}/{place}/{condition}/{measure}" for bench in self.benches]
+        for (env, condition, measure), values in self.by_bench.items():
+            names = [f"bench_{bench}/{env}/{condition}/{measure}" for bench in self.benches]
             rows += [Result(name, UNITS[measure], float(value)) for name, value in zip(names, values, strict=True)]
-        for (place, condition), policies in self.upright.items():
-            rows.append(Result(f"{place}/{condition}/policies_upright", "1", float(np.mean(policies >= CONVERGED))))
-        for (place, condition, measure), each in self.differences.items():
-            rows.append(Result(f"{place}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
+        for (env, condition), policies in self.upright.items():
+            rows.append(Result(f"{env}/{condition}/policies_upright", "1", float(np.mean(policies >= CONVERGED))))
+        for (env, condition, measure), each in self.differences.items():
+            rows.append(Result(f"{env}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
         return Results.of(rows)
 
 
@@ -186,8 +189,8 @@ def read_walks(path: Path) -> list[WalkRow]:
 
 
 def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
-    """(benches, seeds, draws) of one measure of one condition in one environment, all sorted."""
-    ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["draw"]))
+    """(benches, seeds, walks) of one measure of one condition in one environment, all sorted."""
+    ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["walk"]))
     shape = (len({walk[key] for walk in walks}) for key in ("bench", "seed"))
     return np.array([walk[measure] for walk in ordered]).reshape(*shape, -1)
 
@@ -201,25 +204,25 @@ def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
     """Statistics of all walks."""
     cells: dict[tuple[str, str], list[WalkRow]] = {}
     for walk in walks:
-        cells.setdefault((walk["place"], walk["condition"]), []).append(walk)
+        cells.setdefault((walk["environment"], walk["condition"]), []).append(walk)
     estimates, by_bench, upright, differences = {}, {}, {}, {}
-    places = [place for place, _ in cells]
-    for place, condition in sorted(cells, key=lambda cell: places.index(cell[0])):
-        cell, reference = cells[place, condition], cells.get((place, REFERENCE))
+    envs = [env for env, _ in cells]
+    for env, condition in sorted(cells, key=lambda cell: envs.index(cell[0])):
+        cell, reference = cells[env, condition], cells.get((env, REFERENCE))
         for measure in (name for name in cell[0] if name not in _KEYS):
             if any(np.isfinite(walk[measure]) for walk in cell):
                 found = estimate(scores(cell, measure), statistic_of(measure))
                 if measure == "upright":
                     found = replace(found, low=max(0.0, found.low), high=min(1.0, found.high))
-                estimates[place, condition, measure] = found
+                estimates[env, condition, measure] = found
         for measure in COMPARED:
             of_cell = scores(cell, measure)
-            by_bench[place, condition, measure] = statistic_of(measure)(of_cell.reshape(len(of_cell), -1))
-        upright[place, condition] = means(scores(cell, "upright"))
-        if place in ENVIRONMENTS and condition != REFERENCE and reference is not None:
+            by_bench[env, condition, measure] = statistic_of(measure)(of_cell.reshape(len(of_cell), -1))
+        upright[env, condition] = means(scores(cell, "upright"))
+        if env in ENVIRONMENTS and condition != REFERENCE and reference is not None:
             for measure in COMPARED:
                 one, other = scores(cell, measure), scores(reference, measure)
-                differences[place, condition, measure] = compare_scores(one, other, statistic_of(measure))
+                differences[env, condition, measure] = compare_scores(one, other, statistic_of(measure))
     corrected = holm({key: each.p for key, each in differences.items()})
     benches = tuple(sorted({walk["bench"] for walk in walks}))
     differences = {key: replace(each, p=corrected[key]) for key, each in differences.items()}

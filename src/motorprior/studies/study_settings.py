@@ -13,7 +13,7 @@ from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import Kind, require_executor
+from motorprior.locomotion.executor import ExecutorKind, require_executor
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -73,8 +73,8 @@ class Study:
     """Run folder."""
     fleet: str | None = None
     """Population of the bench's motors and of the environment `fleet`; the robot's own if not given."""
-    foreign: str = "foreign_direct"
-    """Out-of-family population, of the environments `foreign` and `hard`."""
+    out_of_family: str = "foreign_direct"
+    """Out-of-family population, of the environments `out_of_family` and `hard`."""
     conditions: tuple[str, ...] = STANDARD
     """Training conditions: some of those of docs/transfer.md, or other motors, as in `walk`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
@@ -85,7 +85,7 @@ class Study:
     """Policies per condition and bench."""
     oracle_seeds: int | None = None
     """Policies of the oracle, whose physics step is shorter; `seeds` if not given."""
-    draws: int = 32
+    walks: int = 32
     """Walks of each policy per environment."""
     robots: int | None = None
     """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo this number; one
@@ -120,7 +120,7 @@ class Study:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
     """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
-    executor: Kind = "threads"
+    executor: ExecutorKind = "threads"
     """Threads of this process, or walks on Ray's processes."""
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray."""
@@ -128,7 +128,7 @@ class Study:
     @property
     def commanded(self) -> float:
         """Commanded speed [m/s]. The maximum is that of the robot, not of a policy, which has its own range."""
-        return 1.5 * load_robot(self.robot).require_legs().forward[1] if self.speed is None else self.speed
+        return 1.5 * load_robot(self.robot).require_gait().forward[1] if self.speed is None else self.speed
 
     @property
     def commands(self) -> Commands:
@@ -139,7 +139,7 @@ class Study:
         """The fleet of a population."""
         if population == VALIDATION:
             return self.validation_fleet(load_robot(self.robot))
-        return self.foreign if population == OUT_OF_FAMILY else self.fleet
+        return self.out_of_family if population == OUT_OF_FAMILY else self.fleet
 
     def seeds_of(self, condition: str) -> range:
         """Seeds of the policies of a condition."""
@@ -167,9 +167,13 @@ class Study:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
         if self.validation is not None:
             return self.validation
-        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
+        used = self._test_fleets(robot)
         others = (name for name in _VALIDATION_FLEETS if name not in used and load_fleet(name).robot == robot.name)
         return next(others, None)
+
+    def _test_fleets(self, robot: Robot) -> set[str]:
+        tested = (self.fleet, "fleet"), (self.out_of_family, "out_of_family")
+        return {load_robot_fleet(robot, fleet, option).name for fleet, option in tested}
 
     @property
     def episodes_at_a_time(self) -> int:
@@ -188,16 +192,16 @@ class Study:
         if unknown := set(self.environments) - set(ENVIRONMENTS):
             remedy = f"use some of {', '.join(ENVIRONMENTS)}"
             raise ConfigError(f"no environments {sorted(unknown)}", argument="environments", remedy=remedy)
-        robot.require_legs()
-        for name in ("benches", "seeds", "draws", "iterations", "workers"):
+        robot.require_gait()
+        for name in ("benches", "seeds", "walks", "iterations", "workers"):
             require_count(name, getattr(self, name))
         require_count("motors", self.motors, robot.num_joints)
         require_executor(self.executor, self.ray_address)
         validation = self.validation_fleet(robot)
-        used = {load_robot_fleet(robot, self.fleet).name, load_robot_fleet(robot, self.foreign, "foreign").name}
+        used = self._test_fleets(robot)
         if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
-            problem = "fleet, foreign and validation must be three different fleets"
-            raise ConfigError(problem, argument="foreign", remedy="change one of them")
+            problem = "fleet, out_of_family and validation must be three different fleets"
+            raise ConfigError(problem, argument="out_of_family", remedy="change one of them")
         if validation is None and self.to_select():
             problem = f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on"
             raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or these numbers")

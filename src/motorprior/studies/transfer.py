@@ -57,7 +57,7 @@ from motorprior.studies.environments import (
 from motorprior.studies.gait_quality import walk_measures
 from motorprior.studies.statistics import (
     OWN,
-    OWN_FOREIGN,
+    OWN_OUT_OF_FAMILY,
     WalkRow,
     read_walks,
     write_walks,
@@ -153,7 +153,7 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     They are selected once for all benches, with the models of the first.
     """
     first, fleet = config.of_benches()[0], config.validation_fleet(load_robot(config.robot))
-    bench = replace(first, out=config.out / "selection", foreign=str(fleet), validation=fleet)
+    bench = replace(first, out=config.out / "selection", out_of_family=str(fleet), validation=fleet)
     chosen = {}
     for setting, name in config.to_select().items():
         if CONDITIONS[name].adapted:
@@ -168,7 +168,7 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
                 policies.append(
                     PolicyRun(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot_number=number)
                 )
-            walks = [walk for walk in walk_table(config, policies, progress) if walk["place"] in ENVIRONMENTS]
+            walks = [walk for walk in walk_table(config, policies, progress) if walk["environment"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
         max_needed = max(upright for upright, _ in found.values()) - _AS_GOOD
         chosen[setting] = max(found, key=lambda value: (min(found[value][0], max_needed), found[value][1]))
@@ -209,7 +209,7 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
             steps, log_seed = round(LOG_SECONDS / preset.period), seed_of(LOG_STREAM, bench.seed, number)
             write_log(folder / LOG, log := record(motors, preset, steps, log_seed, fleet))
             for path in priors:
-                adapt(MotorPrior.load(path), log, anyway=True, progress=SILENT).save(folder / POSTERIOR)
+                adapt(MotorPrior.load(path), log, allow_outliers=True, progress=SILENT).save(folder / POSTERIOR)
     if "adapted_pd" in bench.conditions and population != VALIDATION:
         _fit_pds(bench, read_parquet(folder / LOG), folder / "fits", {CONDITIONS["adapted_pd"].pd}, progress)
 
@@ -277,7 +277,7 @@ def walk_table(config: Study, policies: Sequence[PolicyRun], progress: Progress 
         environments = tuple(name for name, each in ENVIRONMENTS.items() if each.engine != "pybullet")
     at_a_time = usable_threads(config.workers, SILENT) if config.executor == "threads" else 1
     processes = config.workers if config.ray_address is not None else usable_threads(config.workers, SILENT)
-    name = f"study: {len(policies)} policies, {config.draws} walks per environment"
+    name = f"study: {len(policies)} policies, {config.walks} walks per environment"
     cluster = ray_cluster(processes, config.ray_address) if config.executor == "ray" else nullcontext()
     with progress.start(name, len(policies)) as task, cluster:
         works = [partial(_walks_of, environments, policy, task) for policy in policies]
@@ -290,10 +290,10 @@ def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progres
     policy, folder = _train(robot, run, progress), bench.out / "walks" / run.folder
     tested = tuple(each for each in run.environments if each in environments)
     settings = {
-        "twins": tested, "draws": bench.draws, "seconds": bench.seconds, "speed": bench.commanded,
+        "twins": tested, "walks": bench.walks, "seconds": bench.seconds, "speed": bench.commanded,
         "study": bench.seed, "condition": run.name, "robot": run.robot_number,
     }  # fmt: skip
-    fleets = [file for fleet in (bench.fleet, bench.foreign) for file in fleet_files(robot, fleet)]
+    fleets = [file for fleet in (bench.fleet, bench.out_of_family) for file in fleet_files(robot, fleet)]
     wanted = description("study", settings, [policy, *fleets, *robot.files])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
@@ -327,22 +327,22 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
 
 def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, ...]) -> list[WalkRow]:
     """Walks of a policy in its training simulation and in environments."""
-    bench, robot, policy, draws = run.bench, trained.robot, trained.policy.arrays, range(run.bench.draws)
+    bench, robot, policy, numbers = run.bench, trained.robot, trained.policy.arrays, range(run.bench.walks)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
     walk = WalkConfig(steps, commands=bench.commands)
     executor = partial(make_executor, workers=bench.episodes_at_a_time, kind=bench.executor, address=bench.ray_address)
-    own = OWN_FOREIGN if run.population == OUT_OF_FAMILY else OWN
+    own = OWN_OUT_OF_FAMILY if run.population == OUT_OF_FAMILY else OWN
     scene = trained.scene(replace(walk, randomization=run.randomization))
-    episodes = {own: run_walks(scene, policy, draws, seed_of, executor=executor)}
+    episodes = {own: run_walks(scene, policy, numbers, seed_of, executor=executor)}
     for name in environments:
         environment = ENVIRONMENTS[name]
         fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
         motors = partial(motors_of_walk, robot, fleet, bench.seed, run.robot_number)
         scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
-        episodes[name] = run_walks(scene, policy, draws, seed_of, motors, executor)
+        episodes[name] = run_walks(scene, policy, numbers, seed_of, motors, executor)
     return [
-        {"bench": bench.seed, "place": place, "condition": run.name, "seed": run.seed, "draw": draw}
+        {"bench": bench.seed, "environment": environment, "condition": run.name, "seed": run.seed, "walk": number}
         | walk_measures(robot, episode, bench.commanded, steps)
-        for place, walked in episodes.items()
-        for draw, episode in enumerate(walked)
+        for environment, walked in episodes.items()
+        for number, episode in enumerate(walked)
     ]

@@ -73,13 +73,13 @@ def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
 
 def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
     gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
-    logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), stated_kp=3.0 * gains, stated_kd=0.1 * gains)
+    logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), logged_kp=3.0 * gains, logged_kd=0.1 * gains)
     made = [
         run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
         for gain, case in zip((1.0, 6.0), map(trial_of, logged.segments()), strict=True)
     ]
     logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
-    plain = replace(logged, stated_kp=None, stated_kd=None)
+    plain = replace(logged, logged_kp=None, logged_kd=None)
     scaled, fixed = (replayed(fitted_tuned_pd(each, SILENT), each) for each in (logged, plain))
     assert np.median(scaled) < 0.3 * np.median(fixed)
     assert np.median(fixed) <= np.median(replayed(pd(), plain))

@@ -127,7 +127,7 @@ def test_a_truncated_bag_is_recommended_for_recovery(tmp_path: Path):
 def test_messages_of_any_type_by_their_fields(tmp_path: Path):
     path, columns = write_legged(tmp_path, late=3)
     log = read_log(path, columns=columns)
-    assert log.joint_names == ("pan", "lift") and log.stated_kp is not None
+    assert log.joint_names == ("pan", "lift") and log.logged_kp is not None
     np.testing.assert_allclose(log.time, TIME[3:] - TIME[3], atol=2e-9, err_msg="from the first command on")
     np.testing.assert_array_equal(log.position_target, TARGET[3:] * [1.0, -1.0])
     np.testing.assert_array_equal(log.joint_pos, ANGLE[3:] * [1.0, -1.0])

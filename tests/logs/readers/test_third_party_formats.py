@@ -44,7 +44,7 @@ def test_a_pendulum_comes_with_its_load(tmp_path: Path):
     np.testing.assert_allclose(log.load_inertia, 0.5 * 0.1**2)
     np.testing.assert_allclose(log.external_torque[:, 0], -0.5 * GRAVITY * 0.1 * np.sin(ANGLE[:, 0]))
     assert (log.joint_names, log.motor, log.gain_unit) == (("pendulum",), "xl330", "firmware")
-    assert log.stated_kp is not None and set(log.stated_kp[:, 0]) == {100.0}
+    assert log.logged_kp is not None and set(log.logged_kp[:, 0]) == {100.0}
 
 
 def test_a_pendulum_has_the_voltage_and_temperature_of_its_rows_or_else_its_supply(tmp_path: Path):

@@ -30,7 +30,7 @@ _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external to
 
 def fit_excitation(
     runs: MotorLog | Sequence[MotorLog],
-    play: str = "generated",
+    method: str = "generated",
     *,
     period: float = 0.01,
     commands: Sequence[float] = (),
@@ -43,7 +43,7 @@ def fit_excitation(
 
     Args:
         runs: logs of any motion; those with load_inertia and external_torque also give the loads of a bench.
-        play: generated trains a generative adversarial network, surrogate samples Gaussian processes with the runs'
+        method: generated trains a generative adversarial network, surrogate samples Gaussian processes with the runs'
             spectrum and marginals, recorded plays windows of the runs.
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
@@ -57,7 +57,7 @@ def fit_excitation(
         LogError: no run is long enough, or none moves.
     """
     logs = [runs] if isinstance(runs, MotorLog) else list(runs)
-    require_argument("play", play, one_of(*MAKERS))
+    require_argument("method", method, one_of(*MAKERS))
     require_number("period", period, 1e-4, 1.0)
     require_count("steps", steps)
     require_seed(seed)
@@ -69,7 +69,7 @@ def fit_excitation(
         {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
     ]
     origin = {"trained_on": trained_on, "commands": list(commands), "period": period}
-    if play == "generated":
+    if method == "generated":
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
         from motorprior.identification.excitation.adversarial import train_generator  # here: it imports JAX
 
@@ -79,7 +79,7 @@ def fit_excitation(
             weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
         progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
-    found = replace(found.with_method(play), provenance=origin)
+    found = replace(found.with_method(method), provenance=origin)
     if out is not None:
         found.save(Path(out))
         Path(out).with_suffix(".checkpoint").unlink(missing_ok=True)

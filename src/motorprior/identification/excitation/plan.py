@@ -77,7 +77,7 @@ def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: st
     log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
     if isinstance(motors, GreyBoxActuator) and motors.gains is not None:
         kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
-        log = replace(log, stated_kp=kp, stated_kd=kd, gain_unit=model.gain_unit)
+        log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
     search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
     z = prior.classes.mean_and_std((joint_class,) * count)[0]

@@ -278,7 +278,7 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
 
 def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
     """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
-    return replace(preset, gain_unit=log.gain_unit) if log.stated_kp is not None and not preset.gain_unit else preset
+    return replace(preset, gain_unit=log.gain_unit) if log.logged_kp is not None and not preset.gain_unit else preset
 
 
 def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:

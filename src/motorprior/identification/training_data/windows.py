@@ -123,8 +123,8 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     if not preset.gain_unit:
         return np.ones((2, *log.joint_pos.shape))
     parts = [(part.gains, part.num_rows) for part in log.segments()]
-    if log.stated_kp is None or log.gain_unit != preset.gain_unit:
-        has = "no stated_kp" if log.stated_kp is None else f"gains in {log.gain_unit}"
+    if log.logged_kp is None or log.gain_unit != preset.gain_unit:
+        has = "no logged_kp" if log.logged_kp is None else f"gains in {log.gain_unit}"
         raise LogError(
             f"{has}; the prior's motors have logged gains [{preset.gain_unit}]", where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",

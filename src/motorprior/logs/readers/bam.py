@@ -51,7 +51,7 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         joint_pos=angle, **measured, load_inertia=np.full_like(angle, (mass + arm / 3.0) * length**2),
         external_torque=-(mass + arm / 2.0) * GRAVITY * length * np.sin(angle),
         load_stiffness=-(mass + arm / 2.0) * GRAVITY * length * np.cos(angle),
-        stated_kp=np.full_like(angle, kp), gain_unit="firmware", joint_names=("pendulum",), robot="pendulum",
+        logged_kp=np.full_like(angle, kp), gain_unit="firmware", joint_names=("pendulum",), robot="pendulum",
         motor=str(content.get("motor", "")), source=str(path),
     )  # fmt: skip
     log = checked(log)

@@ -59,7 +59,7 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         "channels": [name for name in _CHANNELS if getattr(log, name) is not None],
         **{name: getattr(log, name) for name in _TEXTS},
         **({"firmware": dict(log.firmware)} if log.firmware else {}),
-        **({"joint_classes": list(log.stated_classes)} if log.stated_classes else {}),
+        **({"joint_classes": list(log.given_classes)} if log.given_classes else {}),
     }
     columns: dict[str, np.ndarray] = {}
     for channel, names in _column_names(header["channels"], log.joint_names).items():
@@ -88,7 +88,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
         columns = [table.column(name).to_numpy() for name in names]
         values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
     values |= {key: header[key] for key in _TEXTS}
-    values |= {"firmware": header.get("firmware", {}), "stated_classes": tuple(header.get("joint_classes", ()))}
+    values |= {"firmware": header.get("firmware", {}), "given_classes": tuple(header.get("joint_classes", ()))}
     log = MotorLog(joint_names=tuple(header["joint_names"]), **values)
     return checked(log, where=path)
 

@@ -1,6 +1,6 @@
 """Closed-loop errors of learned models on out-of-family motors, whose equations the models lack.
 
-    python benchmarks/foreign.py --out runs/foreign
+    python benchmarks/out_of_family.py --out runs/out_of_family
 
 For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out excitation for the
 motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new). References are
