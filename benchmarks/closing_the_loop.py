@@ -31,7 +31,7 @@ import tyro
 
 from figures import report
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
 from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
@@ -71,21 +71,21 @@ class Settings:
     wear: tuple[Literal["none", "weak", "worn", "damaged"], ...] = ("none",)  # wear of the motors
 
 
-def _with_strength(motors: MotorParameters, strength: np.ndarray) -> MotorParameters:
+def _with_strength(motors: PhysicalMotors, strength: np.ndarray) -> PhysicalMotors:
     return motors.scaled(dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
 
 
-def weak(motors: MotorParameters, number: int) -> MotorParameters:
+def weak(motors: PhysicalMotors, number: int) -> PhysicalMotors:
     """A smaller torque constant, as with hot or aged magnets."""
     return _with_strength(motors, np.full(len(motors), 0.75))
 
 
-def worn(motors: MotorParameters, number: int) -> MotorParameters:
+def worn(motors: PhysicalMotors, number: int) -> PhysicalMotors:
     """Gears with more backlash and friction."""
     return motors.scaled({"backlash": 3.0, "coulomb": 1.5, "load_friction": 1.5})
 
 
-def damaged(motors: MotorParameters, number: int) -> MotorParameters:
+def damaged(motors: PhysicalMotors, number: int) -> PhysicalMotors:
     """One random motor per robot with much less torque."""
     strength = np.ones(len(motors))
     strength[np.random.default_rng([_STREAM, number]).integers(len(motors))] = 0.4
@@ -93,7 +93,7 @@ def damaged(motors: MotorParameters, number: int) -> MotorParameters:
 
 
 # functions of the motors of a virtual robot and its number
-WEAR: dict[str, Callable[[MotorParameters, int], MotorParameters]] = {
+WEAR: dict[str, Callable[[PhysicalMotors, int], PhysicalMotors]] = {
     "none": lambda motors, number: motors, "weak": weak, "worn": worn, "damaged": damaged,
 }  # fmt: skip
 

@@ -29,7 +29,7 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.motors import Motors
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exports.bam import motors_of
@@ -41,7 +41,7 @@ SPREAD = 0.15  # of the logarithms of the constants [-]
 MIN_CONSTANT = 1e-6
 
 
-def true_grey_box(motors: MotorParameters) -> GreyBoxActuator:
+def true_grey_box(motors: PhysicalMotors) -> GreyBoxActuator:
     """Grey boxes with these constants, one latent per constant."""
     positive = (*(name for name in PARAMETERS if name not in ("kd_over_kp", "encoder_zero")), "kd")
     values = {name: np.maximum(getattr(motors, name), MIN_CONSTANT) for name in positive}

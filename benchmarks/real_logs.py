@@ -45,7 +45,7 @@ from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
 from motorprior.identification.validate import baseline_recipes, fitted_baselines
-from motorprior.logs.loads import with_some_load
+from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.operations import drop_repeats, excited_joints, joined, resample
 from motorprior.logs.read_log import read_log, short_name
@@ -166,7 +166,7 @@ def _errors(
     log: MotorLog, preset: Preset, models: Mapping[str, MotorModel], joints: np.ndarray | slice = slice(None)
 ) -> dict[str, float]:
     """Mean errors over some joints [rad]."""
-    errors = free_run_errors(whole_runs(with_some_load(log), preset), models)
+    errors = free_run_errors(whole_runs(with_placeholder_load(log), preset), models)
     return {name: float(np.mean(values[joints])) for name, values in errors.items()}
 
 

@@ -14,7 +14,7 @@ from unittest import mock
 
 import numpy as np
 
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
@@ -94,7 +94,7 @@ class SimulatedPort(SerialLink):
         period: int = 10,
         drop: float = 0.0,
         corrupt: float = 0.0,
-        wear: Callable[[MotorParameters, int], MotorParameters] | None = None,
+        wear: Callable[[PhysicalMotors, int], PhysicalMotors] | None = None,
         currents: bool = False,
     ):
         self.port, self.now = f"simulated robot {number}", 0.0

@@ -26,7 +26,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, zero_order_hold
@@ -147,7 +147,7 @@ def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> Mo
     return replace(log, joint_torque=torque)
 
 
-def train(settings: Settings, variant: Variant, motors: MotorParameters) -> tuple[Learned, MotorLog]:
+def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, MotorLog]:
     """The learned motors of a variant, and their log."""
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)

@@ -34,7 +34,7 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a person wants to know of an object."""
+    """Summary of an object."""
 
     headline: str
     facts: Mapping[str, str] = field(default_factory=dict)  # empty ones are left out

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.physical import SUBSTEP, MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import SUBSTEP, PhysicalActuator, PhysicalMotors
 from motorprior.bench.dynamometer import Trial, run
 
 STIFF = {"gear_stiffness": 3000.0, "gear_damping": 1.0}
@@ -15,11 +15,11 @@ FEW = settings(max_examples=15, deadline=None, derandomize=True)
 
 def motor(**changes):
     """One motor without any imperfection but a soft gear; changes by name."""
-    values = dict.fromkeys(MotorParameters.__dataclass_fields__, 0.0)
+    values = dict.fromkeys(PhysicalMotors.__dataclass_fields__, 0.0)
     values |= {"kp": 6.0, "kd": 0.3, "torque_limit": 100.0, "stall_torque": 1e6, "no_load_speed": 1e6}
     values |= {"armature": 0.003, "velocity_filter": 1e-6, "stribeck_velocity": 0.3, "gear_stiffness": 80.0}
     values |= changes
-    return PhysicalActuator(MotorParameters(**{name: np.array([value]) for name, value in values.items()}))
+    return PhysicalActuator(PhysicalMotors(**{name: np.array([value]) for name, value in values.items()}))
 
 
 def step_response(time, size, inertia, kp, kd):

@@ -13,7 +13,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
-from motorprior.actuator.physical import MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -149,7 +149,7 @@ def test_only_the_difference_of_target_and_joint_counts(make):
 def static_band(actuator):
     """(low, high) torque [N·m] of a stalled motor with dry friction F = breakaway + load_friction·torque: LIMIT ∓ F."""
     motors = getattr(actuator, "motors", None)
-    if isinstance(motors, MotorParameters):
+    if isinstance(motors, PhysicalMotors):
         dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
     elif isinstance(motors, OutOfFamilyMotors):
         dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction

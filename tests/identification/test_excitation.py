@@ -11,7 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.excitation.fit_excitation import fit_excitation, windows_of
-from motorprior.identification.excitation.plan import active
+from motorprior.identification.excitation.plan import plan_excitation
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
@@ -86,7 +86,7 @@ def test_the_plan_prefers_motion_and_shrinks_every_constant():
     recipe = json.loads(json.dumps(asdict(preset)))
     prior = MotorPrior(model, z, z, "rollout", "r", "m", {"recipe": recipe}, {"final_loss": 0.05})
     runs = windows_of([run_of(0), run_of(1)], 0.01)
-    made, plans = active(runs, prior, candidates=6)
+    made, plans = plan_excitation(runs, prior, candidates=6)
     assert [plan.joint_class for plan in plans] == ["hip", "knee"]
     for plan in plans:
         assert all(plan.after[name] <= plan.before[name] + 1e-9 for name in plan.after)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
@@ -25,7 +25,7 @@ BENCH = replace(BENCH_PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
-def fleets(count: int, seed: int) -> MotorParameters:
+def fleets(count: int, seed: int) -> PhysicalMotors:
     """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
     motors, rng, changes = require_geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
     for group, (name, (low, high)) in enumerate(RANGES.items()):
@@ -57,7 +57,7 @@ def posterior(log: MotorLog, prior: Identified) -> LatentPosterior:
     return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
-def rank_correlations(prior: Identified, z: np.ndarray, motors: MotorParameters) -> dict[str, float]:
+def rank_correlations(prior: Identified, z: np.ndarray, motors: PhysicalMotors) -> dict[str, float]:
     """Spearman's of decoded against true constant, over the motors where it varies."""
     assert isinstance(prior.model, GreyBox)
     decoded, count = prior.model.constants(z), len(motors) // len(RANGES)

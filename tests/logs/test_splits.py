@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.splits import moving_joints, split, window
+from motorprior.logs.splits import excited_in_any, split, window
 
 
 def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment: np.ndarray | None = None) -> MotorLog:
@@ -49,6 +49,6 @@ def waves(*spans: tuple[float, float], seconds: float = 20.0) -> MotorLog:
 
 def test_joints_that_move_one_after_the_other_are_in_both_parts():
     found = split({"a": waves((0.0, 10.0), (10.0, 20.0), (20.0, 60.0), seconds=60.0)}, 5.0, 5.0)
-    assert moving_joints(found.train) == moving_joints(found.test) == [0, 1, 2]
+    assert excited_in_any(found.train) == excited_in_any(found.test) == [0, 1, 2]
     assert not set(found.train["a"].joint_pos[:, 2]) & set(found.test["a"].joint_pos[:, 2]) - {0.0}
     assert "alternating" in found.rule

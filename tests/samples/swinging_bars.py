@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.motors import Motors
-from motorprior.actuator.physical import MotorParameters
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.bench.fleet import load_fleet
 from motorprior.logs.motor_log import MotorLog
@@ -19,7 +19,7 @@ SPEED, SIZE = 2.0 * np.pi * np.array([0.3, 0.7, 1.3, 2.2, 3.5]), np.array([0.5, 
 @dataclass(frozen=True)
 class Bars:
     log: MotorLog
-    motors: MotorParameters
+    motors: PhysicalMotors
 
     @property
     def gravity(self) -> np.ndarray:
@@ -30,7 +30,7 @@ class Bars:
 def swing(seconds: float) -> Bars:
     """Sines, then steps; angles with 0.3 mrad of noise."""
     motors, rng = load_fleet("mixed").sample(2, 2), np.random.default_rng(2)
-    assert isinstance(motors, MotorParameters)
+    assert isinstance(motors, PhysicalMotors)
     time = PERIOD * np.arange(round(seconds / PERIOD))
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, len(SPEED)))
     target = np.einsum("k,tjk->tj", SIZE, np.sin(time[:, None, None] * SPEED + phase))
@@ -47,7 +47,7 @@ def swing(seconds: float) -> Bars:
     return Bars(log, motors)
 
 
-def _angles(motors: MotorParameters, target: np.ndarray) -> np.ndarray:
+def _angles(motors: PhysicalMotors, target: np.ndarray) -> np.ndarray:
     q, dq, h = target[0].copy(), np.zeros(2), PERIOD / FINE
     running, found = Motors(motors.actuator(), h, q), np.empty_like(target)
     for row, command in enumerate(target):

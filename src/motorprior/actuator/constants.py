@@ -105,6 +105,6 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
     return named
 
 
-def draw_response(motors: Any, title: str, period: float) -> Any:
+def plot_response(motors: Any, title: str, period: float) -> Any:
     """A figure of the responses of motors to a step; see `report.plots.step_responses`."""
     return import_module(_PICTURES).step_responses(motors, title, period)

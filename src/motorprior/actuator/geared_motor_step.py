@@ -48,7 +48,7 @@ from motorprior.actuator.optional_terms import (
     within_voltage,
 )
 
-# Units as in `physical.MotorParameters`; kd_over_kp [s]
+# Units as in `physical.PhysicalMotors`; kd_over_kp [s]
 PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
+from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_model_error
@@ -21,7 +21,7 @@ from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
 _REMEDY = "write it with `motorprior adapt`"
-NARROWER = 0.8  # standard deviation of a constant that the log narrows, over the prior's
+NARROWER = 0.8  # maximum posterior / prior standard deviation of a constant that the log narrows
 _HEADER = Header(
     "motor posterior",
     2,
@@ -67,7 +67,7 @@ class MotorPosterior(Printable):
             gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
             limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
                 as for a smaller torque constant in firmware that controls currents. Grey boxes only.
-            prior_share: share of the prior's standard deviation of z, 1, in addition to the posterior's [-].
+            prior_share: share of the prior's standard deviation of z (1), in addition to the posterior's [-].
 
         Raises:
             ConfigError: the posterior has neither one motor nor as many, or an argument is out of range.
@@ -126,7 +126,7 @@ class MotorPosterior(Printable):
     def plot(self) -> Any:
         """A matplotlib figure of the responses of samples of these motors to a step of the command."""
         count = len(self.mean) if len(self.mean) > 1 else 40
-        return draw_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
+        return plot_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
 
     def overview(self) -> Overview:
         """For people: log, outliers and constants."""

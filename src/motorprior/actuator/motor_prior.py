@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, draw_response, named_constants
+from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
@@ -61,7 +61,7 @@ FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
     "armature": ("armature",),
-    "backlash": ("gear_stiffness", "backlash", "gear_damping"),
+    "gear": ("gear_stiffness", "backlash", "gear_damping"),
 }
 _HEADER = Header(
     "motor prior",
@@ -123,7 +123,7 @@ Decoder: TypeAlias = GreyBox | LatentNetwork
 
 
 class Prediction(NamedTuple):
-    """Distribution of the motors of J joints before any log of theirs."""
+    """Distribution of the motors of J joints, without using their logs."""
 
     mean: np.ndarray  # (J, Z) of z
     std: np.ndarray  # (J, Z)
@@ -196,7 +196,7 @@ class MotorPrior(Printable):
         return self.model.motors(z, gains=self._gains(classes, gains))
 
     def with_frozen(self, group: str) -> MotorPrior:
-        """The prior whose motors all have the mean motor's constants of a group of `FROZEN`, whatever their class.
+        """The prior with one group of constants (`FROZEN`) fixed at the mean motor's values, in all classes.
 
         Raises:
             ConfigError: an unknown group, or a prior without physical constants.
@@ -302,7 +302,7 @@ class MotorPrior(Printable):
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 new motors to a step of the command."""
-        return draw_response(
+        return plot_response(
             self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
         )
 

@@ -50,7 +50,7 @@ class TermConstant(NamedTuple):
     signed: float = 0.0  # value per unit of decoder output, if it may be negative; all others are exp(output)
     max: float = 0.0  # bound of the magnitude, 0: none
     is_lag: bool = False  # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
-    unlimited: float = 0.0  # logged as off: small enough for float32
+    unlimited: float = 0.0  # value if the log states that it is off; small enough for float32
 
     @property
     def rows(self) -> tuple[str, ...]:

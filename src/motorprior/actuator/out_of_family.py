@@ -59,7 +59,7 @@ from motorprior.delay_line import fill_line, held, write_line
 
 SUBSTEP = 0.0001  # maximum substep [s]
 # Maximum physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some shipped motors
-# chatter above 2 N·m of load, where the hardening gear is stiffer. The walking twin does not reach that torque.
+# chatter above 2 N·m of load, where the hardening gear is stiffer. Simulated walking does not reach it.
 MAX_STEP = 0.001
 
 # Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
@@ -252,8 +252,8 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
     error = _dead_zone(memory[REFERENCE, motor] - reading, p[DEAD_ZONE, motor])
     integral = memory[INTEGRAL, motor] + period * p[KI, motor] * error
     memory[INTEGRAL, motor] = _clip(integral, p[INTEGRAL_LIMIT, motor])
-    law = p[KP, motor] * error + memory[INTEGRAL, motor] - p[KD, motor] * memory[FILTERED_VEL, motor]
-    memory[COMMAND, motor] = _clip(law, p[TORQUE_LIMIT, motor])
+    command = p[KP, motor] * error + memory[INTEGRAL, motor] - p[KD, motor] * memory[FILTERED_VEL, motor]
+    memory[COMMAND, motor] = _clip(command, p[TORQUE_LIMIT, motor])
 
 
 @njit(cache=True, nogil=True)

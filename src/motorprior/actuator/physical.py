@@ -133,7 +133,7 @@ def voltage_limited(torque: float, limit: float, back: float) -> float:
 
 
 @dataclass(frozen=True)
-class MotorParameters(TrueMotors):
+class PhysicalMotors(TrueMotors):
     """n physical motors; every field has shape (n,)."""
 
     factor_names = {name: name for name in Factors._fields} | {"stribeck_torque": "coulomb"}

@@ -115,7 +115,7 @@ def record_bench(
             (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: draws the motors and their excitation; same arguments, same bytes.
         excitation: a file of `fit_excitation` to play in every segment, on its loads, instead of the preset's.
-        out: folder for log.parquet and bench.json, which the same call reads; nothing is written without it.
+        out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written without it.
         progress: where to report to.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Excitations for identification, on a bench, of a simulated robot and of a real one: a new one is an entry here.
+"""Excitations for a bench, a simulated robot or a real robot. To add one, add an entry to EXCITATIONS.
 
 Each function returns (steps,) targets [rad], or torques [N·m] where stated.
 """
@@ -19,7 +19,7 @@ Signal = Callable[[Rng, int, float], np.ndarray]
 
 
 class Streams(NamedTuple):
-    """What n joints are given."""
+    """Commands and loads of n joints."""
 
     position_target: np.ndarray  # (steps, n) [rad]
     external_torque: np.ndarray  # (steps, n) on the joints, on a bench [N·m]
@@ -33,7 +33,7 @@ class Excitation:
     target: Signal  # position targets [rad]
     external_torque: Signal | None = None  # acts on the joint, in units that `streams` gets; 0 if None
     jumps: bool = False  # whether targets change faster than any speed limit
-    is_bounded: ClassVar[bool] = False  # whether targets have a size of their own, which a robot may only reduce
+    is_bounded: ClassVar[bool] = False  # whether targets have a fixed amplitude, which a robot may only reduce
 
     def streams(self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0) -> Streams:
         """Streams of joints, sampled every ``dt`` [s]; ``unit`` of external torques [N·m]."""

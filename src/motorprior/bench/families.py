@@ -13,7 +13,7 @@ import numpy as np
 from motorprior.actuator import out_of_family, physical
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
-from motorprior.actuator.physical import MotorParameters, TrueMotors
+from motorprior.actuator.physical import PhysicalMotors, TrueMotors
 from motorprior.exceptions import ConfigError
 
 MAX_VALUE = 1e9  # upper bound of parameters without another bound
@@ -28,7 +28,7 @@ class Family:
     name: str  # name in a fleet file and in bench.json
     motor: str  # description for the report
     kind: ActuatorKind
-    make: type[MotorParameters | OutOfFamilyMotors]
+    make: type[PhysicalMotors | OutOfFamilyMotors]
     positive: frozenset[str]  # parameters above 0
     substep: float  # maximum substep of the rotor [s]
     stiffness: tuple[str, ...]  # parameters [N·m/rad] of the springs on the rotor
@@ -98,7 +98,7 @@ GEARED = Family(
     motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
     "limit, a delay and a velocity filter; its encoder sits on the rotor.",
     kind=physical.PHYSICAL,
-    make=MotorParameters,
+    make=PhysicalMotors,
     positive=frozenset((
         "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
         "stribeck_velocity", "gear_stiffness",
@@ -123,9 +123,9 @@ OUT_OF_FAMILY_MOTORS = Family(
 FAMILIES = {family.name: family for family in (GEARED, OUT_OF_FAMILY_MOTORS)}
 
 
-def require_geared(motors: TrueMotors) -> MotorParameters:
+def require_geared(motors: TrueMotors) -> PhysicalMotors:
     """The motors, as GEARED ones; raises `ConfigError` for motors of another family."""
-    if isinstance(motors, MotorParameters):
+    if isinstance(motors, PhysicalMotors):
         return motors
     raise ConfigError(
         f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, DRAWS, Constants, draw_response
+from motorprior.actuator.constants import COLUMNS, DRAWS, Constants, plot_response
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import read_toml, write_text
@@ -119,7 +119,7 @@ class Fleet(Printable):
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 motors to a step of the command."""
         motors = self.sample(40, 0).actuator()
-        return draw_response(
+        return plot_response(
             motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
         )
 

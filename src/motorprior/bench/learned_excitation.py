@@ -24,7 +24,7 @@ from motorprior.schema import Header, Tensor, check_tensors
 
 SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
-BURN_IN = 50  # frames before a stream, in which it gets up to speed
+BURN_IN = 50  # frames discarded at the start of a stream
 FADE = 10  # frames of a cross-fade between two windows
 NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
 STYLE_FRAMES = 250  # after which the slow inputs have changed

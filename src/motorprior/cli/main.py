@@ -55,7 +55,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "demo": (Demo, show.demo),
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
-    "identify": (_positional(Identify, bench=PATHS), _printing(run_identify)),
+    "identify": (_positional(Identify, logs=PATHS), _printing(run_identify)),
     "show": (_positional(show.Show, file=Path), show.show),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),

@@ -69,7 +69,7 @@ class Demo:
     """Directions per iteration of ARS."""
     seeds: int = 2
     """Policies per condition, but one of the oracle."""
-    walks: int = 12
+    walks: int = 14
     """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""

@@ -15,7 +15,7 @@ from motorprior.bench.excitation import Streams
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
-from motorprior.identification.excitation.plan import active
+from motorprior.identification.excitation.plan import plan_excitation
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import load_log
@@ -71,7 +71,7 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     speed = robot.wire.safety.target_speed if robot and robot.wire else inf
     found = found.within(Bounds(inf, min(speed, config.max_speed), inf, config.max_torque))
     if config.plan_prior is not None:
-        found, plans = active(found, MotorPrior.load(config.plan_prior), config.seed)
+        found, plans = plan_excitation(found, MotorPrior.load(config.plan_prior), config.seed)
         for plan in plans:
             shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
             progress.note(

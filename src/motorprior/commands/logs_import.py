@@ -75,7 +75,7 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
     )  # fmt: skip
 
     def robot_of(path: Path) -> str | None:
-        lacks_robot = config.suspended or reader_of(path, config.columns is not None).nameless
+        lacks_robot = config.suspended or reader_of(path, config.columns is not None).needs_robot
         return config.robot or (DEFAULT_ROBOT if lacks_robot and not config.columns else None)
 
     with locked(config.out):

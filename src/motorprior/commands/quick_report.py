@@ -14,7 +14,7 @@ from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
 from motorprior.logs.read_log import PERIOD, LogFolder, read_log_folder, reader_of, without_gaps
-from motorprior.logs.splits import long_segments, moving_joints, split
+from motorprior.logs.splits import excited_in_any, long_segments, split
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -65,7 +65,7 @@ def read_logs_of(config: QuickReport) -> LogFolder:
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
         if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
             require_fixed_base(log, robot, path)
-    if not moving_joints(found.logs):
+    if not excited_in_any(found.logs):
         problem = f"{', '.join(found.logs)}: no joint is excited"
         raise LogError(problem, where=config.logs, remedy="record with a moving command")
     return found
@@ -80,9 +80,9 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
     whole, lines = _without_gaps(config, folder)
     prepare, loads = loads_of(config, folder.logs, described)
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
-    seconds = min(MAX_SECONDS, together / max(1, len(moving_joints(whole))))
+    seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)
-    joints = moving_joints(logs.train)
+    joints = excited_in_any(logs.train)
     logs = logs.map(lambda log: log.with_joints(joints))
     if prepare is None:
         found = report_without_loads(logs, config.seed, progress)

@@ -22,7 +22,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.evaluation import reference
 from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
-from motorprior.identification.physics.window_runs import LoadedMotors
+from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.train import Arrays, Keep, identify, work_of
 from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
@@ -52,7 +52,7 @@ def fit_prior(
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
         seed: of weights, windows and noise; same logs, preset and seed, same bytes.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
-        out: folder for prior.safetensors, which the same call loads; an interrupted fit continues there after the
+        out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues there after the
             selection of terms or the fit of the motors. Nothing is written without it.
         progress: where to report to, for example ``Lines()``; by default work is reported on stderr, and warnings are
             Python warnings.
@@ -84,7 +84,7 @@ def fit_recipe(
     out: Path | None,
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
-    tuned: LoadedMotors | None = None,
+    tuned: MotorsOnLoads | None = None,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -133,7 +133,7 @@ def _fitted(
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
-    tuned: LoadedMotors | None,
+    tuned: MotorsOnLoads | None,
     progress: Progress,
     data: TrainingData,
     keep: Keep,

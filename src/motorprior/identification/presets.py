@@ -74,7 +74,7 @@ class Preset:
         return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
 
 
-GEAR = FROZEN["backlash"]
+GEAR = FROZEN["gear"]
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
 # long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is barely identifiable

@@ -23,7 +23,7 @@ from motorprior.identification.evaluation.free_runs import (
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
-from motorprior.logs.loads import with_some_load
+from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import Split
@@ -65,7 +65,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
-    runs = {name: whole_runs(with_some_load(log), preset) for name, log in logs.test.items()}
+    runs = {name: whole_runs(with_placeholder_load(log), preset) for name, log in logs.test.items()}
     found = evaluate(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
     responses = models["servo_limits"]
     fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)

@@ -26,7 +26,7 @@ DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the dam
 SAME_OPTIMUM, CONFIRMATIONS = 3e-3, 2  # maximum relative difference of U; number, see `Search.until_found_again`
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
-_TOGETHER = 8  # descents at a time: of the last problems, several restarts
+_TOGETHER = 8  # concurrent descents; when few problems are left, several restarts of each
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 FIXED = 1e6  # precision of a fixed unknown
 Steps: TypeAlias = tuple[tuple[int, float], ...]
@@ -130,7 +130,7 @@ class Problem(Protocol):
 
     count: int  # M
     weight: float  # factor of the loss
-    observations: int  # N; the loss of the average one counts as that of one observation
+    observations: int  # N; residuals are split into N equal observations
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """See above."""
@@ -142,11 +142,11 @@ class Search:
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
         self.problem, self._lower, self._threads = problem, lower, ThreadPoolExecutor(os.cpu_count() or 1)
-        self.everyone = np.arange(problem.count)
+        self.all_problems = np.arange(problem.count)
 
     def losses(self, x: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
         """(...) loss of problem x[m, ...]; x is (M, ..., K), of the problems ``which`` (M,) or of all."""
-        shape, which = x.shape[:-1], self.everyone if which is None else which
+        shape, which = x.shape[:-1], self.all_problems if which is None else which
         lanes = np.broadcast_to(which.reshape(-1, *[1] * (x.ndim - 2)), shape).ravel()
         rows, found = x.reshape(-1, x.shape[-1]), np.empty(len(lanes))
         for first in range(0, len(lanes), _LANES):
@@ -157,7 +157,7 @@ class Search:
 
     def parts(self, x: np.ndarray) -> np.ndarray:
         """(M, N) loss of every observation at x (M, K)."""
-        values = np.concatenate([self._residuals(x[[one]], np.array([one])) for one in self.everyone])
+        values = np.concatenate([self._residuals(x[[one]], np.array([one])) for one in self.all_problems])
         return self.loss_of(values.reshape(len(x), self.problem.observations, -1).astype(np.float64))
 
     def loss_of(self, residuals: np.ndarray) -> np.ndarray:
@@ -177,7 +177,7 @@ class Search:
 
     def best_of(self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> np.ndarray:
         """(m, K) candidate with the lowest energy for each problem; candidates (m, C, K) are raised to the bounds."""
-        which = self.everyone if which is None else which
+        which = self.all_problems if which is None else which
         if self._lower is not None:
             candidates = np.maximum(candidates, _broadcast(self._lower[which], candidates))
         energy = self.losses(candidates, which) + prior.subset(which).energy(candidates)
@@ -185,7 +185,7 @@ class Search:
 
     def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
-        which = self.everyone if which is None else which
+        which = self.all_problems if which is None else which
         prior = prior.subset(which)
         found = self.at(start, prior, which)
         for count, diff_step in steps:
@@ -235,7 +235,7 @@ class Search:
         ``restarts`` times, the maximum number.
         """
         times, done = np.full(len(found.x), again), 0
-        times[self.everyone if which is None else which] = 0
+        times[self.all_problems if which is None else which] = 0
         while done < restarts and len(left := np.flatnonzero(times < again)):
             batch = min(restarts - done, max(1, _TOGETHER // len(left)))
             starts = [self.best_of(draw(done + k, found)[left], prior, left) for k in range(batch)]
@@ -254,7 +254,7 @@ class Search:
 
     def curvatures(self, x: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
         """(M, K, K) Gauss-Newton matrices of the loss: weight·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(x, diff_step, self.everyone, np.arange(x.shape[1]), huber_curvature)[1]
+        return self._derivatives(x, diff_step, self.all_problems, np.arange(x.shape[1]), huber_curvature)[1]
 
     def _derivatives(
         self, x: np.ndarray, diff_step: float, which: np.ndarray, free: np.ndarray, bend: Callable = huber_weight

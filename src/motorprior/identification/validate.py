@@ -96,8 +96,8 @@ def validate(
     models |= {name: motors for name, motors in baselines.items() if motors is not None}
     failed = [name for name, motors in baselines.items() if motors is None]
     of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
-    drawn = (TUNED_PD, PRIOR, ADAPTED)
-    found = evaluate({test.source: test}, of_spans, models, ADAPTED, drawn, MEDIAN_AND_MEAN, failed)
+    plotted = (TUNED_PD, PRIOR, ADAPTED)
+    found = evaluate({test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed)
     for line in found.warnings:
         progress.note(line)
     coverages = [

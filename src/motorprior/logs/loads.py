@@ -82,7 +82,7 @@ def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
     return checked(replace(log, load_inertia=np.tile(inertia, (log.num_rows, 1)), external_torque=external))
 
 
-def with_some_load(log: MotorLog) -> MotorLog:
+def with_placeholder_load(log: MotorLog) -> MotorLog:
     """The log, with a placeholder load if it has none: responses do not read it."""
     if log.external_torque is not None and log.load_inertia is not None:
         return log

@@ -34,7 +34,7 @@ class LogReader:
     unmapped: Callable[[Path], str] = lambda path: ""
     # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
-    nameless: bool = False  # whether it needs a robot, since it does not name its joints
+    needs_robot: bool = False  # whether it needs a robot, since it does not name its joints
     assumption: str = ""  # a sentence for the user about what is assumed because the format lacks it
 
     def matches(self, path: Path) -> bool:

@@ -27,8 +27,8 @@ JOINT_SERIES = {
     "load_inertia": "kg_m2",
     "external_torque": "N_m",
     "load_stiffness": "N_m_per_rad",
-    "logged_kp": "stated",
-    "logged_kd": "stated",
+    "logged_kp": "gain_unit",
+    "logged_kd": "gain_unit",
     "supply_voltage": "V",
     "motor_temperature": "degC",
 }

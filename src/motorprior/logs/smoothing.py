@@ -19,7 +19,7 @@ from motorprior.compiled import njit
 MIN_NOISE = 4e-5  # standard deviation of a reading below which a log counts as free of noise [rad]
 NOISES = np.geomspace(1e-5, 3e-3, 11)  # r that are tried [rad]
 DENSITIES = np.geomspace(1.0, 3e4, 10)  # d that are tried [rad/s²/√s]
-_WIDE = 1e2  # initial standard deviation of acceleration over 100 [rad/s²], of velocity times 10 [rad/s]
+_WIDE = 1e2  # initial standard deviations: velocity _WIDE/10 [rad/s], acceleration 100·_WIDE [rad/s²]
 _MAX_ROWS, _MAX_MOTORS = 2000, 6  # used to choose noise and density
 _BLOCK, _FIRST_STATES = 500, 10  # rows that are tried together; rows until the filter has converged
 

@@ -62,7 +62,7 @@ def long_segments(log: MotorLog) -> MotorLog | None:
     return log.rows(keep) if keep.any() else None
 
 
-def moving_joints(logs: Mapping[str, MotorLog]) -> list[int]:
+def excited_in_any(logs: Mapping[str, MotorLog]) -> list[int]:
     """Joints that are excited in any of the logs, in order."""
     return sorted({int(joint) for log in logs.values() for joint in excited_joints(log)})
 
@@ -90,12 +90,12 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     if len(names) > 1:
         sides = [{name: used[name] for name in names[first::2]} for first in (0, 1)]
         train, test = map(_windows, sides, seconds)
-        if set() < set(moving_joints(test)) <= set(moving_joints(train)):
+        if set() < set(excited_in_any(test)) <= set(excited_in_any(train)):
             return Split(train, test, f"{chosen}train: {', '.join(sides[0])}; test: {', '.join(sides[1])}")
     first = {name: log.rows(slice(0, log.num_rows // 2)) for name, log in used.items()}
     second = {name: log.rows(slice(log.num_rows // 2, None)) for name, log in used.items()}
     train, test = map(_windows, (first, second), seconds)
-    if [] != moving_joints(test) == moving_joints(train):
+    if [] != excited_in_any(test) == excited_in_any(train):
         return Split(train, test, f"{chosen}train: first half of {', '.join(names)}; test: second half")
     train, test = map(_spread, _chunks(used), seconds)
     return Split(train, test, f"{chosen}train and test: alternating chunks of {CHUNK:g} s of {', '.join(names)}")

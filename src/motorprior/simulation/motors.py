@@ -90,7 +90,7 @@ def prior_motors(
 ) -> EpisodeMotors:
     """Samples of a learned prior; latent_spread is a factor on the standard deviation of z, 0: the mean motors [-].
 
-    frozen names constants that all motors have from the mean motor: friction, delay, armature or backlash. of_robot is
+    frozen names constants that all motors have from the mean motor: friction, delay, armature or gear. of_robot is
     the robot or bench of the prior, if this robot has the same motors.
     """
     require_number("latent_spread", latent_spread)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.actuator import ActuatorArrays
-from motorprior.actuator.physical import FILTERED_VEL, MotorParameters, PhysicalActuator
+from motorprior.actuator.physical import FILTERED_VEL, PhysicalActuator, PhysicalMotors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import Fleet
 from motorprior.compiled import njit
@@ -24,7 +24,7 @@ IMU_NOISE = (0.002, 0.01)
 _STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
 
 
-def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> MotorParameters:
+def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> PhysicalMotors:
     """The motors of virtual robot number ``seed``, sampled independently; its firmware sets their gains.
 
     Raises:
@@ -46,7 +46,7 @@ class SimulatedRobot:
     torque limits of ``motors`` are those at the wire's own gains and current limit; ``seed`` is of the IMU's noise.
     """
 
-    def __init__(self, robot: Robot, motors: MotorParameters, suspended: bool, seed: int):
+    def __init__(self, robot: Robot, motors: PhysicalMotors, suspended: bool, seed: int):
         self._wire, self._motors, self._suspended = robot.require_wire(), motors, suspended
         self._signs, self._dt = self._wire.joint_signs, robot.twin_physics_dt
         self._rng, self._drive = np.random.default_rng([_STREAM, seed, 1]), None

@@ -21,7 +21,7 @@ from motorprior.identification.evaluation.errors import (
     replay_errors,
 )
 from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, free_run_errors, free_runs
-from motorprior.identification.physics.window_runs import LoadedMotors
+from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT
@@ -41,7 +41,7 @@ def pd(kp: float = 12.0) -> IdealPd:
     return IdealPd.uniform(MOTORS, kp, 0.1 * kp, 1.6)
 
 
-def replayed(motors: LoadedMotors, log: MotorLog) -> np.ndarray:
+def replayed(motors: MotorsOnLoads, log: MotorLog) -> np.ndarray:
     return rms(replay_errors(motors, log, {})[0], axis=0)
 
 

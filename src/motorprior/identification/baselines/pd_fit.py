@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
-from motorprior.identification.physics.window_runs import POSITION_SCALE, LoadedMotors, MotorsOf, Segment, whole_runs
+from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOf, MotorsOnLoads, Segment, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import MotorLog
@@ -27,7 +27,7 @@ WITH_FRICTION = (*WITH_ROTOR, "coulomb")
 TYPICAL = {"kp": 10.0, "kd": 0.6, "torque_limit": 4.0, "armature": 0.004, "delay": 0.01, "coulomb": 0.05}
 SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
 NO_LIMIT = 1000.0  # [N·m]
-SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
+SCALE = 0.05  # [rad] quadratic-to-linear transition of the loss; large, since tables have RMS errors
 RESTARTS = 16  # maximum number of restarts
 _DRAWS, _STEPS = 128, ((10, WIDE), (6, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
@@ -157,7 +157,7 @@ def _part(log: MotorLog) -> MotorLog:
     return replace(log.rows(np.concatenate(windows)), segment=number)
 
 
-def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> LoadedMotors:
+def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = None) -> MotorsOnLoads:
     """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
     with progress.start("tune one PD", RESTARTS) as task:
         found = fit_pd(log, WITH_ROTOR, report=task.advance)

@@ -31,7 +31,7 @@ from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, select
 from motorprior.identification.training_data.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
-from motorprior.logs.loads import with_some_load
+from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress
 
@@ -62,7 +62,7 @@ OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
 MIN_SAVING = 0.04  # share of the loss that an optional part must save
 MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
-SCALE = 0.05  # [rad] at which the loss changes from quadratic to linear: tables have root mean square errors
+SCALE = 0.05  # [rad] quadratic-to-linear transition of the loss; large, since tables have RMS errors
 RESTARTS = 16  # maximum number per model
 _DRAWS, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
@@ -273,6 +273,6 @@ def _without(
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:
     """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
     gravity = "angle" if log.external_torque is None else "torque"
-    runs = whole_runs(with_some_load(log), preset)
+    runs = whole_runs(with_placeholder_load(log), preset)
     with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
         return fit_responses(runs, gravity, seed, task.advance, log.firmware)

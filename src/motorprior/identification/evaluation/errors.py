@@ -5,7 +5,7 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 
     free run    starts from the recorded joint and from the hidden state of a simulation that followed the recording
                 until then (`window_runs`): over 1 s, or over a whole segment after the warm-up at its beginning
-    replay      starts from the first row of a segment, at rest inside (`dynamometer.run`)
+    replay      starts from the first row of a segment with a static rotor (`dynamometer.run`)
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.physics.window_runs import LoadedMotors
+from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, range_text
@@ -62,7 +62,7 @@ def summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
     return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
 
 
-def replay_errors(motors: LoadedMotors, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+def replay_errors(motors: MotorsOnLoads, log: MotorLog, nominal: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Replay at most _MAX_SEGMENTS segments of a log with known loads, at their gains and under their conditions.
 
     ``nominal`` are the conditions of the motors' recipe. Returns recorded - simulated angles [rad], both read by the
@@ -80,7 +80,7 @@ def replay_errors(motors: LoadedMotors, log: MotorLog, nominal: Mapping[str, flo
     return np.concatenate(errors), np.concatenate(velocities)
 
 
-def _at_segment(motors: LoadedMotors, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
+def _at_segment(motors: MotorsOnLoads, part: MotorLog, nominal: Mapping[str, float], seconds: float) -> Actuator:
     """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
     gains = part.gains
     if isinstance(motors, GainScaledPd):
@@ -145,7 +145,7 @@ class LogErrors:
 
 
 def evaluate_replay(
-    motors: LoadedMotors, tuned: LoadedMotors | None, log: MotorLog, recipe: Preset, progress: Progress
+    motors: MotorsOnLoads, tuned: MotorsOnLoads | None, log: MotorLog, recipe: Preset, progress: Progress
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
 

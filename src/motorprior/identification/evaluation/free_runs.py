@@ -21,7 +21,7 @@ from motorprior.identification.evaluation.errors import (
 )
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
-    LoadedMotors,
+    MotorsOnLoads,
     WindowRuns,
     whole_runs,
     with_gains_of,
@@ -35,7 +35,7 @@ from motorprior.signals import rms
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 DURATION = 1.0  # of a FREE_RUN [s]
 # models of a log's motors: on its loads, or responses that need no loads
-MotorModel: TypeAlias = LoadedMotors | ResponseMotors
+MotorModel: TypeAlias = MotorsOnLoads | ResponseMotors
 
 
 def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
@@ -75,7 +75,7 @@ class Trace:
 
 
 class Validation(NamedTuple):
-    """Errors, and what is drawn of them."""
+    """Errors, and what is plotted of them."""
 
     results: Results
     traces: list[Trace]
@@ -87,8 +87,8 @@ def evaluate(
     logs: Mapping[str, MotorLog],
     runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
     models: Mapping[str, MotorModel],
-    judged: str,
-    drawn: Collection[str],
+    main_model: str,
+    plotted: Collection[str],
     statistics: Statistics = MEAN,
     failed: Collection[str] = (),
 ) -> Validation:
@@ -98,8 +98,8 @@ def evaluate(
         logs: test logs of the same joints, by name.
         runs: quantity -> log -> its free runs; the last quantity is that of whole segments.
         models: of the motors of the joints.
-        judged: the model that warnings are about, if it is compared with a tuned PD.
-        drawn: models of the traces, which are of the joints where ``judged`` has the median and the maximum error.
+        main_model: the model that warnings are about, if there is a tuned PD.
+        plotted: models of the traces, of the joints with its median and maximum error.
         statistics: of the errors over joints and logs.
         failed: names of models that could not be fitted; their errors are MAX_ERROR.
     """
@@ -110,8 +110,8 @@ def evaluate(
         errors[quantity] = LogErrors.of(logs, [each | failures for each in found])
     *_, whole = runs
     results = sum((error_results(each, quantity, statistics) for quantity, each in errors.items()), Results())
-    warnings = errors[whole].warnings(judged) if TUNED_PD in models else []
-    return Validation(results, traces(errors[whole], judged, runs[whole], models, drawn), warnings)
+    warnings = errors[whole].warnings(main_model) if TUNED_PD in models else []
+    return Validation(results, traces(errors[whole], main_model, runs[whole], models, plotted), warnings)
 
 
 def traces(
@@ -119,7 +119,7 @@ def traces(
     model: str,
     runs: Mapping[str, Sequence[WindowRuns]],
     models: Mapping[str, MotorModel],
-    drawn: Collection[str],
+    plotted: Collection[str],
 ) -> list[Trace]:
     """Longest free runs, by log, of the joints with the median and the maximum error of a model."""
     found = []
@@ -127,6 +127,6 @@ def traces(
         name = errors.logs[log]
         longest_run = max(runs[name], key=lambda run: run.preset.window)
         time, target, measured = (longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
-        simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in drawn}
+        simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in plotted}
         found.append(Trace(name, errors.joints[joint], time, target, measured, simulated))
     return found

@@ -31,7 +31,7 @@ _NUDGE = 0.05  # difference in z for the derivatives of constants
 
 @dataclass(frozen=True)
 class Plan:
-    """For one joint class: seconds to play, and what they do to the standard deviations of constants' logarithms."""
+    """Plan of one joint class: seconds to play, and standard deviations of log-constants before and after."""
 
     joint_class: str
     seconds: float
@@ -45,7 +45,7 @@ class Plan:
         return [n for n, after in self.after.items() if after < IDENTIFIED <= self.before[n]]
 
 
-def active(
+def plan_excitation(
     excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = CANDIDATES
 ) -> tuple[LearnedExcitation, list[Plan]]:
     """The chosen windows of every class, played by themselves, and the plans.
@@ -54,7 +54,8 @@ def active(
     """
     model, rng = prior.model, np.random.default_rng([seed, 59])
     if not isinstance(model, GreyBox):
-        raise ConfigError(f"a {prior.preset} prior", remedy="identify one with preset rollout", argument="plan")
+        problem = f"the prior (preset {prior.preset}) has no physical constants"
+        raise ConfigError(problem, remedy="identify one with preset rollout", argument="plan_prior")
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))

@@ -208,7 +208,7 @@ def fit_variance(search: Search, mean: np.ndarray) -> np.ndarray:
 def with_scaled_spread(
     model: Decoder, mean: np.ndarray, log_var: np.ndarray, classes: JointClasses, factor: float
 ) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
-    """Network, latents, log-variances and classes with samples scaled around the mean of a class by ``factor`` >= 1.
+    """Model, latents, log-variances and classes with samples scaled around the mean of a class by ``factor`` >= 1.
 
     The decoded training motors and means of classes stay the same; a model without a copula is unchanged.
     """

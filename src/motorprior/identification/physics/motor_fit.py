@@ -4,7 +4,7 @@ Unknowns are the logarithms of the constants (linear where they may be negative)
 latent is one output. Each motor alone:
 
 1. Fit the simplest motor: a rigid gear with Coulomb and viscous friction, and a torque limit if it improves the fit.
-   No descent from a motor without a limit finds a motor at its limit.
+   A descent that starts without a limit does not find one.
 2. Restart from this optimum with missing constants sampled around the initial motor, from the best motor so far with a
    random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
 3. Stop when the best optimum of each motor was found three times.
@@ -35,13 +35,13 @@ from motorprior.actuator.optional_terms import TERMS, constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
-    alone_prior,
     centred,
     fixed_constants,
     initial_center,
     motor_search,
     rigid_motor,
     scaled_center,
+    separate_prior,
     weak_prior,
     with_more_terms,
 )
@@ -131,10 +131,10 @@ def fit_motors(
     found = _fit_separately(search, rng, nested_fit, initial - center, rigid - center, missing, fixed, restarts, report)
     if part is not runs:
         search = centred(center, terms, runs)
-        prior = alone_prior(search, found.x, found.x, initial - center)
+        prior = separate_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > 1:
-        found = _together(search, rng, found, fixed, runs.classes, report)
+        found = _empirical_bayes(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
@@ -182,7 +182,7 @@ def _fit_separately(
     ``nested_fit`` (M, K) is a fit of motors without the constants ``missing`` (K,); ``initial`` and ``rigid`` (K,) are
     central motors with and without these constants. The constants ``fixed`` (K,) are not fitted.
     """
-    prior = alone_prior(search, nested_fit, np.where(missing, rigid, 0.0), initial).fixing(fixed)
+    prior = separate_prior(search, nested_fit, np.where(missing, rigid, 0.0), initial).fixing(fixed)
     shape, gear = (len(nested_fit), DRAWS, nested_fit.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
@@ -208,9 +208,9 @@ def _fit_separately(
     first = restarts // 4
     found = search.until_found_again(found, prior, draw, first, STEPS, report, leaders)
     # the prior of filters is too strong at the simpler motors' loss
-    prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
+    prior = separate_prior(search, found.x, prior.mean, initial).fixing(fixed)
     found = search.until_found_again(search.at(found.x, prior), prior, draw, restarts - first, STEPS, report, leaders)
-    if len(rest := np.setdiff1d(search.everyone, leaders)):
+    if len(rest := np.setdiff1d(search.all_problems, leaders)):
 
         def draw_near(restart: int, best: Fit) -> np.ndarray:
             candidates = draw(restart, best)
@@ -219,7 +219,7 @@ def _fit_separately(
             return np.where(fixed, 0.0, near) if restart % 2 == 0 else candidates
 
         found = search.until_found_again(found, prior, draw_near, restarts // 3, STEPS, which=rest)
-    prior = alone_prior(search, found.x, prior.mean, initial).fixing(fixed)
+    prior = separate_prior(search, found.x, prior.mean, initial).fixing(fixed)
     return search.descend(found.x, prior, ((10, NARROW), (10, FINEST)))
 
 
@@ -230,7 +230,7 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
         candidates[motor, : len(others)] = x[others]
 
 
-def _together(
+def _empirical_bayes(
     search: Search,
     rng: np.random.Generator,
     found: Fit,
@@ -318,7 +318,13 @@ def _without_unidentified_limits(
             row = names.index(name)
             off = np.log(OFF * largest.max()) - center[row]
             x = _fixed_unless_identified(
-                search, x, fixed, {row: np.clip(off, x[:, row], LOG_REACH)}, RIGID_STEPS[1:], search.everyone, SAVING
+                search,
+                x,
+                fixed,
+                {row: np.clip(off, x[:, row], LOG_REACH)},
+                RIGID_STEPS[1:],
+                search.all_problems,
+                SAVING,
             )
     return x
 
@@ -374,11 +380,11 @@ def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowR
 def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from ``x`` on ``runs``, longer than those of the fit.
 
-    The prior is the fleet's if ``together``, estimated at x; otherwise `alone_prior` around x.
+    The prior is the fleet's if ``together``, estimated at x; otherwise `separate_prior` around x.
     """
     search, terms, windows = motor_search(model, runs), model.motor.terms, runs.windows
     fixed, initial = fixed_constants(terms, runs), initial_center(terms, runs) - model.motor.center
-    prior = alone_prior(search, x, x, initial).fixing(fixed)
+    prior = separate_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         found = search.at(x, prior)
         first = fleet_prior(found, windows, 0.0, runs.classes).fixing(fixed)

@@ -141,7 +141,7 @@ def weak_prior(mean: np.ndarray) -> GaussianPrior:
     return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))
 
 
-def alone_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
+def separate_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
     """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
 
     Its precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of

@@ -25,13 +25,13 @@ from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, paramet
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.physics.motor_fit import STEPS, FleetFit, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
-    alone_prior,
     centred,
     fixed_constants,
     grey_box,
     initial_center,
     motor_search,
     rigid_motor,
+    separate_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -247,7 +247,7 @@ class _TermEvaluation:
             return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
         x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
-        prior = alone_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
+        prior = separate_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
         found = search.at(x, prior)
         if new:
             found = search.at(search.best_of(draw(0, found), prior), prior)

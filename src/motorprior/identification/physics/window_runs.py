@@ -137,7 +137,7 @@ class Segment:
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
-LoadedMotors: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
+MotorsOnLoads: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
 MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
 
@@ -231,7 +231,7 @@ class WindowRuns:
             found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
         return np.concatenate(found, axis=1)
 
-    def errors(self, motors: LoadedMotors) -> np.ndarray:
+    def errors(self, motors: MotorsOnLoads) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are compared, or for grey

@@ -42,7 +42,7 @@ class TrainingData:
     gain_unit: str = ""  # of the logged gains, "" if there are none
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
-    # steps over which differences of errors of joint_reading are errors of velocity; 0 compares velocities
+    # velocity error = change of the joint_reading error over this many steps; 0: compare velocities
     velocity_steps: int = 0
 
 
@@ -76,7 +76,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
-        raise LogError(f"{other}, the prior's", where=where, remedy="identify these logs by themselves")
+        raise LogError(f"{other} (log and prior)", where=where, remedy="identify these logs by themselves")
     zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
     channels = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
@@ -222,7 +222,7 @@ def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
 
 
 def used_seconds_text(data: TrainingData, preset: Preset) -> str:
-    """Text with the seconds of log in windows; the rest precedes a segment's first window or is shorter than one."""
+    """Text with the seconds of log in windows; warm-ups and remainders shorter than a window are not used."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
     step = preset.window if preset.grey_boxes else 1  # windows then lie end to end

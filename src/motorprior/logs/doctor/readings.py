@@ -13,7 +13,7 @@ from motorprior.robots.robot import Robot
 
 RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
 MAX_JITTER = 0.5
-READINGS = 5  # maximum duration of a failed read
+MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 TURN = 2.0 * np.pi
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
@@ -122,9 +122,9 @@ def failed_reads(log: MotorLog) -> np.ndarray:
             part = next(part for part in log.segment_slices() if part.start <= row < part.stop)
             if kind == FAILED:
                 failed[row, column] = True
-            elif kind == STAYS and row - part.start <= READINGS:
+            elif kind == STAYS and row - part.start <= MAX_FAILED:
                 failed[part.start : row, column] = True
-            elif kind == STAYS and part.stop - row <= READINGS:
+            elif kind == STAYS and part.stop - row <= MAX_FAILED:
                 failed[row : part.stop, column] = True
     return failed if log.joint_vel is None else failed | velocity_spikes(log.joint_vel)
 
@@ -134,8 +134,12 @@ def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
 
     A joint that moves so fast, or in another unit, is as fast before and after.
     """
-    speed, around = np.abs(velocity), 2 * READINGS + 1
-    padded = np.pad(speed, ((READINGS, READINGS), (0, 0)), mode="reflect" if len(speed) > READINGS else "edge")
+    speed, around = np.abs(velocity), 2 * MAX_FAILED + 1
+    padded = np.pad(
+        speed,
+        ((MAX_FAILED, MAX_FAILED), (0, 0)),
+        mode="reflect" if len(speed) > MAX_FAILED else "edge",
+    )
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, around, axis=0), axis=-1)
     return (speed > MAX_SPEED) & (speed > 5.0 * usual)
 
@@ -172,10 +176,10 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound)[:10_000], 0
     for number, place in enumerate(places.tolist()):
         row, size = int(rows[place]), abs(float(steps[place]))
-        later = places[number + 1 : number + 1 + READINGS]
+        later = places[number + 1 : number + 1 + MAX_FAILED]
         near = np.abs(angle[rows[later]] - angle[row - 1]) <= np.maximum(0.25 * size, usual * (later - place + 1))
         waited = log.time[rows[later]] - log.time[row]
-        near &= (waited >= 0.0) & (waited <= 1.01 * READINGS * period)
+        near &= (waited >= 0.0) & (waited <= 1.01 * MAX_FAILED * period)
         speed = size / max(period, float(log.time[row] - log.time[row - 1]))
         neighbours = np.abs(np.delete(steps[max(0, place - 3) : place + 4], min(place, 3)))
         if row < back or {row, row - 1} & spikes:

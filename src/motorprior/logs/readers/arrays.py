@@ -22,7 +22,7 @@ from motorprior.logs.motor_log import CORRECT, missing_column, unreadable
 from motorprior.logs.pickles import load_pickle, require_archive_size, torch_content
 from motorprior.logs.readers.table import element_of
 
-_MAX_PARTS = 100  # of a list that is no list of steps
+_MAX_PARTS = 100  # maximum length of a list whose items are separate arrays
 
 
 def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ from motorprior.logs.readers.table import parquet_table
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 METADATA_KEY = b"motorprior"
 REWRITE = "write the log again with this version of motorprior"
 _CHANNELS = (*JOINT_SERIES, *CODES, "base_orientation")

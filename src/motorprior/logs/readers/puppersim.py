@@ -57,5 +57,5 @@ READER = LogReader(
     (".csv.gz", ".csv", ".txt"),
     lambda path: path.suffix == ".txt" or {"t_s", *_IMU} <= {*csv_names(path)},
     read_puppersim_log,
-    nameless=True,
+    needs_robot=True,
 )

@@ -107,5 +107,5 @@ READER = LogReader(
     on_grid=lambda path, robot, period, suspended: read_robot_run(
         path, require_robot(robot, path), (Mode.EXCITE,) if suspended else (Mode.WALK, Mode.EXCITE), period
     ),
-    nameless=True,
+    needs_robot=True,
 )
