@@ -41,7 +41,7 @@ def test_round_trip_is_exact(written, full_log):
 @pytest.mark.parametrize(
     ("header", "problem"),
     [
-        ({"schema_version": 1}, "schema_version = 1 is not 3"),
+        ({"schema_version": 1}, "schema_version = 1 is not 4"),
         ({"joint_names": ["left", "middle"]}, "no column .position_target_rad/middle"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
         ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
