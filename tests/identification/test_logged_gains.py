@@ -57,5 +57,5 @@ def test_a_log_of_another_firmware_is_rejected_and_one_without_registers_is_not(
     preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
     for firmware in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
         training_data(swinging_load(firmware=firmware), preset, "x")
-    with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3 (log and prior)"):
+    with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3 \(log and prior\)"):
         training_data(swinging_load(firmware={"profile_speed": 4.0}), preset, "x")
