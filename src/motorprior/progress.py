@@ -13,6 +13,7 @@ from typing import Protocol, TextIO, TypeVar
 
 WARNING = "warning: "  # prefix of the notes that are warnings
 T = TypeVar("T")
+ReportProgress = Callable[[int, str], None]  # (finished parts since the last call, text)
 
 
 class Task(Protocol):

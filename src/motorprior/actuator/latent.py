@@ -24,6 +24,8 @@ from motorprior.actuator.vector import LANES, add_product, soften
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 
+NETWORK_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")  # fields of `LatentNetwork`
+
 
 def _softsign(x: Any) -> Any:
     return x / (1.0 + abs(x))

@@ -20,7 +20,7 @@ from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
-from motorprior.actuator.latent import LatentNetwork, NetworkActuator
+from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import (
@@ -46,7 +46,6 @@ from motorprior.texts import Overview, Printable
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
-_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
@@ -90,7 +89,7 @@ _NETWORK = Schema(
         "input_order": exactly(INPUT_ORDER),
         "taps": many(integer(0, 10_000), minimum=1),
         "has_armature": BOOLEAN,
-        **dict.fromkeys(_SCALES, number(above=0.0)),
+        **dict.fromkeys(NETWORK_SCALES, number(above=0.0)),
     },
     _REMEDY,
     name="network",
@@ -350,7 +349,7 @@ class MotorPrior(Printable):
         else:
             tensors = {name: np.asarray(getattr(model, name), np.float64) for name in _WEIGHTS}
             network = {"input_order": INPUT_ORDER, "taps": list(model.taps), "has_armature": model.has_armature}
-            network |= {name: getattr(model, name) for name in _SCALES}
+            network |= {name: getattr(model, name) for name in NETWORK_SCALES}
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.make(
@@ -383,7 +382,7 @@ class MotorPrior(Printable):
             model = GreyBox(motor, period, copula, header["gain_unit"])
         else:
             arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
-            arrays |= {name: float(network[name]) for name in _SCALES}
+            arrays |= {name: float(network[name]) for name in NETWORK_SCALES}
             taps = tuple(network["taps"])
             model = LatentNetwork(
                 **arrays, taps=taps, period=period, has_armature=network["has_armature"], copula=copula

@@ -34,12 +34,12 @@ from motorprior.identification.physics.term_selection import Selection, min_diff
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData, subsampled
+from motorprior.progress import ReportProgress
 
 WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
 SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last descents, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
-ReportProgress = Callable[[int, str], None]  # (work since the last call, text)
 Arrays: TypeAlias = dict[str, np.ndarray]
 Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not kept yet
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import codecs
 import collections
 import io
+import math
 import pickle
 import re
 import zipfile
@@ -49,6 +49,8 @@ def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal
 
 def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
     """A tensor; offset and stride count numbers. NumPy raises unless it lies within these."""
+    if math.prod(size) > numbers.size:
+        raise LogError(f"the pickle holds a tensor of {math.prod(size)} numbers in a storage of {numbers.size}")
     strides = [numbers.itemsize * step for step in stride]
     return np.ndarray(size, numbers.dtype, np.ravel(numbers).tobytes(), numbers.itemsize * offset, strides)
 
@@ -60,7 +62,7 @@ _STORAGES = {
 }  # fmt: skip
 # (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and Python, and tensors
 _ALLOWED: dict[tuple[str, str], Any] = {
-    ("_codecs", "encode"): codecs.encode,
+    ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes in pickles of protocol 2
     **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), lambda: b""),  # others are literals
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): _NumberType,

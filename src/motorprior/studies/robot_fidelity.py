@@ -53,11 +53,11 @@ def fidelity(
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
     measured = {(quantity, "rad"): errors[kind] for quantity, kind in BENCH_METRICS.items()}
     task.advance()
-    for place, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
+    for posture, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
         found = robot_fidelity(robot, motors, models, suspended, seed)
         for index, quantity in enumerate((("rmse", "rad"), ("torque_hf", "N·m"), ("displacement_error", "m"))):
             if quantity[1] != "m" or not suspended:
-                measured[f"{place}_{quantity[0]}", quantity[1]] = {name: each[index] for name, each in found.items()}
+                measured[f"{posture}_{quantity[0]}", quantity[1]] = {name: each[index] for name, each in found.items()}
         task.advance()
     statistics: dict[str, Callable[[np.ndarray], np.floating]] = {"median": np.median, "mean": np.mean}
     return Results.of(

@@ -290,7 +290,7 @@ def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progres
     policy, folder = _train(robot, run, progress), bench.out / "walks" / run.folder
     tested = tuple(each for each in run.environments if each in environments)
     settings = {
-        "twins": tested, "walks": bench.walks, "seconds": bench.seconds, "speed": bench.commanded,
+        "environments": tested, "walks": bench.walks, "seconds": bench.seconds, "speed": bench.commanded,
         "study": bench.seed, "condition": run.name, "robot": run.robot_number,
     }  # fmt: skip
     fleets = [file for fleet in (bench.fleet, bench.out_of_family) for file in fleet_files(robot, fleet)]

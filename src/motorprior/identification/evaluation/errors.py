@@ -69,9 +69,9 @@ def replay_errors(motors: MotorsOnLoads, log: MotorLog, nominal: Mapping[str, fl
     same encoder, and velocities of the simulated joints [rad/s], each (steps of all segments, M).
     """
     parts, work = log.segment_slices(), seconds_since_cold(log)
-    places = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
+    chosen = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
     errors, velocities = [], []
-    for rows in (parts[place] for place in places):
+    for rows in (parts[index] for index in chosen):
         part = log.rows(rows)
         case, recorded = trial_of(part), part.joint_pos
         simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)

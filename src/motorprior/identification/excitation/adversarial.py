@@ -21,6 +21,7 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import bounded_stream, learned_excitation
 from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.learned_excitation import BURN_IN, CHANNELS, LEAK, LearnedExcitation, convolved, weight_shapes
+from motorprior.progress import ReportProgress
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
 RATES = {"critic": 1e-3, "generator": 3e-4}  # learning rates of Adam, b1 = 0
@@ -28,7 +29,6 @@ DECAY = 0.995  # decay of the moving average of weights
 _LAYERS, _TAPS, _STRIDE = 3, 5, 2  # convolutions of the critic
 _STREAM = 53
 Weights: TypeAlias = dict[str, Any]
-ReportProgress = Callable[[int, str], None]  # (steps made, text)
 
 
 def train_generator(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import jax
@@ -16,11 +15,11 @@ from motorprior.identification.networks import objectives
 from motorprior.identification.networks.objectives import Parameters
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import TrainingData
+from motorprior.progress import ReportProgress
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
 SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
-ReportProgress = Callable[[int, str], None]  # (steps made, text)
 
 
 def train_network(

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator import copula
-from motorprior.actuator.latent import LatentNetwork, scaled_torque
+from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, scaled_torque
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
@@ -191,7 +191,6 @@ def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> 
     return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)
 
 
-_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _LANES = 8  # simulated at a time
 
 
@@ -199,7 +198,7 @@ class NetworkProblem:
     """Residuals of a trained network's objective on windows of M motors that do not overlap."""
 
     def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
-        scales = tuple(float(getattr(network, name)) for name in _SCALES)
+        scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
         self._residuals, self.weight = _compiled(preset, scales, data.measured)
         self._parameters, self._windows = import_parameters(network), jnp.asarray(tiled_windows(data, preset))
         self.count, self.observations = self._windows.shape[:2]
@@ -226,7 +225,7 @@ def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> tuple[Any, float]:
     """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
-    objective = OBJECTIVES[preset.objective](preset, dict(zip(_SCALES, scales, strict=True)), measured)
+    objective = OBJECTIVES[preset.objective](preset, dict(zip(NETWORK_SCALES, scales, strict=True)), measured)
 
     def one(parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray) -> jnp.ndarray:
         own = windows[motor]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -15,7 +16,6 @@ RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another un
 MAX_JITTER = 0.5
 MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
-TURN = 2.0 * np.pi
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
 FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
@@ -161,12 +161,12 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     steps, command_steps = (np.diff(values, prepend=values[0]) for values in (angle, command))
     for part in log.segment_slices():
         steps[part.start] = command_steps[part.start] = 0.0
-    if np.ptp(angle) <= 0.5 * TURN:
-        for row in np.flatnonzero(np.abs(np.abs(command_steps) - TURN) < 0.3).tolist():
+    if np.ptp(angle) <= 0.5 * math.tau:
+        for row in np.flatnonzero(np.abs(np.abs(command_steps) - math.tau) < 0.3).tolist():
             yield "position_target", WRAPS, row
     rows = np.flatnonzero(steps)
     steps = steps[rows]
-    moves = np.pad(steps - TURN * np.rint(steps / TURN), 1)
+    moves = np.pad(steps - math.tau * np.rint(steps / math.tau), 1)
     medians = np.median([moves[:-2], moves[1:-1], moves[2:]], axis=0)
     usual = float(np.sort(np.append(np.zeros(6), np.abs(medians)))[-6])
     min_jump = max(min(10.0 * encoder_step(angle), 0.3), 10.0 * period, 0.03)
@@ -184,7 +184,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         neighbours = np.abs(np.delete(steps[max(0, place - 3) : place + 4], min(place, 3)))
         if row < back or {row, row - 1} & spikes:
             continue
-        if abs(size - TURN) <= bound:
+        if abs(size - math.tau) <= bound:
             yield "joint_pos", WRAPS, row
         elif np.abs(command_steps[max(1, row - lag + 1) : row + 1]).max(initial=0.0) >= 0.5 * size:
             continue  # the command stepped, too
@@ -222,11 +222,11 @@ def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]
             row, reach = int(np.argmax(np.abs(angle))), float(np.nanmax(np.abs([0.0, low, high])))
             size, moved = abs(float(angle[row])), float(np.ptp(angle))
             message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, it moves over {moved:.4g} rad"
-            if size > max(MAX_TURNS * TURN, reach):
-                message += f"; beyond {max(MAX_TURNS, reach / TURN):.3g} turns"
+            if size > max(MAX_TURNS * math.tau, reach):
+                message += f"; beyond {max(MAX_TURNS, reach / math.tau):.3g} turns"
                 remedy = f"if it is one row, delete it; else {_UNITS}; or give the robot, if its limits are so wide"
                 yield Finding("error", "units", size, message, remedy, joint, row)
-            elif size > max(TURN, reach) or moved > np.nanmax([TURN, high - low]):
+            elif size > max(math.tau, reach) or moved > np.nanmax([math.tau, high - low]):
                 remedy = f"if these are not rad, {_UNITS}; if the encoder wrapped, state wraps = true for it in the map"
                 yield Finding("warning", "units", size, f"{message}: more than one turn", remedy, joint, row)
             row = int(np.argmax(np.maximum(low - angle, angle - high)))

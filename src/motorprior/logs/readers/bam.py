@@ -24,10 +24,9 @@ from motorprior.bounds import is_number
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import NUMBER, OPERATING_CONDITIONS, MotorLog, bad_value, checked
-from motorprior.robots.robot import Robot
+from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.signals import runs_of_true
 
-GRAVITY = 9.81
 _REMEDY = "give a file of Rhoban/bam (mass, length, kp, motor, entries)"
 
 
