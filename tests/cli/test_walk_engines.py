@@ -25,7 +25,7 @@ def test_a_policy_is_measured_where_it_was_trained_or_in_the_engine_asked_for_an
     motorprior: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    monkeypatch.setattr(compare, "DRAWS", 2)
+    monkeypatch.setattr(compare, "NUM_WALKS", 2)
     few = ("--search.num-directions", 1, "--search.num-top-directions", 1)
     assert motorprior(*SMALL, *few, "--engine", "pybullet", "--out", tmp_path / "walk").code == 0
 

@@ -19,14 +19,14 @@ from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, REFERENCE, rea
 from motorprior.studies.study_settings import CONDITIONS, Study
 from motorprior.studies.transfer import CHOICES, WALKS
 
-DRAWS = 2
+NUM_WALKS = 2
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
-        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, walks=DRAWS, seconds=2.5, iterations=1,
+        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, walks=NUM_WALKS, seconds=2.5, iterations=1,
         conditions=tuple(CONDITIONS), motors=12, bench_steps=1500, adam_steps=30, workers=2,
     )  # fmt: skip
     run_study(config)
@@ -39,7 +39,7 @@ def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     for environment in (OWN, *ENVIRONMENTS):
         for condition in done.conditions:
             cell = [walk for walk in walks if (walk["environment"], walk["condition"]) == (environment, condition)]
-            assert scores(cell, "speed").shape == (done.benches, done.seeds, DRAWS)
+            assert scores(cell, "speed").shape == (done.benches, done.seeds, NUM_WALKS)
     own_out_of_family = {walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY}
     assert own_out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
 
@@ -52,7 +52,7 @@ def test_walks_have_the_command_of_the_training(done: Study):
     assert low == high == pytest.approx(0.75)
     walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
     seed_of = partial(walk_seed, 0)
-    episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(DRAWS), seed_of)
+    episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(NUM_WALKS), seed_of)
     rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["environment"]) == (0, OWN)]
     found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
     assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)

@@ -15,7 +15,7 @@ from motorprior.commands.walk import PICTURE, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, PolicySearch, episode_seed
+from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES, PolicySearch, episode_seed
 from motorprior.report.sections import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import simulated_motors
@@ -94,7 +94,7 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     robot = PUPPER_V2.with_speed_range(policy.forward)
     motors = simulated_motors("fleet:mixed", robot)
     there = WalkSimulator(Scene(robot, motors.draw, config, motors.physics_dt))
-    seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+    seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
     assert policy.provenance["best_return"] == np.mean([there.run(policy.arrays, seed).total for seed in seeds])
     assert policy.provenance["validation"] == "mixed"
 

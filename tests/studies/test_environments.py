@@ -8,7 +8,7 @@ from policies import random_policy
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_DRAWS, episode_seed
+from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import WalkConfig
 from motorprior.studies.compare import EVALUATION_SEED, run_walks
@@ -23,7 +23,7 @@ def test_no_walk_has_a_training_seed():
     study = STUDY
     walked = {walk_seed(study, draw) for draw in range(64)}
     rounds = [(iteration, direction) for iteration in range(100) for direction in range(16)]
-    rounds += [(EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+    rounds += [(EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
     trained = {episode_seed(SEEDS_APART * study + policy, *each) for policy in range(8) for each in rounds}
     assert len(walked) == 64 and not walked & trained and not walked & set(range(EVALUATION_SEED, EVALUATION_SEED + 64))
 

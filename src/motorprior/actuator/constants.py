@@ -16,7 +16,7 @@ from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.texts import html_table, text_table
 
-DRAWS = 1000  # samples for the quantiles of a distribution
+NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
 UNITS = {
     "kp": "N·m/rad", "kd_over_kp": "s", "velocity_filter": "s", "delay": "s", "torque_limit": "N·m",

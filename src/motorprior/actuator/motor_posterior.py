@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, named_constants, plot_response
+from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_model_error
@@ -109,8 +109,8 @@ class MotorPosterior(Printable):
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
         precision = with_model_error(np.linalg.inv(self.covariance), before)
         rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))
-        z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((DRAWS, *self.mean.shape)))
-        gains = None if self.gains is None else np.tile(self.gains, DRAWS)
+        z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((NUM_SAMPLES, *self.mean.shape)))
+        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
         values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
         new = mean + std * rng.standard_normal(z.shape)
         known = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
@@ -118,7 +118,7 @@ class MotorPosterior(Printable):
         for name, samples in values.items():
             both = samples, known[name]
             both = map(np.log, both) if min(map(np.min, both)) > 0.0 else both
-            own, prior = (each.reshape(DRAWS, -1).std(axis=0) for each in both)
+            own, prior = (each.reshape(NUM_SAMPLES, -1).std(axis=0) for each in both)
             varies = np.median(prior) > 1e-9  # logged gains do not
             narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
         return replace(Constants.of(values, UNITS, narrowed), columns=(*COLUMNS[:-1], "narrowed by the log"))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, DRAWS, UNITS, Constants, named_constants, plot_response
+from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
@@ -262,7 +262,7 @@ class MotorPrior(Printable):
         """
         if not isinstance(self.model, GreyBox):
             return {}
-        noise = np.random.default_rng(0).standard_normal((DRAWS, *self.mean.shape))
+        noise = np.random.default_rng(0).standard_normal((NUM_SAMPLES, *self.mean.shape))
         std = with_model_error(np.exp(-self.log_var), 1.0) ** -0.5
         z = (self.mean + std * noise).reshape(-1, self.mean.shape[1])
         ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
@@ -290,7 +290,7 @@ class MotorPrior(Printable):
         New motors are of ``joint_class``; without one, of the classes of the training motors, in their proportions.
         """
         rng = np.random.default_rng(0)
-        rows = rng.integers(len(self.mean), size=DRAWS)
+        rows = rng.integers(len(self.mean), size=NUM_SAMPLES)
         classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]
         mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)

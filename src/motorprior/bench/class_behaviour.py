@@ -16,7 +16,7 @@ LOAD = 3.0  # inertia of the load over the motor's armature [-]
 SETTLE, STEP, STEP_DURATION = 0.1, 0.2, 1.5  # before the step [s], its height [rad], time after it [s]
 CHIRP, CHIRP_DURATION, CHIRP_AMPLITUDE = (0.5, 8.0), 4.0, 0.1  # first and last frequency [Hz], [s], [rad]
 SPEEDS = np.linspace(0.0, 6.0, 61)  # at which friction is evaluated [rad/s]
-DRAWS = 100
+NUM_SAMPLES = 100
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class ClassBehaviour:
 
 
 def class_behaviours(prior: MotorPrior) -> list[ClassBehaviour]:
-    """Step and chirp response [rad] on a load of LOAD, and friction [N·m] of grey boxes, of DRAWS samples."""
+    """Step and chirp response [rad] on a load of LOAD, and friction [N·m] of grey boxes, of NUM_SAMPLES samples."""
     found = []
     for name in prior.classes.names:
-        sampled = prior.sample((name,) * DRAWS, np.random.default_rng([0, len(found)]))
+        sampled = prior.sample((name,) * NUM_SAMPLES, np.random.default_rng([0, len(found)]))
         recorded = prior.training_motors(prior.classes.rows_of(name))
         inertia = LOAD * float(np.median(_armature(recorded)))
         axes, ours, theirs = {}, _responses(sampled, inertia), _responses(recorded, inertia)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, DRAWS, Constants, plot_response
+from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants, plot_response
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import read_toml, write_text
@@ -113,7 +113,9 @@ class Fleet(Printable):
     def constants(self) -> Constants:
         """Constants with units and ranges between motors."""
         rng, family = np.random.default_rng(0), FAMILIES[self.family]
-        values = {name: np.clip(d.sample(rng, DRAWS), *family.bounds(name)) for name, d in self.parameters.items()}
+        values = {
+            name: np.clip(d.sample(rng, NUM_SAMPLES), *family.bounds(name)) for name, d in self.parameters.items()
+        }
         return Constants.of(values, family.units, {})
 
     def plot(self) -> Any:

@@ -32,7 +32,7 @@ from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
-from motorprior.studies.compare import DRAWS
+from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
 
@@ -226,7 +226,7 @@ def transfer(config: TransferCommand) -> None:
     if not config.policies:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     rows = tables.transfer_table(run_transfer(Transfer(**settings), TERMINAL))
-    table(f"Transfer, {DRAWS} motor samples x 5 s, means over seeds", *rows)
+    table(f"Transfer, {NUM_WALKS} motor samples x 5 s, means over seeds", *rows)
 
 
 @dataclass(frozen=True)

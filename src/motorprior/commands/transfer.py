@@ -75,7 +75,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 def _evaluate(
     trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
 ) -> list[Result]:
-    with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.DRAWS} walks", 1):
+    with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.NUM_WALKS} walks", 1):
         return compare.evaluate(trained.policy, scenes, condition, seed)
 
 

@@ -40,7 +40,7 @@ MAX_ROUNDS = 24  # restarts per joint, at most
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
-_RADII, _DRAWS, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
+_RADII, _CANDIDATES, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
 _STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # prior of a latent, of ln(J/J₀), of s/g and c/g
 _EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
 _LANES = 32  # loads simulated at a time; each has its own rows
@@ -168,7 +168,7 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
 
 def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
     """The best fit; the prior counts as much as one window that is fitted as well as the average one."""
-    rng, shape = np.random.default_rng(_STREAM), (1, _DRAWS, len(fixed))
+    rng, shape = np.random.default_rng(_STREAM), (1, _CANDIDATES, len(fixed))
 
     def weighted(loss: np.ndarray) -> GaussianPrior:
         return GaussianPrior(prior.mean, loss[0] / search.problem.observations * prior.precision).fixing(fixed)

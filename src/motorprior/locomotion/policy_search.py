@@ -15,7 +15,7 @@ from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
 
-EVALUATION_EVERY, EVALUATION_DRAWS = 10, 16  # iterations, episodes
+EVALUATION_EVERY, EVALUATION_EPISODES = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
 _MEANS = ("steps", "speed_error")  # means over the episodes of an iteration
@@ -90,8 +90,8 @@ class PolicySearch:
         )
 
     def evaluate(self, executor: Executor) -> None:
-        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_DRAWS samples of motors."""
-        seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_DRAWS)]
+        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
+        seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
         episodes = executor.map(run_task, self, [EpisodeTask(0, 0, seed) for seed in seeds])
         found = float(np.mean([episode.total for episode in episodes]))
         if found > self.best_return:

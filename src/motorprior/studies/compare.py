@@ -28,7 +28,7 @@ from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk
 from motorprior.studies.gait_quality import share_upright
 
 DURATION_STEPS = 500  # control steps of a walk of 5 s
-DRAWS = 24  # walks of an evaluation
+NUM_WALKS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
 # of `robustness_map`
 PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
@@ -85,7 +85,7 @@ class _Walks:
 
 
 def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int) -> list[Result]:
-    """Walk DRAWS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
+    """Walk NUM_WALKS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
 
     Returns rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright
     (share of the time before a fall) and drift (|final lateral displacement| [m]). Raises SimulationFault if a walk
@@ -93,7 +93,7 @@ def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int)
     """
     rows = []
     for name, scene in scenes.items():
-        episodes = run_walks(scene, policy.arrays, range(DRAWS))
+        episodes = run_walks(scene, policy.arrays, range(NUM_WALKS))
         require_walks(episodes, f"{name}/{model}")
         forward = np.array([episode.displacement[0] for episode in episodes])
         values = {
@@ -203,7 +203,7 @@ def compare(
     commands = straight_ahead(with_shared_speeds(robot, every))
     rows: list[Result] = []
     count = len(every) * len(motors)
-    with progress.start(f"compare: {count} x {DRAWS} walks", count) as task:
+    with progress.start(f"compare: {count} x {NUM_WALKS} walks", count) as task:
         for model, each in seeds.items():
             for seed, policy in enumerate(each):
                 scenes = {name: motors_scene(robot, policy, chosen, commands) for name, chosen in motors.items()}

@@ -30,7 +30,7 @@ from motorprior.simulation.scene import Engine, Scene, WalkConfig
 
 TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and no training
 ROBOT_STREAM = 0x20B0  # random stream of a numbered robot's motors, likewise
-DRAW_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
+WALK_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
 ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
 IN_FAMILY, OUT_OF_FAMILY = "fleet", "out_of_family"  # populations of motors
 
@@ -87,4 +87,4 @@ def motors_of_walk(robot: Robot, fleet: Fleet, study_seed: int, only: int | None
 
 def walk_seed(study_seed: int, number: int) -> int:
     """Seed of the sensors, floor and pushes of walk ``number`` of the study with seed ``study_seed``."""
-    return seed_of(DRAW_STREAM, study_seed, number)
+    return seed_of(WALK_STREAM, study_seed, number)

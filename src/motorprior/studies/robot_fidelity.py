@@ -40,7 +40,7 @@ ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspe
 # joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
 DIVERGED = 1e3  # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is MAX_ERROR
-DRAWS = 12  # samples of one motor per joint
+NUM_SAMPLES = 12  # samples of one motor per joint
 ROBOT_STREAM = 19  # tag of a random stream
 STEPS = 200
 CUTOFF = 20.0  # [Hz] torque above counts as chatter
@@ -84,11 +84,11 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
 def robot_fidelity(
     robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
 ) -> dict[str, np.ndarray]:
-    """(3, DRAWS) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
+    """(3, samples) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
     fast = World(robot, suspended=suspended)
     fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
-    for draw in range(DRAWS):
+    for draw in range(NUM_SAMPLES):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
         index = rng.permutation(len(motors))[: robot.num_joints]
         targets, physical = trot_targets(robot, rng, STEPS), motors.take(index).actuator()

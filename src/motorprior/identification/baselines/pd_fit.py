@@ -29,7 +29,7 @@ SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1
 NO_LIMIT = 1000.0  # [N·m]
 SCALE = 0.05  # [rad] quadratic-to-linear transition of the loss; large, since tables have RMS errors
 RESTARTS = 16  # maximum number of restarts
-_DRAWS, _STEPS = 128, ((10, WIDE), (6, NARROW))
+_CANDIDATES, _STEPS = 128, ((10, WIDE), (6, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _WARM_UP = 0.1  # [s] of a segment, until the delayed commands are known
 _MAX_SEGMENTS, _MAX_ROWS = 16, 8000  # size of the log that the search uses
@@ -115,9 +115,9 @@ def fit_pd(
     prior = GaussianPrior(np.where(limit, unlimited, 0.0), np.full(len(free), _WEAK))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        shape = (1, _DRAWS, len(free))
+        shape = (1, _CANDIDATES, len(free))
         found = spread * rng.standard_normal(shape)
-        found[..., limit] = np.where(rng.random((1, _DRAWS, 1)) < 0.5, unlimited, found[..., limit])
+        found[..., limit] = np.where(rng.random((1, _CANDIDATES, 1)) < 0.5, unlimited, found[..., limit])
         if restart % 2:
             found = np.where(rng.random(shape) < 0.5, found, best.x[:, None])
         return found

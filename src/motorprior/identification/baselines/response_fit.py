@@ -64,7 +64,7 @@ MIN_SAVING = 0.04  # share of the loss that an optional part must save
 MAX_SAMPLES = 40_000  # approximate maximum number of residuals of a joint; if there are more, every n-th is used
 SCALE = 0.05  # [rad] quadratic-to-linear transition of the loss; large, since tables have RMS errors
 RESTARTS = 16  # maximum number per model
-_DRAWS, _STEPS = 256, ((10, WIDE), (8, NARROW))
+_CANDIDATES, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _STREAM = 73
 _NEAR = 0.01  # share of the range of a search within which a constant is at its bound
@@ -244,7 +244,7 @@ class _ResponseProblem:
 def _searched(
     problem: _ResponseProblem, start: np.ndarray, rng: np.random.Generator, report: Callable[[], None]
 ) -> tuple[Fit, GaussianPrior]:
-    shape, low, high = (problem.count, _DRAWS, start.shape[1]), problem.low[:, None], problem.high[:, None]
+    shape, low, high = (problem.count, _CANDIDATES, start.shape[1]), problem.low[:, None], problem.high[:, None]
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         anywhere = rng.uniform(low, high, shape)

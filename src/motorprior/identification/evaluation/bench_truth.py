@@ -35,7 +35,7 @@ MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]
 _REPEATS = 4  # trials per excitation
 _TRIALS, _WORK = 17, 53  # tags of random streams
-DRAWS = 40  # samples of the posterior
+NUM_SAMPLES = 40  # samples of the posterior
 LEVELS = (50, 90)  # coverage of the bands [%]
 _COVERED = 2  # held-out trials per excitation: one held at 100 Hz, one not
 _LOG_STREAM, _BENCH_STREAM = 53, 23  # tags of random streams
@@ -104,7 +104,7 @@ def log_coverage(prior: MotorPrior, posterior: LatentPosterior, runs: Sequence[W
 def _sampled_errors(
     prior: MotorPrior, posterior: LatentPosterior, runs: WindowRuns, rng: np.random.Generator
 ) -> np.ndarray:
-    """(DRAWS, M, N, W) errors [rad] of samples of the posterior."""
+    """(NUM_SAMPLES, M, N, W) errors [rad] of samples of the posterior."""
     recorded, errors = runs.recorded(VEL), []
     for z in _latent_samples(posterior, rng):
         found = runs.errors(prior.model.motors(z))
@@ -115,9 +115,9 @@ def _sampled_errors(
 
 
 def _latent_samples(posterior: LatentPosterior, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """DRAWS samples (M, Z) of the posteriors of M motors."""
+    """NUM_SAMPLES samples (M, Z) of the posteriors of M motors."""
     factors = np.linalg.cholesky(posterior.covariance)
-    for _ in range(DRAWS):
+    for _ in range(NUM_SAMPLES):
         noise = rng.standard_normal(posterior.mean.shape)
         yield posterior.mean + np.einsum("mij,mj->mi", factors, noise)
 

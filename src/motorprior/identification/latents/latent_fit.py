@@ -37,7 +37,7 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import TrainingData
 
-DRAWS, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
+CANDIDATES, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
@@ -94,7 +94,7 @@ def fit_posterior(
 
 def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
-    rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), DRAWS, prior.mean.shape[1])
+    rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), CANDIDATES, prior.mean.shape[1])
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)

@@ -50,8 +50,8 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, Steps
 from motorprior.identification.training_data.windows import TrainingData
 
-RIGID_STARTS, RIGID_DRAWS, RIGID_RADIUS = 2, 256, 1.5
-RESTARTS, DRAWS = 48, 256  # maximum number of restarts, and candidates of each
+RIGID_STARTS, RIGID_CANDIDATES, RIGID_RADIUS = 2, 256, 1.5
+RESTARTS, CANDIDATES = 48, 256  # maximum number of restarts, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
 RIGID_STEPS = ((10, WIDE), (6, NARROW))  # descent of the simplest motors
 # other descents: the widest differences cross ripples of the loss, which impacts cause
@@ -151,7 +151,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     initial = scaled_center(runs, terms)
     rigid, missing = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
-    shape = (runs.num_motors, RIGID_DRAWS, len(rigid))
+    shape = (runs.num_motors, RIGID_CANDIDATES, len(rigid))
     prior = weak = weak_prior(np.zeros(len(rigid)))
     found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
     for frozen in (fixed | missing, fixed | (missing & ~limit))[: 1 + limits]:
@@ -183,7 +183,7 @@ def _fit_separately(
     central motors with and without these constants. The constants ``fixed`` (K,) are not fitted.
     """
     prior = separate_prior(search, nested_fit, np.where(missing, rigid, 0.0), initial).fixing(fixed)
-    shape, gear = (len(nested_fit), DRAWS, nested_fit.shape[1]), PARAMETERS.index("gear_stiffness")
+    shape, gear = (len(nested_fit), CANDIDATES, nested_fit.shape[1]), PARAMETERS.index("gear_stiffness")
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         noise, kind = rng.standard_normal(shape), restart % 4
@@ -244,7 +244,7 @@ def _empirical_bayes(
         found = search.descend(found.x, prior, ((6, WIDE if turn < 2 else NARROW),))
         if turn < 4:
             std = np.sqrt(found.loss.mean() / search.problem.observations / prior.precision)
-            shape = (len(found.x), DRAWS, found.x.shape[1])
+            shape = (len(found.x), CANDIDATES, found.x.shape[1])
             mean = np.broadcast_to(prior.mean, found.x.shape)[:, None]
             samples = mean + std * rng.standard_normal(shape)
             candidates = np.where(rng.random(shape) < 0.5, samples, found.x[:, None])

@@ -49,7 +49,7 @@ MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
 _LEVEL, _STRICT_LEVEL = 0.2, 0.05  # signed-rank test: for removals, for additions
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
-_DRAWS, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
+_NUM_CANDIDATES, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
 _SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
 
 
@@ -239,8 +239,8 @@ class _TermEvaluation:
         search = centred(center, terms, self._trained)
 
         def draw(restart: int, best: Fit) -> np.ndarray:
-            shape = (len(raw), _DRAWS, len(center))
-            others = (rng.random(shape) < 0.5) & (np.arange(_DRAWS)[:, None] % 2 == 1)
+            shape = (len(raw), _NUM_CANDIDATES, len(center))
+            others = (rng.random(shape) < 0.5) & (np.arange(_NUM_CANDIDATES)[:, None] % 2 == 1)
             drawn = np.where(is_new, rng.random(shape) < 0.7, others)
             candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None])
             candidates[:, 0] = best.x
