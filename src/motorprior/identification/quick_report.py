@@ -17,8 +17,8 @@ from motorprior.identification.evaluation.free_runs import (
     WHOLE_RUN,
     MotorModel,
     Validation,
-    evaluate,
     free_runs,
+    validation_of,
 )
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.physics.window_runs import whole_runs
@@ -56,7 +56,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
     of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}
-    found = evaluate(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
+    found = validation_of(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
     lines = [line.removeprefix(WARNING) for line in (*warnings, *found.warnings)]
     return found._replace(warnings=lines, constants=prior.constants())
 
@@ -66,7 +66,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
     runs = {name: whole_runs(with_placeholder_load(log), preset) for name, log in logs.test.items()}
-    found = evaluate(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
+    found = validation_of(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
     responses = models["servo_limits"]
     fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
     values = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}

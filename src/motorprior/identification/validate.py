@@ -14,7 +14,7 @@ from motorprior.identification.adapt import adapt_to, note_training_log
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
 from motorprior.identification.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
-from motorprior.identification.evaluation.free_runs import MotorModel, Validation, evaluate, free_runs
+from motorprior.identification.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
 from motorprior.identification.fit_prior import fit_recipe, trained_on
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.prior_file import require_adaptable
@@ -97,7 +97,7 @@ def validate(
     failed = [name for name, motors in baselines.items() if motors is None]
     of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
     plotted = (TUNED_PD, PRIOR, ADAPTED)
-    found = evaluate({test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed)
+    found = validation_of({test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed)
     for line in found.warnings:
         progress.note(line)
     coverages = [

@@ -83,7 +83,7 @@ class Validation(NamedTuple):
     constants: Constants | None = None  # constants of the fitted models
 
 
-def evaluate(
+def validation_of(
     logs: Mapping[str, MotorLog],
     runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
     models: Mapping[str, MotorModel],
