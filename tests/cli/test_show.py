@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from dog import LEGS_TOML, quadruped, written
 
+from motorprior import from_pretrained
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_json
 from motorprior.bench.bench_folder import LOG
 
 
@@ -36,3 +38,14 @@ def test_samples_of_a_prior_are_exported_with_their_loss(motorprior: Callable[..
     done = motorprior("export", prior, "--format", "table", "--motors", 2, "--out", tmp_path / "motors")
     assert done.code == 0 and "mrad" in done.err + done.out
     assert len(list((tmp_path / "motors").iterdir())) > 0
+
+
+def test_motors_are_exported_at_gains_in_the_unit_of_their_logs(motorprior: Callable[..., Any], tmp_path: Path):
+    """Samples of the shipped servo, whose logs have kp but no kd, at their middle gain and at twice this gain."""
+    servo, kp = tmp_path / "servo.safetensors", []
+    from_pretrained("xl330").save(servo)
+    for name, options in (("middle", ()), ("double", ("--kp", 800))):
+        done = motorprior("export", servo, "--format", "table", "--out", tmp_path / name, *options)
+        assert f"kp {800 if options else 400}" in done.err + done.out
+        kp.append(read_json(tmp_path / name / "motors.json")["samples"]["kp"])
+    np.testing.assert_allclose(kp[1], 2.0 * np.array(kp[0]))

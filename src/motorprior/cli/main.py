@@ -81,7 +81,7 @@ COMMON = {
     "import": ("paths", "out", "columns", "robot", "suspended", "as_joint", "kp", "kd"),
     "bench": ("out", "robot", "fleet", "motors", "seed"),
     "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "workers"),
-    "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "robot"),
+    "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "fleet", "robot"),
     "transfer": ("policies", "out", "study", "fleet", "robot", "workers"),
     "deploy": ("policy", "port", "virtual"),
     "record": ("port", "virtual", "standing"),

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import described_loss
 from motorprior.exports.registry import Exported, export
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -33,6 +36,10 @@ class Export:
     """Your MJCF, for mjcf and mjcf-detailed."""
     joints: tuple[str, ...] = ()
     """Names of the joints; those of the prior or posterior if not given."""
+    kp: float | None = None
+    """Gain of the motors, in the unit of the logs; the middle one of the logs if not given."""
+    kd: float | None = None
+    """Damping gain, if the logs have one."""
     log: Path | None = None
     """Motor log (.parquet) of these joints with loads: the loss on it is measured, too."""
 
@@ -44,9 +51,26 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
         source = MotorPosterior.load(config.motors_of, source)
     found = export(
         source, config.format, config.out, motors=config.motors, seed=config.seed, model=config.model,
-        joints=config.joints, log=None if config.log is None else read_parquet(config.log),
+        joints=config.joints, gains=_gains(config, source),
+        log=None if config.log is None else read_parquet(config.log),
     )  # fmt: skip
     progress.note(f"{len(found.files)} files in {config.out}")
+    if found.gains is not None:
+        kp, kd = (f"{value:.4g}" for value in found.gains)
+        progress.note(f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs (--kp)")
     if found.losses:  # a card loses nothing
         progress.note(described_loss(found.losses, found.not_expressed))
     return found
+
+
+def _gains(config: Export, source: MotorPrior | MotorPosterior) -> np.ndarray | None:
+    """(2, J) given gains, with the median kd of the logs if only kp is given."""
+    if config.kp is None:
+        return None
+    logged = (source.prior if isinstance(source, MotorPosterior) else source).gains
+    if logged is None:
+        problem = "the logs of the prior have no gains, so its motors have a fixed kp"
+        raise ConfigError(problem, remedy="omit it", argument="kp")
+    same = np.array_equal(*logged)  # the logs have no kd (`MotorLog.gains`)
+    kd = (config.kp if same else float(np.median(logged[1]))) if config.kd is None else config.kd
+    return np.tile([[config.kp], [kd]], len(config.joints or source.joint_names or ("motor",)))

@@ -53,6 +53,7 @@ class Exported:
     files: tuple[Path, ...]
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
     not_expressed: dict[str, float]  # median by name of the constants that the format lacks
+    gains: tuple[float, float] | None  # medians of kp and kd of the motors in the unit of the logs, if these have gains
 
 
 def export(
@@ -107,7 +108,8 @@ def export(
     table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
     changed = None if model is None else Path(model)
     request = Request(source, joints, seed, table, Path(out), changed, found, lost)
-    return Exported(tuple(exporter.write(request)), found, lost)
+    logged = None if bank.gains is None else (float(np.median(bank.gains[0])), float(np.median(bank.gains[1])))
+    return Exported(tuple(exporter.write(request)), found, lost, logged)
 
 
 def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:

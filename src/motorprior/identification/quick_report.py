@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}
     found = validation_of(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
     lines = [line.removeprefix(WARNING) for line in (*warnings, *found.warnings)]
-    return found._replace(warnings=lines, constants=prior.constants())
+    return replace(found, warnings=lines, constants=prior.constants())
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
@@ -79,7 +80,7 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
         if joints.any()
     ]
     constants = Constants.of(values, units, {name: not joints.any() for name, joints in reached.items()})
-    return found._replace(warnings=warnings, constants=constants)
+    return replace(found, warnings=warnings, constants=constants)
 
 
 def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:

@@ -107,7 +107,7 @@ def validate(
         for level, share in log_coverage(prior, motors, each).items()
     ]
     trained = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
-    return found._replace(results=trained + found.results.where(log=None) + Results.of(coverages))
+    return replace(found, results=trained + found.results.where(log=None) + Results.of(coverages))
 
 
 def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:

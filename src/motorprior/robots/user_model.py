@@ -141,7 +141,10 @@ class UserModel:
         """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
-            remedy = 'give it range="LOWER UPPER", in a URDF type="revolute" and <limit lower="…" upper="…"/>'
+            remedy = (
+                'give it range="LOWER UPPER", in degrees without <compiler angle="radian"/>; in a URDF type="revolute" '
+                'and <limit lower="…" upper="…"/>'
+            )
             raise self._error(f"joint {name!r} has no limits", remedy)
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)

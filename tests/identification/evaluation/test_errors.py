@@ -20,7 +20,7 @@ from motorprior.identification.evaluation.errors import (
     log_warnings,
     replay_errors,
 )
-from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, free_run_errors, free_runs
+from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, Validation, free_run_errors, free_runs
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
@@ -126,3 +126,9 @@ def test_joints_with_more_than_a_third_of_the_tuned_pds_error_are_named():
     worse = LogErrors(("log",), ("hip", "knee"), models | {"prior": np.array([[0.002, 0.005]])})
     (line,) = worse.warnings("prior")
     assert "knee 46 %" in line and "hip" not in line
+
+
+def test_a_validation_prints_as_a_table_with_its_warnings():
+    errors = LogErrors(("log",), ("hip", "knee"), {"prior": np.array([[0.002, 0.004]])})
+    text = str(Validation(error_results(errors, "whole_run_rmse"), [], ["the model lacks physics"]))
+    assert "warning 1: the model lacks physics" in text and "4.0 (knee)" in text

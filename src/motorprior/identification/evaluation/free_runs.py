@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from motorprior.identification.evaluation.errors import (
     Statistics,
     capped,
     error_results,
+    error_table,
 )
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
@@ -31,6 +32,7 @@ from motorprior.identification.training_data.windows import POS, SECONDS, TARGET
 from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Results
 from motorprior.signals import rms
+from motorprior.texts import Overview, Printable
 
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 DURATION = 1.0  # of a FREE_RUN [s]
@@ -74,13 +76,21 @@ class Trace:
     models: dict[str, np.ndarray]
 
 
-class Validation(NamedTuple):
-    """Errors, and what is plotted of them."""
+@dataclass(frozen=True, repr=False)
+class Validation(Printable):
+    """Errors, and traces of two joints."""
 
     results: Results
     traces: list[Trace]
     warnings: list[str]
     constants: Constants | None = None  # constants of the fitted models
+
+    def overview(self) -> Overview:
+        """Errors of every model over the joints, and warnings."""
+        by_joint = [row.quantity for row in self.results if row.part is not None]
+        titles = {quantity: quantity.removesuffix("_rmse") for quantity in by_joint}
+        warnings = {f"warning {number}": line for number, line in enumerate(self.warnings, 1)}
+        return Overview("joint RMSE [mrad] of free runs", warnings, *error_table(self.results, titles))
 
 
 def validation_of(
