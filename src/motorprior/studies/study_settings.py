@@ -60,7 +60,7 @@ CONDITIONS = {  # in the order of every table, see docs/transfer.md
     "oracle": Condition(),
 }
 STANDARD = tuple(CONDITIONS)
-SHARED = Condition(prior="given")  # other motors, the same for both populations
+OTHER_MOTORS = Condition(prior="given")  # of a condition that is a text as of `walk`; the same for both populations
 # the sampled prior with the mean motor's values of these constants
 CONDITIONS |= {f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN}
 

@@ -62,7 +62,7 @@ from motorprior.studies.statistics import (
     read_walks,
     write_walks,
 )
-from motorprior.studies.study_settings import CONDITIONS, PDS, SHARED, TRAINING, VALIDATION, Study
+from motorprior.studies.study_settings import CONDITIONS, OTHER_MOTORS, PDS, TRAINING, VALIDATION, Study
 
 WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
@@ -241,7 +241,7 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     """The policies of this seed on a bench."""
     made = []
     for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
-        condition, number = CONDITIONS.get(name, SHARED), bench.robot_of(seed)
+        condition, number = CONDITIONS.get(name, OTHER_MOTORS), bench.robot_of(seed)
         for population in (OUT_OF_FAMILY, IN_FAMILY) if condition.per_population else (IN_FAMILY,):
             within = (population,) if condition.per_population else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
