@@ -37,9 +37,9 @@ class Export:
     joints: tuple[str, ...] = ()
     """Names of the joints; those of the prior or posterior if not given."""
     kp: float | None = None
-    """Gain of the motors, in the unit of the logs; the middle one of the logs if not given."""
+    """Gain of the motors [unit of the logs]; the middle one of the logs if not given."""
     kd: float | None = None
-    """Damping gain, if the logs have one."""
+    """Damping gain, if the logs have one [unit of the logs]."""
     log: Path | None = None
     """Motor log (.parquet) of these joints with loads: the loss on it is measured, too."""
 
