@@ -76,7 +76,7 @@ def parsed(text: str) -> tuple[str, Options]:
         import_module(f"motorprior.actuator.{module.name}")
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
-        raise _error(text, f"no kind {kind!r}", f"use one of {', '.join(KINDS)}; prior:{kind} for a shipped prior")
+        raise _error(text, f"no kind {kind!r}", f"use one of {', '.join(KINDS)}; a shipped prior is prior:NAME")
     parameters = list(signature(KINDS[kind]).parameters.values())[1:]
     names, options = [each.name for each in parameters], {}
     for item in filter(None, rest.split(",")):

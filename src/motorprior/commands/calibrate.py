@@ -76,7 +76,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
 def _covered(
     config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
 ) -> list[Result]:
-    """The share of the measured angles in the 90 % bands of the fitted fleet; draws a joint of each log."""
+    """The share of the measured angles in the 90 % bands of the fitted fleet; plots a joint of each log."""
     from motorprior.report.plots import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 

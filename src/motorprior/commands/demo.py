@@ -42,7 +42,7 @@ _PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 @dataclass(frozen=True)
 class Demo:
-    """Learn motors, train policies on several models of them, and test these on held-out virtual robots; resumes."""
+    """Learn motors, train policies on models of them, test these on held-out virtual robots; a rerun resumes."""
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""

@@ -63,14 +63,15 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
     return found
 
 
-def _gains(config: Export, source: MotorPrior | MotorPosterior) -> np.ndarray | None:
-    """(2, J) given gains, with the median kd of the logs if only kp is given."""
-    if config.kp is None:
+def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, float] | None:
+    """Given kp and kd; one that is not given is the median of the logs, or kd is kp if these have none."""
+    if config.kp is None and config.kd is None:
         return None
     logged = (source.prior if isinstance(source, MotorPosterior) else source).gains
     if logged is None:
-        problem = "the logs of the prior have no gains, so its motors have a fixed kp"
-        raise ConfigError(problem, remedy="omit it", argument="kp")
-    same = np.array_equal(*logged)  # the logs have no kd (`MotorLog.gains`)
-    kd = (config.kp if same else float(np.median(logged[1]))) if config.kd is None else config.kd
-    return np.tile([[config.kp], [kd]], len(config.joints or source.joint_names or ("motor",)))
+        problem = "the logs of the prior have no gains, so its motors have a fixed kp and kd"
+        raise ConfigError(problem, remedy="omit it", argument="kd" if config.kp is None else "kp")
+    kp, kd = np.median(logged, axis=1).tolist()
+    kp = kp if config.kp is None else config.kp
+    same = np.array_equal(*logged)  # see `MotorLog.gains`
+    return kp, (kp if same else kd) if config.kd is None else config.kd

@@ -94,7 +94,7 @@ def _models(
     return {
         "ideal_pd": [motors_with_logged_gains(nominal_pd(fleet, count), log)],
         "physical": [motors_with_logged_gains(fleet.center(count), log).actuator()],
-        "physical_draws": [motors.actuator() for motors in drawn],
+        "physical_samples": [motors.actuator() for motors in drawn],
         prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.samples)],
     }
 

@@ -65,7 +65,7 @@ def export(
     seed: int = 0,
     model: str | Path | None = None,
     joints: tuple[str, ...] = (),
-    gains: np.ndarray | None = None,
+    gains: np.ndarray | tuple[float, float] | None = None,
     log: MotorLog | None = None,
 ) -> Exported:
     """Write ``motors`` samples per joint for another simulator, and measure what the format loses in closed loop.
@@ -78,7 +78,7 @@ def export(
         seed: of the samples; same arguments, same bytes.
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
-        gains: (2, J) kp and kd, see `MotorPrior.sample`.
+        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`.
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Raises:
@@ -97,7 +97,8 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     joints = joints or source.joint_names or ("motor",)
-    bank = sampled(source, motors, seed, joints, gains)
+    each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joints)))
+    bank = sampled(source, motors, seed, joints, each)
     step, values = min(MAX_STEP, bank.model.period), with_kd(bank.constants())
     lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
     found: dict[str, float] = {}

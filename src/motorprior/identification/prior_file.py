@@ -18,7 +18,7 @@ from motorprior.actuator.motor_prior import (
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, range_text
 
 if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
@@ -107,12 +107,8 @@ def _gain_note(prior: MotorPrior, robot: Robot) -> list[str]:
     ranges = [np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1) for gains in (logged, own)]
     if np.allclose(*ranges, rtol=0.01):
         return []
-    texts = [f"kp {_range(*kp)} and kd {_range(*kd)}" for kp, kd in ranges]
+    texts = [f"kp {range_text(*kp)} and kd {range_text(*kd)}" for kp, kd in ranges]
     return [
         f"note: the logs of the prior have {texts[0]}, the description of {robot.name} has {texts[1]}: the simulated "
         "motors use the latter"
     ]
-
-
-def _range(low: float, high: float) -> str:
-    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"

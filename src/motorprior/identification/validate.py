@@ -97,15 +97,17 @@ def validate(
     failed = [name for name, motors in baselines.items() if motors is None]
     of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
     plotted = (TUNED_PD, PRIOR, ADAPTED)
-    found = validation_of({test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed)
+    with progress.start("free runs", 1) as task:
+        found = validation_of({test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed)
+        coverages = [
+            Result(f"{COVERAGE[f'{span}_rmse']}{level}", "1", share, model)
+            for span, each in runs.items()
+            for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
+            for level, share in log_coverage(prior, motors, each).items()
+        ]
+        task.advance()
     for line in found.warnings:
         progress.note(line)
-    coverages = [
-        Result(f"{COVERAGE[f'{span}_rmse']}{level}", "1", share, model)
-        for span, each in runs.items()
-        for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
-        for level, share in log_coverage(prior, motors, each).items()
-    ]
     trained = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
     return replace(found, results=trained + found.results.where(log=None) + Results.of(coverages))
 

@@ -185,7 +185,7 @@ class Policy(Printable):
             ("control period [s]", self.control_dt, self.control_dt if same_clock else robot.control_dt),
         ):
             if found != wanted:
-                remedy = "use a policy trained for it as it is now, or give the robot (--robot) of this policy"
+                remedy = f"use a policy trained for {robot.name} as it is now, or give the policy's robot (--robot)"
                 raise ConfigError(f"{name} of the policy: {found!r}, wanted {wanted!r}", where=where, remedy=remedy)
 
     def save(self, path: str | Path) -> None:

@@ -227,7 +227,7 @@ def settings_text(log: MotorLog) -> str:
         parts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
     for name, values in channels(log).items():
         if name in OPERATING_CONDITIONS:
-            parts.append(f"{name} {range_text(name, values.min(), values.max())}")
+            parts.append(f"{name} {condition_text(name, values.min(), values.max())}")
     if log.posture is not None:
         parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
     return "; ".join(parts)
@@ -243,9 +243,14 @@ def gain_texts(log: MotorLog) -> list[str]:
     return texts
 
 
-def range_text(condition: str, low: float, high: float) -> str:
-    """For example "9.6 to 12 V", or "12 V" if both are equal."""
-    return f"{' to '.join(dict.fromkeys((f'{low:.3g}', f'{high:.3g}')))} {OPERATING_CONDITIONS[condition][2]}"
+def range_text(low: float, high: float) -> str:
+    """For example "9.6 to 12", or "12" if both are equal."""
+    return " to ".join(dict.fromkeys((f"{low:.3g}", f"{high:.3g}")))
+
+
+def condition_text(condition: str, low: float, high: float) -> str:
+    """For example "9.6 to 12 V"."""
+    return f"{range_text(low, high)} {OPERATING_CONDITIONS[condition][2]}"
 
 
 CORRECT = "correct the column map, or the file"

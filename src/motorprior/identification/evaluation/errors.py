@@ -28,7 +28,7 @@ from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
 from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold
-from motorprior.logs.motor_log import MotorLog, range_text
+from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import excited_joints, static_joints
 from motorprior.progress import Progress
 from motorprior.results import Result, Results
@@ -179,14 +179,14 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if modelled:
-                found.append(f"note: the log has no {name}: {range_text(name, nominal, nominal)} is assumed")
+                found.append(f"note: the log has no {name}: {condition_text(name, nominal, nominal)} is assumed")
             continue
         means, margin = np.array([part.conditions[name] for part in log.segments()]), min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
             found.append(
-                f"warning: {name} is {range_text(name, means.min(), means.max())}, in the prior's logs "
-                f"{range_text(name, lowest, highest)}: its effect is {effect} -> check its unit, or identify with "
+                f"warning: {name} is {condition_text(name, means.min(), means.max())}, in the prior's logs "
+                f"{condition_text(name, lowest, highest)}: its effect is {effect} -> check its unit, or identify with "
                 "logs of both"
             )
     return found

@@ -86,11 +86,11 @@ class Validation(Printable):
     constants: Constants | None = None  # constants of the fitted models
 
     def overview(self) -> Overview:
-        """Errors of every model over the joints, and warnings."""
+        """Errors of every model over the joints."""
         by_joint = [row.quantity for row in self.results if row.part is not None]
         titles = {quantity: quantity.removesuffix("_rmse") for quantity in by_joint}
-        warnings = {f"warning {number}": line for number, line in enumerate(self.warnings, 1)}
-        return Overview("joint RMSE [mrad] of free runs", warnings, *error_table(self.results, titles))
+        facts = {"warnings": f"{len(self.warnings)}, see `warnings`" if self.warnings else ""}
+        return Overview("joint RMSE [mrad] of free runs", facts, *error_table(self.results, titles))
 
 
 def validation_of(
