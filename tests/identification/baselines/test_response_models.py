@@ -16,6 +16,7 @@ from motorprior.identification.training_data.windows import (
     INERTIA,
     POS,
     READING,
+    STIFFNESS,
     TARGET,
     VEL,
     Measured,
@@ -51,6 +52,14 @@ def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: 
     return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
 
 
+def pendulum_moved_by_hand(seed: int) -> WindowRuns:
+    """A hanging pendulum whose motion has nothing to do with the commands."""
+    pos = 2.0 * command(seed + 100)
+    runs = runs_of(command(seed), pos, -0.4 * (np.sin(pos) - pos * np.cos(pos)))
+    runs.segments[0].rows[:, STIFFNESS, 0] = -0.4 * np.cos(pos)
+    return runs
+
+
 def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     """The motion of a joint with these constants, from rest."""
     target, external = command(seed), 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
@@ -83,3 +92,9 @@ def test_known_constants_are_recovered(known: dict[str, float], request: pytest.
     assert errors[name][0] < 1e-3
     simpler = list(models)[: list(models).index(name)]
     assert all(errors[model][0] > 3 * errors[name][0] for model in simpler)
+
+
+def test_the_load_along_a_recorded_motion_does_not_reveal_this_motion():
+    found = fit_responses([pendulum_moved_by_hand(1), pendulum_moved_by_hand(2)], "torque")["servo_limits"]
+    test = pendulum_moved_by_hand(3)
+    assert free_run_errors([test], {"": found})[""][0] > 0.8 * np.std(test.recorded(POS))

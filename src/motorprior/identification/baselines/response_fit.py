@@ -6,9 +6,9 @@
                    q̈ = rate²·(e less the dead band) - 2·damping·rate·q̇,   |q̈| <= acceleration,  |q̇| <= speed
 
 They need neither torque nor inertia, and hold for these gains and this load only. u [rad] is the command, linear in
-time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m] is the log's external torque;
-``compliance`` [rad/(N·m)] is that of a proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of
-the joint's own angle replace it.
+time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ [N·m] is the log's external torque at
+the simulated angle; ``compliance`` [rad/(N·m)] is that of a proportional control law. If a log has no load, ``sine``
+and ``cosine`` [rad] of the joint's own angle replace it.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive constants within
 BOUNDS, and others in UNITS around their neutral values. Every model starts at the optimum of the simpler one. An
@@ -52,10 +52,10 @@ GRAVITY = {"torque": ("compliance",), "angle": ("sine", "cosine")}
 # bounds [SI] of candidates of constants that are searched as logarithms
 BOUNDS = {
     "delay": (1e-4, 0.4), "rate": (2.0, 600.0), "damping": (0.05, 20.0), "speed": (0.05, 100.0),
-    "acceleration": (0.5, 1e5), "band": (1e-5, 0.3),
+    "acceleration": (0.5, 1e5), "band": (1e-5, 0.3), "compliance": (1e-4, 10.0),
 }  # fmt: skip
 # units of constants that are searched linearly, within REACHABLE units of their neutral values
-UNITS = {"gain": 0.15, "offset": 0.1, "compliance": 0.1, "sine": 0.1, "cosine": 0.1}
+UNITS = {"gain": 0.15, "offset": 0.1, "sine": 0.1, "cosine": 0.1}
 REACHABLE = 3.0
 OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())  # dropped in this order
 # constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
@@ -72,11 +72,11 @@ _OFFSET = list(CONSTANTS).index("offset")
 
 
 @njit(cache=True, nogil=True)
-def _respond(target, external, starts, pos, vel, constants, dt, out):
+def _respond(target, external, stiffness, starts, pos, vel, constants, dt, out):
     """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
 
-    target [rad] and external [N·m] are (rows,); runs start at rows ``starts`` (runs,) from ``pos`` [rad] and ``vel``,
-    half a period before [rad/s]; constants are in the order of CONSTANTS, dt [s].
+    target [rad], external [N·m] and stiffness [N·m/rad] are (rows,); runs start at rows ``starts`` (runs,) from ``pos``
+    [rad] and ``vel``, half a period before [rad/s]; constants are in the order of CONSTANTS, dt [s].
     """
     delay, rate, damping, speed, acceleration, band, gain, offset, compliance, sine, cosine = constants
     late, at_once, turned = delay / dt, rate >= INFINITE_RATE, sine != 0.0 or cosine != 0.0
@@ -87,7 +87,7 @@ def _respond(target, external, starts, pos, vel, constants, dt, out):
             age = max(0.0, row + at_once - late)  # without lag, the end of the step has the command of that time
             before = min(int(age), target.shape[0] - 2)
             command = target[before] + (age - before) * (target[before + 1] - target[before])
-            aim = gain * command + offset + compliance * external[row]
+            aim = gain * command + offset + compliance * (external[row] + stiffness[row] * q)
             if turned:
                 aim += sine * np.sin(q) + cosine * np.cos(q)
             if at_once:
@@ -121,21 +121,20 @@ class JointRuns:
     def __init__(self, runs: WindowRuns, joint: int):
         first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []
         for segment in runs.segments:
-            target, rest, stiffness, pos, vel, reading = (
+            target, external, stiffness, pos, vel, reading = (
                 np.ascontiguousarray(segment.rows[:, channel, joint])
                 for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL, READING)
             )
-            external = rest + stiffness * pos
             starts = first + self._window * np.arange(segment.windows)
             recorded = reading[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
-            self._segments.append((target, external, starts, pos[starts], vel[starts], recorded))
+            self._segments.append((target, external, stiffness, starts, pos[starts], vel[starts], recorded))
 
     def errors(self, constants: np.ndarray) -> np.ndarray:
         """(N, W) simulated minus recorded angles [rad] with these ``constants``."""
         found = []
-        for target, external, starts, pos, vel, recorded in self._segments:
+        for *inputs, recorded in self._segments:
             simulated = np.empty(recorded.shape)
-            _respond(target, external, starts, pos, vel, constants, self._dt, simulated)
+            _respond(*inputs, constants, self._dt, simulated)
             found.append(simulated - recorded)
         return np.concatenate(found)
 
