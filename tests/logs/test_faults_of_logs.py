@@ -11,7 +11,8 @@ import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import without_gaps
+from motorprior.logs.read_log import cleaned
+from motorprior.progress import WARNING
 
 TIME = 0.01 * np.arange(1500)
 
@@ -32,11 +33,21 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     assert clean.joint_vel is not None
     angle, speed = clean.joint_pos.copy(), clean.joint_vel.copy()
     angle[[200, 700], 0], angle[900:902, 1], angle[-1, 1], speed[[400, 1200], 1] = -np.pi, -np.pi, -np.pi, 620.0
-    log, (line,) = without_gaps(replace(clean, joint_pos=angle, joint_vel=speed))
-    assert line == "7 rows in which a read failed are left out (a 2, b 5)"
+    log, (line,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed))
+    assert line.removeprefix(WARNING) == "7 rows in which a read failed are left out (a 2, b 5)"
     assert log.num_rows == 1493 and log.segment is None
     np.testing.assert_array_equal(log.joint_pos, clean.joint_pos[np.isin(TIME, log.time)])
-    assert without_gaps(clean) == (clean, [])
+    assert cleaned(clean) == (clean, [])
+
+
+def test_errors_are_warnings_of_the_import_and_an_impossible_rate_ends_it(tmp_path: Path):
+    log, path = moving((0.5, 0.8)), tmp_path / "log.parquet"
+    mp.write_log(path, replace(log, joint_pos=log.joint_pos * [1.0, -1.0], joint_vel=None))
+    with pytest.warns(UserWarning, match="b moves against its command"):
+        mp.load_log(path)
+    mp.write_log(path, replace(log, time=1e3 * log.time))
+    with pytest.raises(mp.LogError, match='time = "s", "ms"'):
+        mp.load_log(path)
 
 
 def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):

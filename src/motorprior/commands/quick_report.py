@@ -13,9 +13,9 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
-from motorprior.logs.read_log import PERIOD, LogFolder, read_log_folder, reader_of, without_gaps
+from motorprior.logs.read_log import PERIOD, LogFolder, cleaned, read_log_folder, reader_of
 from motorprior.logs.splits import excited_in_any, long_segments, split
-from motorprior.progress import SILENT, Progress
+from motorprior.progress import SILENT, WARNING, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -96,11 +96,11 @@ def _without_gaps(config: QuickReport, folder: LogFolder) -> tuple[dict[str, Mot
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
-            logs[name], found = without_gaps(log)
+            logs[name], found = cleaned(log)
         except LogError as error:
             unsteady, found = error, [f"left out {error}"]
         assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {line}" for line in (assumed, *found) if line]
+        lines += [f"{name}: {line.removeprefix(WARNING)}" for line in (assumed, *found) if line]
     if unsteady and not logs:
         raise unsteady
     return logs, lines

@@ -19,6 +19,8 @@ from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError, listed
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
@@ -170,8 +172,8 @@ def load_log(
 ) -> MotorLog:
     """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
 
-    Rows in which a read failed are left out. A segment begins after every gap. Both, assumptions of the format, and
-    joint signs that contradict gravity are reported.
+    Rows in which a read failed are left out. A segment begins after every gap. Both, errors that `check_log` finds,
+    assumptions of the format, and joint signs that contradict gravity are reported.
 
     Args:
         path: as in `read_log`.
@@ -216,9 +218,10 @@ def load_log(
                 problem = f"suspended: the log already contains its load ({present[0]})"
                 raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
             require_fixed_base(log, model, path)
-        log, lines = without_gaps(log, period or 0.0)
-        for message in [*lines, *([reader.assumption] if reader.assumption and not columns else [])]:
-            progress.note(f"{path}: {message}")
+        log, lines = cleaned(log, period or 0.0)
+        for line in [*lines, *([reader.assumption] if reader.assumption and not columns else [])]:
+            prefix = WARNING if line.startswith(WARNING) else ""
+            progress.note(f"{prefix}{path}: {line.removeprefix(WARNING)}")
         if period is not None:
             log = resample(log, period) if model is None else smooth_on_grid(log, period)
     if model is not None:
@@ -244,16 +247,24 @@ def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], pat
     raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
 
 
-def without_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
+def cleaned(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
     """The log without rows in which a read failed, with a segment after every gap; and sentences about both.
 
-    Raises LogError as `begin_at_gaps`, or if a segment has fewer than 2 rows without failed reads.
+    Further sentences are warnings of the errors that `check_log` finds.
+
+    Raises:
+        LogError: as `begin_at_gaps`; a rate that no motor is recorded at; or a segment that has fewer than 2 rows
+            without failed reads.
     """
     failed = failed_reads(log)
     counts, rows = failed.sum(axis=0), np.asarray(failed.any(axis=1))
     named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
-    lines = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
+    lines = [f"{WARNING}{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
     log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)
+    for error in grouped(check_log(log).errors):
+        if error.check == "rate":
+            raise LogError(error.message, where=log.source, remedy=error.remedy)
+        lines.append(f"{WARNING}{error.message} -> {error.remedy}")
     return log, lines + ([gaps] if gaps else [])
 
 

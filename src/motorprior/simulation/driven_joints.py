@@ -91,7 +91,7 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
     for actuator in range(model.nu):
         if joint in _joints_of(model, actuator):
-            problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name!r}"
+            problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name or actuator!r}"
             raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint
 
