@@ -30,7 +30,7 @@ from motorprior.bench.recording import BENCH_PRESETS, BenchPreset, bench_preset,
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.adapt import adapt_to
 from motorprior.identification.excitation.fit_excitation import fit_excitation
-from motorprior.identification.excitation.plan import active
+from motorprior.identification.excitation.plan import plan_excitation
 from motorprior.identification.fit_prior import fit_recipe
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.logs.loads import with_torque_balance
@@ -271,7 +271,7 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
     for kind in (*settings.kinds, "active"):
         if kind == "active" and not (settings.out / "active.safetensors").exists():
             prior, _ = _prior(settings, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
-            active(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
+            plan_excitation(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:
             cells = [

@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.recording import record_bench
+from motorprior.bench.bench_folder import record_bench
 from motorprior.exports.cards import write_card
 from motorprior.identification.evaluation.bench_truth import log_coverage
 from motorprior.identification.evaluation.free_runs import free_run_errors

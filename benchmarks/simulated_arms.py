@@ -118,7 +118,7 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
 
 def drawn_constants(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """(JOINTS,) constants by name."""
-    return {name: np.exp(rng.uniform(*np.log(bounds), JOINTS)) for name, bounds in RANGES.items()}
+    return {name: np.exp(rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items()}
 
 
 def measure(settings: Settings, arm: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:

@@ -132,9 +132,9 @@ class JointRuns:
     def errors(self, constants: np.ndarray) -> np.ndarray:
         """(N, W) simulated minus recorded angles [rad] with these ``constants``."""
         found = []
-        for *inputs, recorded in self._segments:
+        for target, external, stiffness, starts, pos, vel, recorded in self._segments:
             simulated = np.empty(recorded.shape)
-            _respond(*inputs, constants, self._dt, simulated)
+            _respond(target, external, stiffness, starts, pos, vel, constants, self._dt, simulated)
             found.append(simulated - recorded)
         return np.concatenate(found)
 
