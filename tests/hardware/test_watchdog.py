@@ -15,7 +15,7 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.virtual_robot import IDLE, VirtualRobot
-from motorprior.logs.readers.robot_run import Mode, read_robot_run
+from motorprior.logs.readers.deploy_recording import Mode, read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 pytestmark = pytest.mark.real_time
@@ -87,7 +87,7 @@ def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     assert when(robot, IDLE, killed) - killed < 0.1
     time.sleep(0.15)
     assert robot.events[-1][1] == IDLE, "nothing moves it again"
-    assert read_robot_run(log, PUPPER_V2, (Mode.WALK,)).num_rows >= 30
+    assert read_deploy_recording(log, PUPPER_V2, (Mode.WALK,)).num_rows >= 30
 
 
 @pytest.mark.parametrize("full", [False, True], ids=["queue can be emptied", "queue stays full"])

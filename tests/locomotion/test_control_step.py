@@ -194,7 +194,10 @@ def test_reward_by_hand():
         alive=0.5, speed=1.0, lateral=0.8, heading=0.6, yaw_rate=0.1, tilt=0.2, torque=0.003, slip=0.4
     )
     gait, feet, rolled = new_gait(BODY), feet_at(0.0), np.array([math.cos(0.035), math.sin(0.035), 0.0, 0.0])
-    gait.twist[:], gait.scalars[3:6] = (0.3, 0.1), (0.05, 0.1, 0.1)  # heading and filtered speeds, which stay
+    gait.velocity_command[:], gait.scalars[3:6] = (
+        (0.3, 0.1),
+        (0.05, 0.1, 0.1),
+    )  # heading and filtered speeds, which stay
     gait.feet[:, :3], gait.feet[:, 3] = feet, PUPPER_V2.nominal_pose[1] + PUPPER_V2.nominal_pose[2]
     feet[0, 0] = 0.1 * DT  # one foot slides by 0.1 m/s
     # 0.5 - 0.2 - 0.8·0.1 - 0.6·0.05 - 0.1·0.3 - 0.2·0.07 - 0.003·5 - 0.4·0.1 = 0.091

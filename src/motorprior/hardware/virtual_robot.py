@@ -21,7 +21,7 @@ import numpy as np
 
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
-from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.robots.wire import MotorCommand, SensorReadings
 
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
 HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
@@ -31,8 +31,8 @@ _BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 class RobotBody(Protocol):
     """Motors and mechanics of a robot. Joints in the robot's signs."""
 
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
+    def advance(self, milliseconds: int, command: MotorCommand) -> None:
+        """Simulate under a constant command; the current control runs at 1 kHz or faster."""
 
     def sense(self) -> SensorReadings:
         """The present readings."""
@@ -81,7 +81,7 @@ class Firmware:
             self._text.clear()
             step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
             (kp, kd, limit), on = self.gains, np.full(self._joints, float(self.mode in (HOLDING, POSITION)))
-            self._body.advance(step, Drive(self._target, kp * on, kd * on, limit))
+            self._body.advance(step, MotorCommand(self._target, kp * on, kd * on, limit))
             self.now += step
             if self.mode == ERROR:
                 self._text.append("ERROR")

@@ -58,7 +58,7 @@ class Wire:
 
 
 @dataclass(frozen=True)
-class Drive:
+class MotorCommand:
     """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
 
     target: np.ndarray  # (joints,) [rad]

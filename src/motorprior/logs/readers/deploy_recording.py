@@ -37,7 +37,7 @@ def run_columns(joint_names: tuple[str, ...], with_current: bool) -> tuple[str, 
     return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in joint_names), *_BODY)
 
 
-def read_robot_run(
+def read_deploy_recording(
     path: Path, robot: Robot, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
 ) -> MotorLog:
     """Read the rows of a recording with certain activities.
@@ -103,8 +103,8 @@ READER = LogReader(
     "recording of a robot",
     (".csv",),
     lambda path: csv_names(path)[:2] == ["time", "mode"],
-    lambda path, robot: read_robot_run(path, require_robot(robot, path)),
-    on_grid=lambda path, robot, period, suspended: read_robot_run(
+    lambda path, robot: read_deploy_recording(path, require_robot(robot, path)),
+    on_grid=lambda path, robot, period, suspended: read_deploy_recording(
         path, require_robot(robot, path), (Mode.EXCITE,) if suspended else (Mode.WALK, Mode.EXCITE), period
     ),
     needs_robot=True,
