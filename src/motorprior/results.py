@@ -64,10 +64,6 @@ class Results:
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
         return Results.of(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
 
-    def having(self, **columns: Any) -> Results:
-        """The same rows with other values in some columns."""
-        return Results.of(replace(row, **columns) for row in self)
-
     def distinct(self, column: str) -> list[Any]:
         """Distinct values of a column, in the order of the rows."""
         return list(dict.fromkeys(getattr(row, column) for row in self))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from findings import of_check
 from swinging_bars import INERTIA, swing, write_table
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
@@ -115,7 +116,7 @@ def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     log = read_parquet(tmp_path / "out" / "swing.parquet")
     assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
     assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
-    assert not check_log(log).by_check("gaps")
+    assert not of_check(check_log(log), "gaps")
     assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in output
 
 

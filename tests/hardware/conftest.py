@@ -10,13 +10,14 @@ from threading import Event, Thread
 
 import pytest
 from policies import as_file_content
+from robot_faults import ObservedFirmware
 
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_robot import VirtualRobot
-from motorprior.locomotion.policy import zero_policy
+from motorprior.hardware.virtual_robot import FirmwareConfig, VirtualRobot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from untrained import zero_policy
 
 # For a busy computer; the real limits are tested in simulated time.
 PATIENT = replace(
@@ -39,7 +40,13 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     with ExitStack() as stack:
 
         def start(**settings) -> VirtualRobot:
-            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
+            robot, body = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
+            events: list[tuple[float, str]] = []  # time on the monotonic clock [s], mode or "target"
+            config = FirmwareConfig(with_currents=settings.get("currents", False))
+            robot.firmware = ObservedFirmware(
+                PUPPER_V2, body, config, lambda what: events.append((time.monotonic(), what))
+            )
+            robot.events = events  # pyright: ignore[reportAttributeAccessIssue]
             unplugged = Event()
             thread = Thread(target=robot.run, args=(unplugged.is_set,), daemon=True)
             thread.start()

@@ -48,7 +48,7 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
     assert doctor.returncode == 0 and "ok  IMU" in doctor.stderr and "ok  joint RL_knee" in doctor.stderr, doctor.stderr
-    assert pupper.received == 0
+    assert pupper.firmware.received == 0
 
 
 def test_interpreted_and_compiled_formulas_agree(tmp_path: Path):

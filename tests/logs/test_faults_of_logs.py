@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from findings import of_check
 from third_party_files import write_bam
 
 import motorprior as mp
@@ -58,7 +59,7 @@ def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
 def test_exchanged_joints_are_no_reversed_ones():
     log = moving((0.5, 0.83, 1.37))
     report = check_log(replace(log, joint_pos=log.joint_pos[:, [1, 2, 0]], joint_vel=None))
-    found = [each for each in report.by_check("tracking") if each.severity != "info"]
+    found = [each for each in of_check(report, "tracking") if each.severity != "info"]
     assert {each.message[:26] for each in found} == {f"{a} follows the command of {b}" for a, b in ("ab", "bc", "ca")}
     assert all("different orders" in each.remedy and "sign" not in each.remedy for each in found)
 
@@ -69,7 +70,7 @@ def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_get_no_remedy()
     assert found.joint == "a" and "sign = -1" in found.remedy
     command = log.position_target[:, [0, 0]] * [1, -1]
     report = check_log(replace(log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None))
-    found = report.by_check("tracking")
+    found = of_check(report, "tracking")
     assert [each.remedy for each in found] == ["", ""] and all(
         "follows the command of" in each.message for each in found
     )

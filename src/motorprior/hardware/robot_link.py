@@ -168,7 +168,7 @@ class RobotLink:
 
 
 class Recorder:
-    """Writes the format of `logs.readers.deploy_recording.read_deploy_recording`; the file is created at the first measurement.
+    """Writes the format of `read_deploy_recording`; the file is created at the first measurement.
 
     A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
     so a power failure loses the last seconds. Raises ArtifactError if the file exists already.

@@ -128,32 +128,25 @@ def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float)
     robot that pulls to one side would walk on at a small constant error. All except the command fade out as the robot
     stops.
     """
-    observation, step = gait.observation, body.control_dt / RAMP
+    observation, velocity, step = gait.observation, gait.velocity_command, body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
     yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
-    gait.velocity_command[0] += min(
-        step * body.max_speed, max(-step * body.max_speed, forward - gait.velocity_command[0])
-    )
-    gait.velocity_command[1] += min(
-        step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - gait.velocity_command[1])
-    )
-    share, angle = (
-        gait_share(body, gait.velocity_command[0], gait.velocity_command[1]),
-        2.0 * math.pi * gait.scalars[_PHASE],
-    )
-    gait.scalars[_COMMANDED_HEADING] += body.control_dt * gait.velocity_command[1]
+    velocity[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - velocity[0]))
+    velocity[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - velocity[1]))
+    share, angle = gait_share(body, velocity[0], velocity[1]), 2.0 * math.pi * gait.scalars[_PHASE]
+    gait.scalars[_COMMANDED_HEADING] += body.control_dt * velocity[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
-        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - gait.velocity_command[1])
+        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - velocity[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
-    drift = gait.scalars[_DRIFT] + body.control_dt * gait.velocity_command[0] * math.sin(gait.scalars[_HEADING])
+    drift = gait.scalars[_DRIFT] + body.control_dt * velocity[0] * math.sin(gait.scalars[_HEADING])
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
-    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.velocity_command[0], 0.0)
+    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, velocity[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
     # Positive to the left of the direction of motion, so that the same turn corrects it forward and backward.
-    observation[first] = math.copysign(1.0, gait.velocity_command[0]) * gait.scalars[_DRIFT]
+    observation[first] = math.copysign(1.0, velocity[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
-    observation[first + 2], observation[first + 3] = gait.velocity_command[0], gait.velocity_command[1]
+    observation[first + 2], observation[first + 3] = velocity[0], velocity[1]
     observation[first + 4], observation[first + 5] = share * math.cos(angle), share * math.sin(angle)
 
 
@@ -221,10 +214,8 @@ def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.
     scalars[_SPEED_ERRORS] += abs(speed_error)
     earned = weights[0] if not down else 0.0
     earned -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
-    heading_error, yaw_rate_error = (
-        wrapped(yaw - scalars[_COMMANDED_HEADING]),
-        state.base_ang_vel[2] - gait.velocity_command[1],
-    )
+    heading_error = wrapped(yaw - scalars[_COMMANDED_HEADING])
+    yaw_rate_error = state.base_ang_vel[2] - gait.velocity_command[1]
     earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
     effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
     slip = sliding(body, gait.feet, state, pitch, yaw)

@@ -1,7 +1,8 @@
 """The walking policy: its formulas, compiled, and its file.
 
-An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, stride scale, height, swing/stance
-ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus the turn.
+An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, stride scale, height,
+swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus
+the turn.
 """
 
 from __future__ import annotations
@@ -68,14 +69,6 @@ class PolicyArrays(NamedTuple):
     readout: np.ndarray  # V, (units, actions)
     mean: np.ndarray  # (observations,) running mean of observations
     std: np.ndarray  # (observations,) running standard deviation, > 0
-
-
-def zero_policy(num_joints: int) -> PolicyArrays:
-    """The policy of zero actions, which is the untrained gait."""
-    observations, actions = observation_size(num_joints), action_size(num_joints)
-    weights = np.zeros((actions, observations + 1))
-    nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
-    return PolicyArrays(np.asfortranarray(weights), *nothing, np.zeros(observations), np.ones(observations))
 
 
 @njit(cache=True)

@@ -75,7 +75,7 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
         problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
         raise LogError(problem, where=segment.source, remedy="choose a shorter period")
     held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
-    result = {"position_target": _mean_command(segment.time, segment.position_target, grid, period), "time": grid}
+    result = {"position_target": mean_command(segment.time, segment.position_target, grid, period), "time": grid}
     for name, value in channels(segment).items():
         if name in _HELD:
             result[name] = value[held]
@@ -84,7 +84,7 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
     return result
 
 
-def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+def mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
     """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
     edges = np.append(grid, grid[-1] + period)
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1

@@ -195,12 +195,7 @@ class Training:
     """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
     def __init__(
-        self,
-        robot: Robot,
-        motors: MotorSource,
-        settings: WalkSettings,
-        start: Policy | None = None,
-        where: str | Path = "start",
+        self, robot: Robot, motors: MotorSource, settings: WalkSettings, start: Policy | None, where: str | Path
     ):
         if start is not None:
             start.require_robot(robot, where)

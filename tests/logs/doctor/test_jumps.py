@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from findings import of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
@@ -26,8 +27,8 @@ def swing(rows: int = 1500, period: float = 0.01, size: float = 1.0) -> np.ndarr
     return size * (0.5 * np.sin(2 * np.pi * 0.7 * time) + 0.9 * np.sin(2 * np.pi * 2.0 * time))
 
 
-def jumps(log: MotorLog) -> tuple[Finding, ...]:
-    return check_log(log).by_check("jumps")
+def jumps(log: MotorLog) -> list[Finding]:
+    return of_check(check_log(log), "jumps")
 
 
 def joint(command: np.ndarray, period: float, rate: float = 6.0, kicks: dict[int, float] | None = None) -> np.ndarray:
@@ -114,4 +115,4 @@ def lossy(log: MotorLog) -> MotorLog:
 def test_true_motion_is_no_jump(name: str, rate: float):
     log = MOTIONS[name](1.0 / rate)
     report = check_log(log)
-    assert report.by_check("angles") and not {"jumps", "units"} & {found.check for found in report.errors}
+    assert of_check(report, "angles") and not {"jumps", "units"} & {found.check for found in report.errors}

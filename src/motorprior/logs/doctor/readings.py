@@ -11,6 +11,7 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
 from motorprior.robots.robot import Robot
+from motorprior.signals import encoder_step
 
 RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
 MAX_JITTER = 0.5
@@ -90,12 +91,6 @@ def _displacements(angle: np.ndarray) -> np.ndarray:
     return np.where(moved >= 10.0 * encoder_step(angle), moved, 0.0)
 
 
-def encoder_step(angle: np.ndarray) -> float:
-    """Smallest difference [rad] above 1e-6 between two readings (T,), 0 if all are equal."""
-    steps = np.diff(np.unique(angle[:: max(1, len(angle) // 20_000)]))
-    return float(steps[steps > 1e-6].min(initial=np.inf)) if np.any(steps > 1e-6) else 0.0  # below this is rounding
-
-
 def jumps(log: MotorLog) -> Iterator[Finding]:
     """Errors: failed reads (back within five readings), encoders and commands that wrap (by a turn), lasting jumps."""
     period = _reading_period(log)
@@ -135,11 +130,7 @@ def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
     A joint that moves so fast, or in another unit, is as fast before and after.
     """
     speed, around = np.abs(velocity), 2 * MAX_FAILED + 1
-    padded = np.pad(
-        speed,
-        ((MAX_FAILED, MAX_FAILED), (0, 0)),
-        mode="reflect" if len(speed) > MAX_FAILED else "edge",
-    )
+    padded = np.pad(speed, ((MAX_FAILED, MAX_FAILED), (0, 0)), "reflect" if len(speed) > MAX_FAILED else "edge")
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, around, axis=0), axis=-1)
     return (speed > MAX_SPEED) & (speed > 5.0 * usual)
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
+from motorprior.logs.doctor.readings import MAX_LAG
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.operations import EXCITED_STD, excited_joints, gap_rows, repeated_rows, resample
-from motorprior.signals import runs_of_true
+from motorprior.signals import encoder_step, runs_of_true
 
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
