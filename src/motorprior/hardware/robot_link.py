@@ -23,9 +23,8 @@ from motorprior.robots.wire import SafetyLimits
 # Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
 _IDLE_PAUSE = 0.01  # [s] between bursts
-# Gains precede the first targets only. Repeated, because a command can get lost. Not later, because there is no
-# checksum: the next target corrects a damaged one, but a damaged gain or current limit makes a walking robot fall
-# (`benchmarks/noise.py`).
+# Gains are sent before each of the first targets, because a command can get lost. They are not sent later: without a
+# checksum, a damaged gain or current limit makes a walking robot fall (`benchmarks/noise.py`).
 _NUM_GAINS = 3
 _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 

@@ -48,12 +48,12 @@ from motorprior.locomotion.policy import (
 )
 from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
-MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 are equal
+MAX_TARGET_SPEED = 40.0  # [rad/s] of position targets, which jump where a swing begins; 30 to 60 give equal results
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
 RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
 MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
-# Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
-# trainings of 5 s. With 0.3, walks of 20 s reached seven, and a linear policy amplified this until the robot fell.
+# Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in trainings of 5 s.
+# With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies amplified this until the robot fell.
 MAX_DRIFT = 0.1
 _PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 

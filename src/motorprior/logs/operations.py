@@ -58,8 +58,8 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
 def resample(log: MotorLog, period: float) -> MotorLog:
     """Put each segment on the grid t_k = t_0 + k·period, up to its last row.
 
-    Commands are held until the next, and a row has their mean until the next row: with the command in force at its time
-    alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
+    Each row has the mean of the held commands from its time to the next row. With the command at its time, commands
+    between two rows would act up to a period late, and identified delays would be too short. Measurements are
     interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
     Raises LogError for a period that is longer than a segment.

@@ -45,7 +45,7 @@ class WalkSettings(WalkConfig):
     randomization: Randomization = ROBUST
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands = field(default_factory=Commands)
-    """Commanded speeds and yaw rates, also above the robot's usual range."""
+    """Commanded speeds and yaw rates; they may exceed the robot's usual range."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None

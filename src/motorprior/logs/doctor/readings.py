@@ -63,9 +63,9 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
 
 
 def repeats(log: MotorLog) -> Iterator[Finding]:
-    """Angles that repeat in fast motion: those of all joints (rows without new readings), or of one (read in turn).
+    """Angles that repeat in fast motion: all joints (rows without new readings), or one joint (joints read in turn).
 
-    Static joints, and joints that move slower than an encoder step per row, repeat their angles in any log.
+    Slow motion does not count: below an encoder step per row, angles repeat in any log.
     """
     whole, moved = repeated_rows(log), [_displacements(angle) for angle in log.joint_pos.T]
     cases = [(None, whole, np.max(moved, axis=0), 0.05)]
@@ -228,9 +228,9 @@ def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]
 
 
 def speeds(log: MotorLog) -> Iterator[Finding]:
-    """Speeds above 100 rad/s, of angles or joint_vel: an error if frequent; single readings of joint_vel are failed.
+    """Speeds above 100 rad/s of joint_pos or joint_vel; single such readings of joint_vel are failed reads.
 
-    The speed of an angle counts where the next one is as high in the same direction, so jumps and segment ends do not.
+    A speed of joint_pos counts if it lasts for two steps, so jumps and segment ends do not count.
     """
     width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
     rows = np.arange(0, log.num_rows, width)

@@ -132,7 +132,7 @@ def _first_peak(r: np.ndarray) -> int:
 def tracking(window: MotorLog) -> Iterator[Finding]:
     """Sign, joint order, lag and offset of the angle against the command, by the first peak of their correlation.
 
-    An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
+    An angle opposes its command if the negative peak within a servo's lag is larger than the positive one.
     """
     (r, zero_lag, late, opposed), joint, period = correlation_peaks(window), window.joint_names[0], window.period
     seconds, follows, opposes = late * period, float(r[zero_lag + late]), float(r[zero_lag + opposed])
