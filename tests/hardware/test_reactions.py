@@ -217,7 +217,7 @@ def test_gains_are_sent_with_the_first_targets_only():
 def checked(port: FaultyPort, need_imu: bool = True) -> None:
     with on_its_clock(port), RobotLink(PUPPER_V2, port) as link:
         check_before_arming(link, need_imu)
-        assert not any(what == "target" for _, what in port.events), "nothing was sent"
+        assert not port.events, "nothing was sent"
 
 
 def get_up(port: FaultyPort) -> None:

@@ -1,48 +1,19 @@
 """Faults of a robot, injected into a simulated one."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware, FirmwareConfig, RobotBody
+from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware, FirmwareConfig
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.simulation.simulated_robot import SimulatedRobot
 from simulated_port import SimulatedPort
 
 
-class ObservedFirmware(Firmware):
-    """Calls ``on_change`` with the new mode at every change of mode, and with "target" at every target."""
-
-    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig, on_change: Callable[[str], object]):
-        super().__init__(robot, body, config)
-        self._on_change, self.received = on_change, 0
-
-    def receive(self, data: bytes) -> None:
-        self.received += len(data)
-        super().receive(data)
-
-    def execute(self, command: Command) -> None:
-        before = self.mode
-        super().execute(command)
-        self._report_change(before)
-        if command.pos is not None:
-            self._on_change("target")
-
-    def advance(self, milliseconds: int) -> bytes:
-        before, sent = self.mode, super().advance(milliseconds)
-        self._report_change(before)
-        return sent
-
-    def _report_change(self, before: str) -> None:
-        if self.mode != before:
-            self._on_change(self.mode)
-
-
 class FaultyPort(SimulatedPort):
-    """A simulated robot with faults; ``events`` are (time [s], mode or "target")."""
+    """A simulated robot with faults; ``events`` are (time [s], IDLE or "command"), one per command that was sent."""
 
     def __init__(
         self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
@@ -54,7 +25,7 @@ class FaultyPort(SimulatedPort):
         self.faults: dict[str, tuple[float, int]] = {}
         super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
         config = FirmwareConfig(period, with_currents=currents)
-        self.firmware = ObservedFirmware(robot, FaultyBody(self.body, self), config, self.on_change)
+        self.firmware = Firmware(robot, FaultyBody(self.body, self), config)
 
     def inject(self, kind: str, joint: int = 0) -> None:
         """Inject a fault, see `FaultyBody`; or telemetry_stops, telemetry_late, restart (its clock)."""
@@ -64,15 +35,13 @@ class FaultyPort(SimulatedPort):
         """Pause the host before its next command."""
         self._pause = seconds
 
-    def on_change(self, what: str) -> None:
-        self.events.append((self.now, what))
-        if what == IDLE:
-            self.pose_at_idle = self._signs * self.body.sense().pos
-
     def send(self, command: Command) -> float:
         if command.pos is not None:
             self.now += self._pause
             self._pause = 0.0
+        if command.idle and self.events and self.events[-1][1] != IDLE:
+            self.pose_at_idle = self._signs * self.body.sense().pos
+        self.events.append((self.now, IDLE if command.idle else "command"))
         return super().send(command)
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:

@@ -86,9 +86,9 @@ def test_lag_and_sign_are_those_of_the_first_peak(rates: tuple[float, ...], lag:
     (finding,) = of_check(check_log(sines(rates, lag)), "tracking")
     assert finding.severity == "info" and finding.value == pytest.approx(lag, abs=0.0025)
     (finding,) = of_check(check_log(sines(rates, lag, -1.0)), "tracking")
-    assert finding.severity == "error" and "against" in finding.message and finding.value < -0.5
+    assert finding.severity == "error" and finding.value < -0.5
 
 
 def test_the_lag_of_one_fast_sine_is_ambiguous():
     (finding,) = of_check(check_log(sines((4.0,), 0.05, -1.0)), "tracking")
-    assert finding.severity == "warning" and "or moves against its command 50 ms later" in finding.message
+    assert finding.severity == "warning" and "50 ms" in finding.message
