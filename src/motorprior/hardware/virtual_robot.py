@@ -81,7 +81,9 @@ class Firmware:
             if self.mode == ERROR:
                 self._text.append("ERROR")
             if self.now % period == 0:
-                self._read_sensors()
+                self._sensors = sensors = self._body.sense()
+                if np.abs(sensors.pos).max() > MAX_ANGLE or np.abs(sensors.current).max() > MAX_CURRENT:
+                    self.mode = ERROR
                 out += framed(self._telemetry(), self._joints)
         return bytes(out)
 
@@ -95,11 +97,6 @@ class Firmware:
         self.gains = kp, kd, limit
         if command.idle:
             self.mode = IDLE
-
-    def _read_sensors(self) -> None:
-        self._sensors = self._body.sense()
-        if np.abs(self._sensors.pos).max() > MAX_ANGLE or np.abs(self._sensors.current).max() > MAX_CURRENT:
-            self.mode = ERROR
 
     def _telemetry(self) -> Telemetry:
         sensors, config = self._sensors, self._config

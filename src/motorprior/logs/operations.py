@@ -37,17 +37,17 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     gaps = gap_rows(log)
     if not gaps.size:
         return log, ""
-    after, pieces = set(gaps.tolist()), []
+    after, kept_runs = set(gaps.tolist()), []
     for first, last in pairwise(sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})):
         short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
         if not (short and after & {first, last}):
-            pieces.append(np.arange(first, last))
-    if not pieces:
+            kept_runs.append(np.arange(first, last))
+    if not kept_runs:
         problem = f"no run of {MIN_ROWS} rows without a gap of more than {GAP_FACTOR:g} median steps"
         remedy = "record the time at which a row was measured, not received; or state rate in a column map"
         raise LogError(problem, where=log.source, remedy=remedy)
-    segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
+    segment = np.repeat(np.arange(len(kept_runs)), [len(run) for run in kept_runs])
+    kept = replace(log.rows(np.concatenate(kept_runs)), segment=segment)
     steps, dropped = log.time[gaps] - log.time[gaps - 1], log.num_rows - kept.num_rows
     named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
     text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "

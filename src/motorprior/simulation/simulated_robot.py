@@ -40,7 +40,7 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class SimulatedRobot:
-    """A `hardware.virtual_robot.RobotBody`, lying with folded legs at first, or suspended.
+    """A `hardware.virtual_robot.RobotBody`, on its belly with folded legs at first, or suspended.
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on it. The gains and
     torque limits of ``motors`` are those at the wire's own gains and current limit; ``seed`` is of the IMU's noise.

@@ -73,8 +73,8 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
         (joint, repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4)
         for column, joint in enumerate(log.joint_names)
     ]
-    for joint, repeated, way, bound in cases:
-        fast = way >= np.percentile(way[way > 0.0], 75) if way.any() else way > 0.0
+    for joint, repeated, travel, bound in cases:
+        fast = travel >= np.percentile(travel[travel > 0.0], 75) if travel.any() else travel > 0.0
         if fast.sum() < 20 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
             continue
         fresh = float(np.median(time_steps(log.rows(~repeated))[1]))
@@ -86,8 +86,8 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
 
 def _displacements(angle: np.ndarray) -> np.ndarray:
     """(T,) smaller displacement of a joint in the 5 rows before and after, 0 below 10 encoder steps."""
-    way, moved = np.abs(angle[5:] - angle[:-5]), np.zeros(len(angle))
-    moved[5:-5] = np.minimum(way[5:], way[:-5])
+    travel, moved = np.abs(angle[5:] - angle[:-5]), np.zeros(len(angle))
+    moved[5:-5] = np.minimum(travel[5:], travel[:-5])
     return np.where(moved >= 10.0 * encoder_step(angle), moved, 0.0)
 
 
