@@ -8,7 +8,7 @@ Finished stages are reused. Twenty minutes per fleet on two cores.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
@@ -23,7 +23,7 @@ from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
-from motorprior.stage import FIGURES, seconds_of, write_results
+from motorprior.stage import FIGURES, MARKER, write_results
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -73,8 +73,12 @@ def measure(settings: Settings) -> Results:
         Validate((position_only,), settings.out / "validate" / "position_only", settings.seed), PROGRESS
     )
     paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
-    times = (Result("identify_seconds", "s", seconds_of(path.parent), model) for model, path in paths.items())
-    return results + found.where(model="rollout").having(model="position_only") + Results.of(times)
+    times = (
+        Result("identify_seconds", "s", read_json(path.parent / MARKER)["seconds"], model)
+        for model, path in paths.items()
+    )
+    renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
+    return results + Results.of([*renamed, *times])
 
 
 def table(results: Results, motors: str) -> str:

@@ -35,10 +35,11 @@ from motorprior.hardware.motions import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Session
 from motorprior.hardware.teleop import Teleop
-from motorprior.locomotion.policy import Policy, zero_policy
+from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort, on_its_clock
+from untrained import zero_policy
 
 SPEED = 0.3  # commanded [m/s]
 SHARES = (0.01, 0.03, 0.1)

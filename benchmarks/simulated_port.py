@@ -19,7 +19,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig, RobotBody
+from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
@@ -103,20 +103,13 @@ class SimulatedPort(SerialLink):
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
         config = FirmwareConfig(self._period, with_currents=currents)
-        self.firmware = Firmware(robot, self.firmware_body(self.body), config, self.on_change)
+        self.firmware = Firmware(robot, self.body, config)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
         self.reader, self.unsent = FrameReader(Telemetry, self._joints), bytearray()
         self.path, self._last_position = 0.0, self.body.position()
-
-    def firmware_body(self, body: SimulatedRobot) -> RobotBody:
-        """The body that the firmware moves; tests override it with a faulty one."""
-        return body
-
-    def on_change(self, what: str) -> None:
-        """See `Firmware`."""
 
     def fileno(self) -> int:
         """No file: the watchdog is replaced, too."""

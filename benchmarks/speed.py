@@ -22,12 +22,12 @@ from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import command_step, follow_command, new_gait
-from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
+from untrained import zero_policy
 
 STEPS, REPEATS = 500, 7
 TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core

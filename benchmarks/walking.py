@@ -32,7 +32,7 @@ from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import make_executor
-from motorprior.locomotion.policy import Policy, PolicyArrays, zero_policy
+from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
@@ -51,6 +51,7 @@ from motorprior.studies.gait_quality import (
     quality_results,
     steps_along_heading,
 )
+from untrained import zero_policy
 
 PROGRESS = Lines(sys.stderr)
 SPEEDS = (0.3, 0.55, 0.8)  # 0.15, 0.275 and 0.4 m/s for the shipped robot
@@ -213,11 +214,11 @@ def measure(settings: Settings) -> Results:
     environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
     found, gait = [], zero_policy(robot.num_joints)
     for place in PLACES:
-        found += environments.evaluate(place, gait).having(motors=UNTRAINED + place, seed=0).rows
+        found += [replace(row, motors=UNTRAINED + place, seed=0) for row in environments.evaluate(place, gait)]
     for seed in range(settings.seeds):
         policy = Policy.load(trained(settings, prior, seed)).arrays
         for place in PLACES:
-            found += environments.evaluate(place, policy).having(seed=seed).rows
+            found += [replace(row, seed=seed) for row in environments.evaluate(place, policy)]
             found += environments.turns(place, policy, seed)
     return Results.of(found)
 

@@ -53,4 +53,3 @@ def test_the_paper_reads_top_to_bottom_and_runs(capsys):
     assert [line.split(":")[0] for line in lines] == [
         f"trained on {name}, on {place} motors" for name in ("prior", "ideal PD") for place in (name, "held-out")
     ]
-    assert len((EXAMPLES / "paper.py").read_text("utf-8").splitlines()) <= 150

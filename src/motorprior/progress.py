@@ -50,10 +50,7 @@ class NoteProgress(Progress, Task):
 
 
 class Lines:
-    """Prints notes, and for a unit of work a line at its begin, every ten seconds and at its end.
-
-    To a stream; `sys.stderr` if none is given.
-    """
+    """Prints notes, and start, progress (every 10 s) and end of each task, to a stream (default: `sys.stderr`)."""
 
     def __init__(self, stream: TextIO | None = None):
         self._stream = stream

@@ -64,10 +64,6 @@ class Results:
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
         return Results.of(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
 
-    def having(self, **columns: Any) -> Results:
-        """The same rows with other values in some columns."""
-        return Results.of(replace(row, **columns) for row in self)
-
     def distinct(self, column: str) -> list[Any]:
         """Distinct values of a column, in the order of the rows."""
         return list(dict.fromkeys(getattr(row, column) for row in self))
@@ -84,8 +80,8 @@ class Results:
     def to_figures(self) -> dict[str, float]:
         """Name -> value, as in ``figures.json``.
 
-        A quantity of training and held-out motors has the suffix train or held_out, that of the training motors also
-        none. A quantity measured for several seeds also has a mean.
+        A quantity measured on both training and held-out motors has two names with the suffix train or held_out, and
+        its value on training motors also has the name without suffix. The mean over seeds has the name without seed.
         """
         figures: dict[str, float] = {}
         both = set.intersection(*({row.quantity for row in self.where(motors=name)} for name in ("train", "held_out")))

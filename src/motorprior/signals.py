@@ -1,4 +1,4 @@
-"""RMS, RMSE, runs of a mask, high-frequency content."""
+"""RMS, RMSE, runs of a mask, encoder step, high-frequency content."""
 
 from __future__ import annotations
 
@@ -18,6 +18,13 @@ def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None
 def runs_of_true(mask: np.ndarray) -> np.ndarray:
     """(R, 2) first index of each run of True in a mask (T,), and the index after the run."""
     return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
+
+
+def encoder_step(readings: np.ndarray) -> float:
+    """Smallest difference [rad] above 1e-6 between two readings (T,); 0 if there is none."""
+    steps = np.diff(np.unique(readings))
+    steps = steps[steps > 1e-6]  # below this is rounding
+    return float(steps.min()) if steps.size else 0.0
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:

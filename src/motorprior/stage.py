@@ -1,7 +1,7 @@
 """A stage of work in a folder: settings + digests of the inputs + version -> folder.
 
 ``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted
-command continues where it stopped. Paths are no part of it: a folder that was moved or copied is still finished.
+command continues where it stopped. The description excludes paths: a folder that was moved or copied is still finished.
 """
 
 from __future__ import annotations
@@ -82,11 +82,6 @@ def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
     except ArtifactError:
         return False
     return isinstance(found, dict) and found == wanted | {"seconds": found.get("seconds")}
-
-
-def seconds_of(folder: Path) -> float:
-    """Duration [s] of the finished stage in ``folder``, without interrupted runs."""
-    return float(read_json(folder / MARKER)["seconds"])
 
 
 @contextmanager

@@ -15,7 +15,6 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
-from motorprior.commands.walk import Walk, run_walk
 from motorprior.progress import TextTask
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -117,11 +116,3 @@ def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
     provenance = {"bench": settings.as_json()}
     MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance, {}).save(path)
     return path
-
-
-@pytest.fixture(scope="session")
-def walk(bench: Path) -> Path:
-    """A walk folder: one iteration on an ideal PD."""
-    folder = bench.parent / "walk"
-    run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
-    return folder

@@ -92,8 +92,10 @@ BROKEN_POLICIES = {
 
 
 @pytest.mark.parametrize(("edit", "words"), BROKEN_POLICIES.values(), ids=list(BROKEN_POLICIES))
-def test_a_broken_policy_is_refused(refused: Command, tmp_path: Path, walk: Path, edit: Edit, words: tuple[str, ...]):
-    copy = shutil.copytree(walk, tmp_path / "walk")
+def test_a_broken_policy_is_refused(
+    refused: Command, tmp_path: Path, gait_walk: Path, edit: Edit, words: tuple[str, ...]
+):
+    copy = shutil.copytree(gait_walk, tmp_path / "walk")
     edit(copy / "policy.safetensors")
     words = (str(copy / "policy.safetensors"), *words)
     refused("transfer", copy, "--out", tmp_path / "out", words=words)

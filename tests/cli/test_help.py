@@ -44,8 +44,8 @@ def test_the_help_of_common_options_fits_a_screen(motorprior: Callable[..., Any]
 def test_the_version_and_a_mistyped_command(motorprior: Callable[..., Any]):
     assert motorprior("--version").out == f"motorprior {mp.__version__}\n"
     outcome = motorprior("identfy", "bench")
-    assert outcome.code == 2 and "no command 'identfy' -> did you mean identify" in outcome.err
-    assert "did you mean import?" in motorprior("logs", "imprt", "a.csv").err
+    assert outcome.code == 2 and "'identfy'" in outcome.err and "identify" in outcome.err
+    assert "import" in motorprior("logs", "imprt", "a.csv").err
 
 
 def test_the_start_does_not_wait_for_heavy_libraries():

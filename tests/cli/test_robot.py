@@ -13,8 +13,8 @@ import pytest
 from policies import as_file_content, random_policy
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.logs.readers.deploy_recording import read_deploy_recording
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.readers.robot_run import read_robot_run
 from motorprior.robots import load
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -43,7 +43,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorpr
     run = json.loads((walk / "run.json").read_text())
     assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and run["policy"] == str(policy)
     assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
-    assert 1.8 < read_robot_run(walk / "run.csv", PUPPER_V2).duration < 5.0, "a second, and one to stop"
+    assert 1.8 < read_deploy_recording(walk / "run.csv", PUPPER_V2).duration < 5.0, "a second, and one to stop"
     done = motorprior("logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log")
     assert done.code == 0, done.err
     imported = tmp_path / "log" / "run.parquet"

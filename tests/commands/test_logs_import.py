@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from findings import of_check
 from swinging_bars import INERTIA, swing, write_table
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
@@ -63,10 +64,8 @@ def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     log = read_parquet(tmp_path / "out" / "log.parquet")
     low, high = np.rad2deg([log.joint_pos[:, 0].min(), log.joint_pos[:, 0].max()])
     assert log.joint_names == JOINTS
-    assert "motor log of 2 joints" in output and "40 rows in 1 segments, 0.78 s at 50 Hz" in output
-    assert [line.split()[:3] for line in output.splitlines() if line.startswith("pan")] == [
-        ["pan", f"{low:.1f}", f"{high:.1f}"]
-    ]
+    (line,) = (line.split() for line in output.splitlines() if line.startswith("pan"))
+    assert line[:3] == ["pan", f"{low:.1f}", f"{high:.1f}"]
 
 
 @pytest.mark.parametrize("row", [0, ROWS - 1])
@@ -92,18 +91,19 @@ def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, mo
     lines = imported(LogsImport((table, again), tmp_path / "out", columns=str(columns), fit_load=True)).splitlines()
     logs = [read_parquet(tmp_path / "out" / f"{name}.parquet") for name in ("swing", "again")]
     for log in logs:
-        assert log.load_inertia is not None and log.joint_names == ("left", "right") and "loads fitted" in log.source
+        assert log.load_inertia is not None and log.joint_names == ("left", "right")
         np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
     assert rows == [sum(log.num_rows for log in logs)], "both tables together"
-    assert any("joint left: inertia 0.005 kg·m² (×/÷ 1.11, 1 σ); weight 0.4 ± 0.01" in line for line in lines)
-    assert [line.startswith("joint right") for line in lines if "off by a factor of 2.0" in line] == [True]
+    left, right = (line for line in lines if line.startswith("joint "))
+    assert "left" in left and "0.005 kg·m² (×/÷ 1.11" in left and "0.4 ± 0.01" in left
+    assert "right" in right and "factor of 2.0" in right and "factor" not in left
 
 
 def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):
     path, columns = write_parquet(tmp_path), str(tmp_path / "columns.toml")
     before = path.read_bytes()
     (tmp_path / "deeper").mkdir()
-    with pytest.raises(ConfigError, match="would overwrite the recording"):
+    with pytest.raises(ConfigError, match="overwrite"):
         import_logs(LogsImport((path,), tmp_path / "deeper" / "..", columns=columns))
     assert path.read_bytes() == before
 
@@ -115,22 +115,20 @@ def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     log = read_parquet(tmp_path / "out" / "swing.parquet")
     assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
     assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
-    assert not check_log(log).by_check("gaps")
-    assert f"{path}: gaps longer than 5 median steps: 1; 2.5 s before row 601, at 8.5 s; a segment begins" in output
+    assert not of_check(check_log(log), "gaps")
+    assert f"{path}: " in output and "2.5 s before row 601, at 8.5 s" in output
 
 
 def test_several_gains_are_reported_with_their_joints(tmp_path: Path):
     path, out = write_csv(tmp_path), tmp_path / "out"
-    assert "kp: pan 20, lift 16" in imported(
-        LogsImport((path,), out, columns=str(tmp_path / "columns.toml"), kp=(20.0, 16.0))
-    )
+    columns = str(tmp_path / "columns.toml")
+    assert "pan 20, lift 16" in imported(LogsImport((path,), out, columns=columns, kp=(20.0, 16.0)))
     gains, path = tuple(float(number) for number in range(1, 1 + PUPPER.num_joints)), tmp_path / "walk.parquet"
     write_log(path, of_pupper())
-    messages = imported(LogsImport((path,), out, kp=gains, robot=PUPPER.name))
-    assert f"kp: {PUPPER.joint_names[0]} 1, {PUPPER.joint_names[1]} 2," in messages
+    import_logs(LogsImport((path,), out, kp=gains, robot=PUPPER.name))
     logged = read_parquet(out / "walk.parquet").logged_kp
     assert logged is not None and tuple(logged[0]) == gains
-    with pytest.raises(ConfigError, match="kp: 2 gains for 12 joints"):
+    with pytest.raises(ConfigError, match="2 gains for 12"):
         import_logs(LogsImport((path,), out, kp=(1.0, 2.0)))
 
 

@@ -56,7 +56,7 @@ def test_a_training_does_not_overwrite_the_policy_that_it_starts_from(tmp_path: 
     run_walk(walk(tmp_path))
     before = (tmp_path / POLICY).read_bytes()
     again = walk(tmp_path / "x" / "..", start=tmp_path / POLICY, iterations=1)
-    with pytest.raises(ConfigError, match="the training would overwrite"):
+    with pytest.raises(ConfigError, match="overwrite"):
         run_walk(again)
     assert (tmp_path / POLICY).read_bytes() == before and (tmp_path / MARKER).is_file()
     assert run_walk(replace(again, out=tmp_path / "further"))
@@ -117,8 +117,7 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
             if self.left == 0:
                 raise KeyboardInterrupt
 
-        def note(self, text: str) -> None:
-            """Nobody reads it."""
+        def note(self, text: str) -> None: ...
 
     parts = walk(tmp_path / "parts", **early, workers=2)
     for after in (ended - 1, 1):  # the second: all iterations are made, and nothing is written yet
@@ -133,10 +132,10 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
 
 def test_the_page_shows_each_training_once_by_the_name_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
-    with pytest.raises(ConfigError, match=r"no policy.safetensors"):
+    with pytest.raises(ConfigError, match=r"policy\.safetensors"):
         write_training_page(tmp_path, "pupper_v2", "motorprior report")
     for name, seed in (("slow_0", 0), ("slow_1", 1), ("quick", 0)):
         run_walk(walk(tmp_path / name, seed, iterations=1, episode_steps=5))
     page = unescape(write_training_page(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8"))
     assert page.count("data:image/gif") == 2
-    assert all(f"Trained on {name}, in its training simulation" in page for name in ("slow", "quick"))
+    assert all(f"Trained on {name}" in page for name in ("slow", "quick"))

@@ -10,8 +10,8 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import READERS, read_log
+from motorprior.logs.readers.deploy_recording import Mode, run_columns
 from motorprior.logs.readers.motor_log_file import write_log
-from motorprior.logs.readers.robot_run import Mode, run_columns
 from motorprior.robots.load import load_robot
 
 ROBOT = load_robot("pupper_v2")

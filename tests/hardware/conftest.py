@@ -7,16 +7,20 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 import pytest
 from policies import as_file_content
 
 from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual_robot
+from motorprior.hardware.protocol import Command
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_robot import VirtualRobot
-from motorprior.locomotion.policy import zero_policy
+from motorprior.hardware.virtual_robot import IDLE, Firmware, FirmwareConfig, VirtualRobot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.robots.robot import Robot
+from motorprior.simulation.simulated_robot import SimulatedRobot
+from untrained import zero_policy
 
 # For a busy computer; the real limits are tested in simulated time.
 PATIENT = replace(
@@ -33,13 +37,26 @@ def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+class ObservedFirmware(Firmware):
+    """Its ``events`` are (time on the monotonic clock [s], IDLE or "command"), one per command."""
+
+    def __init__(self, robot: Robot, body: SimulatedRobot, config: FirmwareConfig):
+        super().__init__(robot, body, config)
+        self.events: list[tuple[float, str]] = []
+
+    def execute(self, command: Command) -> None:
+        super().execute(command)
+        self.events.append((time.monotonic(), IDLE if command.idle else "command"))
+
+
 @pytest.fixture
 def virtual() -> Iterator[Callable[..., VirtualRobot]]:
     """Start a virtual Pupper that holds its pose at once, in a thread; all end with the test."""
     with ExitStack() as stack:
 
-        def start(**settings) -> VirtualRobot:
-            robot, _ = make_virtual_robot(PUPPER_V2, VirtualRobotSettings(**settings))
+        def start() -> VirtualRobot:
+            robot, body = make_virtual_robot(PUPPER_V2, VirtualRobotSettings())
+            robot.firmware = ObservedFirmware(PUPPER_V2, body, FirmwareConfig())
             unplugged = Event()
             thread = Thread(target=robot.run, args=(unplugged.is_set,), daemon=True)
             thread.start()
@@ -65,15 +82,15 @@ def host() -> Iterator[Callable[[str], RobotLink]]:
 
 @pytest.fixture
 def when() -> Callable[..., float]:
-    """The first time [s, monotonic] after ``after`` at which a robot entered a mode."""
+    """The first time [s, monotonic] after ``after`` at which a robot was sent a command of a kind."""
 
-    def find(robot: VirtualRobot, what: str, after: float = 0.0, patience: float = 5.0) -> float:
+    def find(robot: Any, what: str, after: float = 0.0, patience: float = 5.0) -> float:
         give_up = time.monotonic() + patience
         while time.monotonic() < give_up:
-            if times := [at for at, event in list(robot.events) if event == what and at >= after]:
+            if times := [at for at, event in list(robot.firmware.events) if event == what and at >= after]:
                 return times[0]
             time.sleep(0.005)
-        raise AssertionError(f"never {what}: {[event for _, event in robot.events][-5:]}")
+        raise AssertionError(f"never {what}: {[event for _, event in robot.firmware.events][-5:]}")
 
     return find
 

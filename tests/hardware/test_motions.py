@@ -21,9 +21,9 @@ from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
-from motorprior.logs.readers.robot_run import read_robot_run
+from motorprior.logs.readers.deploy_recording import read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.env import WalkEnv
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
@@ -36,10 +36,10 @@ class CopiedBody:
     """A body in a given state, in the robot's own signs."""
 
     def __init__(self, state):
-        self.state, self.drive = state, None
+        self.state, self.command = state, None
 
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        self.drive = drive
+    def advance(self, milliseconds: int, command: MotorCommand) -> None:
+        self.command = command
 
     def sense(self) -> SensorReadings:
         attitude = np.array(roll_pitch_yaw(self.state.base_quat))
@@ -53,11 +53,11 @@ def test_motors_have_the_gains_that_were_sent_until_idle():
     for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=PUPPER_V2.nominal_pose)):
         firmware.receive(framed(command, 12))
     firmware.advance(10)
-    assert body.drive is not None and body.drive.max_current == 2.0
-    assert np.all(body.drive.kp == 30.0) and np.all(body.drive.kd == 0.5)
+    assert body.command is not None and body.command.max_current == 2.0
+    assert np.all(body.command.kp == 30.0) and np.all(body.command.kd == 0.5)
     firmware.receive(framed(Command(idle=True), 12))
     firmware.advance(10)
-    assert not body.drive.kp.any() and not body.drive.kd.any()
+    assert not body.command.kp.any() and not body.command.kd.any()
 
 
 class Spy(SimulatedBackend):
@@ -89,8 +89,8 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     for step in range(200):
         body.state = spy.state
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
-        assert body.drive is not None
-        np.testing.assert_allclose(WIRE.joint_signs * body.drive.target, target, rtol=0, atol=1e-6)
+        assert body.command is not None
+        np.testing.assert_allclose(WIRE.joint_signs * body.command.target, target, rtol=0, atol=1e-6)
         motion.forward, motion.yaw_rate = schedule[step]
         target = motion(Measurement(frame.with_signs(WIRE.joint_signs), 0.0, 0.0))
         np.testing.assert_allclose(motion.gait.observation, observation, rtol=0, atol=2e-6)
@@ -156,9 +156,9 @@ class _Witness(SimulatedPort):
         super().__init__(PUPPER_V2, 0, suspended=True, period=5)
         advance = self.body.advance
 
-        def remembered(milliseconds: int, drive) -> None:
-            self.targets += [PUPPER_V2.require_wire().joint_signs * drive.target] * milliseconds
-            advance(milliseconds, drive)
+        def remembered(milliseconds: int, command) -> None:
+            self.targets += [PUPPER_V2.require_wire().joint_signs * command.target] * milliseconds
+            advance(milliseconds, command)
 
         self.body.advance = remembered
 
@@ -168,7 +168,7 @@ def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     with on_its_clock(port):
         settings = RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True)
         run_record(PUPPER_V2, port.port, settings, lambda _: None)
-    log = read_robot_run(tmp_path / "run.csv", PUPPER_V2, period=0.001)
+    log = read_deploy_recording(tmp_path / "run.csv", PUPPER_V2, period=0.001)
     first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
     errors = {
         late: float(np.sqrt(np.mean((log.position_target[10 : 10 + count] - acted[first + 10 + late :][:count]) ** 2)))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from telemetry import telemetry
 
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.health import Sensors, SlowHost, Tracking
+from motorprior.hardware.health import SensorFaults, SlowHost, TrackingFaults
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -73,7 +73,7 @@ def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
 
 def follows(kp: float, kd: float, lag: float, sag: float = 0.0) -> bool:
     """Whether a joint with this lag [s] is no fault at these gains, at a step and then a sine."""
-    tracking, joint, faults = Tracking(PUPPER_V2, LIMITS), np.zeros(12), []
+    tracking, joint, faults = TrackingFaults(PUPPER_V2, LIMITS), np.zeros(12), []
     tracking.begin(kd / kp)
     for step in range(500):
         wanted = np.full(12, 1.3 if step < 250 else 0.8 * np.sin(2 * np.pi * 1.5 * 0.01 * step))
@@ -90,7 +90,7 @@ def test_the_expected_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: flo
 
 @pytest.mark.parametrize(("motion", "kind"), [(0.0, "stuck"), (0.01, "tracking")])
 def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
-    tracking, joint, wanted, step = Tracking(PUPPER_V2, LIMITS), np.zeros(12), 0.8 * np.eye(12)[4], 0
+    tracking, joint, wanted, step = TrackingFaults(PUPPER_V2, LIMITS), np.zeros(12), 0.8 * np.eye(12)[4], 0
     faults = []
     while not faults:
         joint[4] = motion * np.sin(3.0 * step)
@@ -119,7 +119,7 @@ def test_some_late_steps_are_allowed_and_many_or_long_ones_are_not(late, every, 
     [({"roll": 1.0}, "fall", LIMITS.tilt_time), ({"cur": np.full(12, -9.5)}, "current", LIMITS.current_time)],
 )
 def test_one_damaged_frame_is_no_fault_and_several_in_a_row_are(bad: dict, kind: str, duration: float):
-    sensors, good = Sensors(PUPPER_V2, LIMITS), telemetry(cur=np.full(12, 8.0))
+    sensors, good = SensorFaults(PUPPER_V2, LIMITS), telemetry(cur=np.full(12, 8.0))
     for step in range(100):
         assert not list(sensors.faults(replace(good, **bad) if step % 3 == 0 else good, 0.01 * step))
     times = 1.0 + 0.01 * np.arange(round(duration / 0.01) + 1)

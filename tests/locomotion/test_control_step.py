@@ -145,11 +145,8 @@ GAIT = PUPPER_V2.require_gait()
 def test_a_schedule_holds_each_command_and_fills_the_range_evenly_in_any_order():
     rows = np.concatenate([Commands().schedule(PUPPER_V2, seed, 500) for seed in range(400)])
     assert -GAIT.yaw_rate <= rows[:, 1].min() < -0.58 and 0.58 < rows[:, 1].max() <= GAIT.yaw_rate
-    assert np.flatnonzero(np.diff(Commands(hold=0.3, still=0.0).schedule(PUPPER_V2, 4, 100)[:, 0])).tolist() == [
-        29,
-        59,
-        89,
-    ]
+    speeds = Commands(hold=0.3, still=0.0).schedule(PUPPER_V2, 4, 100)[:, 0]
+    assert np.flatnonzero(np.diff(speeds)).tolist() == [29, 59, 89]
     first = []
     for seed in range(30):
         speeds = Commands(hold=0.5, still=0.0).schedule(PUPPER_V2, seed, 500)[:, 0]
@@ -194,7 +191,8 @@ def test_reward_by_hand():
         alive=0.5, speed=1.0, lateral=0.8, heading=0.6, yaw_rate=0.1, tilt=0.2, torque=0.003, slip=0.4
     )
     gait, feet, rolled = new_gait(BODY), feet_at(0.0), np.array([math.cos(0.035), math.sin(0.035), 0.0, 0.0])
-    gait.twist[:], gait.scalars[3:6] = (0.3, 0.1), (0.05, 0.1, 0.1)  # heading and filtered speeds, which stay
+    gait.velocity_command[:] = 0.3, 0.1
+    gait.scalars[3:6] = 0.05, 0.1, 0.1  # heading and filtered speeds, which stay
     gait.feet[:, :3], gait.feet[:, 3] = feet, PUPPER_V2.nominal_pose[1] + PUPPER_V2.nominal_pose[2]
     feet[0, 0] = 0.1 * DT  # one foot slides by 0.1 m/s
     # 0.5 - 0.2 - 0.8·0.1 - 0.6·0.05 - 0.1·0.3 - 0.2·0.07 - 0.003·5 - 0.4·0.1 = 0.091

@@ -24,14 +24,14 @@ def test_a_log_of_a_fixed_robot_has_loads_and_is_what_an_import_writes(tmp_path:
     np.testing.assert_allclose(np.diff(log.time), 0.002)
     assert log.posture is not None and set(log.posture) == {POSTURES.index("fixed")}
     assert log.gains is not None and log.gains.tolist() == [[20.0, 20.0], [20.0, 20.0]]
-    with pytest.raises(mp.ConfigError, match=r"already contains its load \(load_inertia\)"):
+    with pytest.raises(mp.ConfigError, match="load_inertia"):
         mp.load_log(tmp_path / "out" / "arm.parquet", robot=robot, suspended=True)
 
 
 def test_signs_that_contradict_gravity_are_a_python_warning(tmp_path: Path):
     robot = write_arm(tmp_path)
     table, columns = write_table(slow_motion(robot), tmp_path, "elbow")
-    with pytest.warns(UserWarning, match="with elbow reversed"):
+    with pytest.warns(UserWarning, match="elbow"):
         mp.load_log(table, columns=columns, robot=robot, suspended=True)
 
 
@@ -42,5 +42,5 @@ def test_given_settings_override_those_of_the_log(tmp_path: Path):
     assert log.gains is not None and log.gains.tolist() == [[3.0, 3.0], [0.1, 0.1]]
     assert log.firmware == settings[0] and log.conditions["supply_voltage"].tolist() == [7.0, 7.0]
     np.testing.assert_array_equal(log.time, mp.read_log(path, columns=columns).time)
-    with pytest.raises(mp.LogError, match=r"supply_voltage/pan is -1, not from 0\.1 to 2000 V"):
+    with pytest.raises(mp.LogError, match="supply_voltage/pan is -1"):
         mp.load_log(path, columns=columns, conditions={"supply_voltage": -1.0})

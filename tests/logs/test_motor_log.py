@@ -20,14 +20,14 @@ def test_time_may_restart_with_a_segment(make_log):
     [
         ({"joint_names": ("one",)}, r"position_target has shape \(200, 2\), expected \(200, 1\)"),
         ({"joint_names": ("a", "a")}, "repeat"),
-        ({"joint_pos": np.full((200, 2), -np.inf)}, "row 0, joint_pos/left is -inf, not a finite number"),
+        ({"joint_pos": np.full((200, 2), -np.inf)}, "row 0, joint_pos/left is -inf"),
         ({"segment": np.zeros(200)}, "segment is not an array of integers"),
         ({"segment": np.repeat([0, 1, 0], [80, 80, 40])}, "row 160: segment 0 starts again"),
         ({"segment": np.repeat([0, 7], [199, 1])}, "segment 7 has 1 rows"),
-        ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4, not the index"),
+        ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4"),
         ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),
-        ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0, not"),
-        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000, not from 0.1 to 2000 V"),
+        ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0"),
+        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000.* 2000 V"),
     ],
 )
 def test_bad_channels_are_rejected(make_log, changes, problem):
@@ -38,9 +38,9 @@ def test_bad_channels_are_rejected(make_log, changes, problem):
 def test_logs_of_another_firmware_are_not_joined(make_log):
     logs = [make_log(firmware={"profile_speed": speed}) for speed in (3.0, 3.0, 4.0)]
     assert joined([*logs[:2], make_log(firmware={"profile_speed": 3.01})]).firmware == {"profile_speed": 3.0}
-    with pytest.raises(LogError, match=r"firmware\.profile_speed 4 and 3 -> import all with"):
+    with pytest.raises(LogError, match=r"profile_speed 4 and 3"):
         joined(logs)
-    with pytest.raises(LogError, match=r"only some of the logs have firmware\.profile_speed"):
+    with pytest.raises(LogError, match="profile_speed"):
         joined([logs[0], make_log()])
 
 
@@ -48,7 +48,7 @@ def test_gains_change_between_segments_only(make_log):
     log = make_log()
     kp = np.full(log.joint_pos.shape, 2.0)
     kp[log.num_rows // 2 :] = 3.0
-    with pytest.raises(LogError, match="changes within a segment"):
+    with pytest.raises(LogError, match="row 100, logged_kp/left"):
         checked(make_log(logged_kp=kp))
     halves = np.arange(log.num_rows) // (log.num_rows // 2)
     assert checked(make_log(logged_kp=kp, segment=np.minimum(halves, 1))).logged_kp is not None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motorprior.logs.operations import smooth_on_grid
-from motorprior.logs.smoothing import MIN_NOISE, noise_of, smoothed, smoothing_of
+from motorprior.logs.smoothing import noise_of, smoothed, smoothing_of
 
 DT, ROWS = 0.002, 1000
 PARTS = (slice(0, 450), slice(450, ROWS))
@@ -37,7 +37,7 @@ def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
 
 def test_a_log_without_noise_is_left_as_it_is():
     assert smoothing_of(WAVE, PARTS, DT) is None
-    assert smoothing_of(noisy(0.2 * MIN_NOISE), PARTS, DT) is None
+    assert smoothing_of(noisy(1e-5), PARTS, DT) is None
     assert smoothing_of(np.zeros((400, 2)), (slice(0, 400),), DT) is None
 
 

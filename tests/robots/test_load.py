@@ -10,7 +10,6 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -18,6 +17,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
+from untrained import zero_policy
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 ARM = """<mujoco><worldbody><body name="base"><geom size="0.1" mass="1"/>

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT
+from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware, FirmwareConfig
 from motorprior.robots.robot import Robot
-from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.simulation.simulated_robot import SimulatedRobot
 from simulated_port import SimulatedPort
 
 
 class FaultyPort(SimulatedPort):
-    """A simulated robot with faults; ``events`` are (time [s], mode or "target")."""
+    """A simulated robot with faults; ``events`` are (time [s], IDLE or "command"), one per command that was sent."""
 
     def __init__(
         self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
@@ -24,38 +24,35 @@ class FaultyPort(SimulatedPort):
         self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
         super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
+        config = FirmwareConfig(period, with_currents=currents)
+        self.firmware = Firmware(robot, FaultyBody(self.body, self), config)
 
     def inject(self, kind: str, joint: int = 0) -> None:
-        """Inject a fault, see `FaultyBody`; or mute and lagging (telemetry), restart (its clock)."""
+        """Inject a fault, see `FaultyBody`; or telemetry_stops, telemetry_late, restart (its clock)."""
         self.faults[kind] = self.now, joint
 
     def pause_host(self, seconds: float) -> None:
         """Pause the host before its next command."""
         self._pause = seconds
 
-    def on_change(self, what: str) -> None:
-        self.events.append((self.now, what))
-        if what == IDLE:
-            self.pose_at_idle = self._signs * self.body.sense().pos
-
-    def firmware_body(self, body: SimulatedRobot) -> "FaultyBody":
-        return FaultyBody(body, self)
-
     def send(self, command: Command) -> float:
         if command.pos is not None:
             self.now += self._pause
             self._pause = 0.0
+        if command.idle and self.events and self.events[-1][1] != IDLE:
+            self.pose_at_idle = self._signs * self.body.sense().pos
+        self.events.append((self.now, IDLE if command.idle else "command"))
         return super().send(command)
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         messages = super().wait(until)
-        if "mute" in self.faults and self.now >= self.faults["mute"][0]:
+        if "telemetry_stops" in self.faults and self.now >= self.faults["telemetry_stops"][0]:
             return []
         if "restart" in self.faults:
             ahead = 1e3 * self.faults["restart"][0]
             messages = [(at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m) for at, m in messages]
-        if "lagging" in self.faults:  # later and later: buffers fill up
-            delay = 0.5 * (self.now - self.faults["lagging"][0])
+        if "telemetry_late" in self.faults:  # later and later: buffers fill up
+            delay = 0.5 * (self.now - self.faults["telemetry_late"][0])
             self._late += [(at + delay, message) for at, message in messages]
             messages = [(self.now, message) for at, message in self._late if at <= self.now]
             self._late = [(at, message) for at, message in self._late if at > self.now]
@@ -63,21 +60,21 @@ class FaultyPort(SimulatedPort):
 
 
 class FaultyBody:
-    """A body whose motors and sensors break; numb: a constant IMU, blind: zeros."""
+    """A body whose motors and sensors break."""
 
     def __init__(self, body: SimulatedRobot, port: FaultyPort):
         self._body, self._port = body, port
         self._frozen: dict[str, float] = {}
 
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        target, kp, kd = drive.target.copy(), drive.kp.copy(), drive.kd.copy()
+    def advance(self, milliseconds: int, command: MotorCommand) -> None:
+        target, kp, kd = command.target.copy(), command.kp.copy(), command.kd.copy()
         for kind, (_, joint) in self._port.faults.items():
             if kind == "dead":
                 kp[joint] = kd[joint] = 0.0
             elif kind == "stalled":
                 target[joint] = self._frozen.setdefault(kind, float(self._body.sense().pos[joint]))
                 kp[joint] *= 10.0
-        self._body.advance(milliseconds, Drive(target, kp, kd, drive.max_current))
+        self._body.advance(milliseconds, MotorCommand(target, kp, kd, command.max_current))
 
     def sense(self) -> SensorReadings:
         sensors = self._body.sense()
@@ -94,6 +91,6 @@ class FaultyBody:
                 current[joint] = 1.2 * MAX_CURRENT
             elif kind == "tilted":
                 attitude[0] = 1.0
-            elif kind in ("numb", "blind"):
-                changes = {"attitude": np.full(3, 0.01 if kind == "numb" else 0.0), "rates": np.zeros(3)}
+            elif kind in ("imu_repeats", "imu_zeros"):
+                changes = {"attitude": np.full(3, 0.01 if kind == "imu_repeats" else 0.0), "rates": np.zeros(3)}
         return replace(sensors, **changes)

@@ -11,10 +11,11 @@ import pytest
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.policy import Policy, zero_policy
+from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import require_walks
 from motorprior.simulation.training import ROBOT_WEIGHT, WalkSettings, train_policy, weight_warning
+from untrained import zero_policy
 
 ROBOT = load_robot("pupper_v2")
 

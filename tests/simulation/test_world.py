@@ -13,12 +13,12 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.policy import zero_policy
 from motorprior.robots.model_source import GeneratedModel
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import FAULTS, World, physics_step
+from untrained import zero_policy
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 

@@ -75,7 +75,7 @@ def commanded_heading(rate: float) -> np.ndarray:
     for _ in range(STEPS - 1):
         gait.observation[:] = 0.0
         follow_command(body, gait, 0.3, rate)
-        headings.append(headings[-1] + DT * gait.twist[1])
+        headings.append(headings[-1] + DT * gait.velocity_command[1])
     return np.array(headings)
 
 

@@ -21,7 +21,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
-SHOW = non_blocking(TERMINAL.note, sys.stderr)
+PRINT = non_blocking(TERMINAL.note, sys.stderr)
 
 
 @dataclass(frozen=True)
@@ -82,17 +82,17 @@ def deploy(config: Deploy) -> None:
     """See `hardware.commands.run_deploy`."""
     Policy.load(config.policy)  # an error comes before a virtual robot is started
     with _opened(config) as (commands, robot, port):
-        commands.run_deploy(robot, config.policy, port, config, SHOW)
+        commands.run_deploy(robot, config.policy, port, config, PRINT)
 
 
 def record(config: Record) -> None:
     """See `hardware.commands.run_record`."""
     choice = replace(config, robot=replace(config.robot, suspended=config.robot.suspended or not config.standing))
     with _opened(choice) as (commands, robot, port):
-        commands.run_record(robot, port, config, SHOW)
+        commands.run_record(robot, port, config, PRINT)
 
 
 def doctor(config: Doctor) -> None:
     """See `hardware.commands.run_doctor`."""
     with _opened(config) as (commands, robot, port):
-        commands.run_doctor(robot, port, config.seconds, config.idle, SHOW)
+        commands.run_doctor(robot, port, config.seconds, config.idle, PRINT)

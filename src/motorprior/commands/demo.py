@@ -68,14 +68,14 @@ class Demo:
     directions: int = 14
     """Directions per iteration of ARS."""
     seeds: int = 2
-    """Policies per condition, but one of the oracle."""
+    """Policies per condition (oracle: 1)."""
     walks: int = 14
     """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). After the comparison of logs,
-    the shipped one replaces a robot that cannot walk or has no fleet."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs of a
+    robot that cannot walk or has no fleet, the shipped robot walks."""
 
 
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:

@@ -37,7 +37,7 @@ class Export:
     joints: tuple[str, ...] = ()
     """Names of the joints; those of the prior or posterior if not given."""
     kp: float | None = None
-    """Gain of the motors [unit of the logs]; the middle one of the logs if not given."""
+    """Gain of the motors [unit of the logs]; that of the median motor of the logs if not given."""
     kd: float | None = None
     """Damping gain, if the logs have one [unit of the logs]."""
     log: Path | None = None

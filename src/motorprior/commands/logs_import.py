@@ -58,8 +58,8 @@ class LogsImport:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). The default is the shipped one
     for logs that do not name their joints; tables use the names of their map."""
     as_joint: tuple[str, ...] = ()
-    """Names of the robot's joints for those of the logs, in their order: bench logs of a motor, such as Rhoban/bam's,
-    become logs of motors of ``robot``."""
+    """Names of the joints in the robot, in the log's order. Bench logs of a motor, such as Rhoban/bam's, become logs of
+    ``robot``."""
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:

@@ -55,7 +55,7 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Path of the film, and measures of the walks, SimulationFault if one diverged; opens the viewer if requested."""
+    """Render and measure the walks; returns the film's path and the measures. SimulationFault if a walk diverged."""
     from motorprior.report import film  # here, since it imports matplotlib
 
     robot = load_robot(config.robot)

@@ -75,7 +75,7 @@ def export(
         format: bam, card, mjcf, mjcf-detailed or table (docs/export.md).
         out: folder for the files.
         motors: number of samples, K; formats with an MJCF write K variants of it.
-        seed: of the samples; same arguments, same bytes.
+        seed: of the samples; deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
         gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`.

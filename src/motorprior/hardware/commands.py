@@ -164,7 +164,7 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print)
     with RobotLink(robot, SerialLink(robot, port)) as link:
         if idle:
             check_telemetry(link, 0.3)  # nothing is sent to a device that is no robot
-            link.relax()
+            link.send_idle()
         checks = check_telemetry(link, seconds)
     for check in checks:
         show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}")

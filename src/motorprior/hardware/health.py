@@ -30,7 +30,7 @@ class _Debounce:
         return now - self._since >= self._duration - 1e-3  # time stamps are whole milliseconds
 
 
-class Sensors:
+class SensorFaults:
     """Detects a fall, a frozen IMU and overcurrent.
 
     An IMU is frozen if it worked and now repeats its values or sends zeros, so that a fall would not be detected. It
@@ -62,7 +62,7 @@ class Sensors:
             yield RobotFault("fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad")
 
 
-class Tracking:
+class TrackingFaults:
     """Detects a joint that does not follow its target.
 
     The reference is the response of a joint with the sent gains, a first-order lag of kd/kp:

@@ -19,7 +19,7 @@ from motorprior.hardware.teleop import Print, Teleop
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of, open_loop_gait
 from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait, write_readings
 from motorprior.locomotion.policy import Policy, act
-from motorprior.logs.readers.robot_run import Mode
+from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
 
 _GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
@@ -49,7 +49,7 @@ class PolicyMotion:
         rates = np.array(telemetry.rates) - self.gyro_bias
         write_readings(self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation)
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
-            gait.observation[YAW_RATE] = gait.twist[1]
+            gait.observation[YAW_RATE] = gait.velocity_command[1]
         follow_command(self._body, gait, self.forward, self.yaw_rate)
         act(self._policy, gait.observation, self._action)
         command_step(self._body, gait, self._action)

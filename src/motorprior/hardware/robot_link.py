@@ -12,20 +12,19 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
-from motorprior.hardware.health import Measurement, Sensors, TelemetryStream, Tracking
+from motorprior.hardware.health import Measurement, SensorFaults, TelemetryStream, TrackingFaults
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.watchdog import Watchdog
-from motorprior.logs.readers.robot_run import Mode, run_columns
+from motorprior.logs.readers.deploy_recording import Mode, run_columns
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import SafetyLimits
 
 # Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
 _IDLE_PAUSE = 0.01  # [s] between bursts
-# Gains precede the first targets only. Repeated, because a command can get lost. Not later, because there is no
-# checksum: the next target corrects a damaged one, but a damaged gain or current limit makes a walking robot fall
-# (`benchmarks/noise.py`).
+# Gains are sent before each of the first targets, because a command can get lost. They are not sent later: without a
+# checksum, a damaged gain or current limit makes a walking robot fall (`benchmarks/noise.py`).
 _NUM_GAINS = 3
 _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 
@@ -47,7 +46,7 @@ class RobotLink:
         self.text: deque[str] = deque(maxlen=50)  # the last lines that the robot printed
         self.sent = 0  # commands with a target since arming
         self._watchdog: Watchdog | None = None
-        self._sensors, self._tracking = Sensors(robot, limits), Tracking(robot, limits)
+        self._sensors, self._tracking = SensorFaults(robot, limits), TrackingFaults(robot, limits)
         self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
         self._error_line: str | None = None
         self._ignored: set[str] = set()
@@ -149,14 +148,14 @@ class RobotLink:
     def idle(self) -> None:
         """Remove the current from all motors; never fails. If the port does not accept it, the watchdog repeats it."""
         if self.gate.target is not None:
-            self.relax()
+            self.send_idle()
         if self._watchdog is not None:
             watchdog, self._watchdog = self._watchdog, None
             watchdog.end(idle_sent=not self.port.unsent)
         if self._recorder is not None:
             self._recorder.idle()
 
-    def relax(self) -> None:
+    def send_idle(self) -> None:
         """Send idle, also to a robot that this host never armed, so that legs move by hand."""
         command = self.gate.idle()
         self.port.discard_unsent()
@@ -168,7 +167,7 @@ class RobotLink:
 
 
 class Recorder:
-    """Writes the format of `logs.readers.robot_run.read_robot_run`; the file is created at the first measurement.
+    """Writes the format of `read_deploy_recording`; the file is created at the first measurement.
 
     A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
     so a power failure loses the last seconds. Raises ArtifactError if the file exists already.

@@ -19,11 +19,11 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion, Timing, ramp, real_time
-from motorprior.hardware.health import Measurement, Sensors
+from motorprior.hardware.health import Measurement, SensorFaults
 from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
-from motorprior.logs.readers.robot_run import Mode
+from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
 
 _CHECK_DURATION = 0.5  # [s]
@@ -124,12 +124,12 @@ class Session:
                     link.gate.slow, self._stopping = False, stopping
                     work(loop)
                 if crouch:
-                    self._descend()
+                    self._crouch()
             except Exception as error:
                 fault = fault_of(error)
                 if crouch and fault.safe_state == "crouch":
                     with contextlib.suppress(MotorPriorError):  # a second fault: idle follows anyway
-                        self._descend(fault)
+                        self._crouch(fault)
                 raise
             finally:
                 link.idle()
@@ -141,7 +141,7 @@ class Session:
         gate.slow, start = True, pose if gate.target is None else gate.target
         loop.run_motion(ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode)
 
-    def _descend(self, fault: RobotFault | None = None) -> None:
+    def _crouch(self, fault: RobotFault | None = None) -> None:
         """Slow down, then crouch; after a fault in the descent it continues from there."""
         link = self.link
         if fault is not None:
@@ -243,7 +243,7 @@ def joint_ranges(robot: Robot, telemetry: Sequence[Telemetry]) -> list[Check]:
 
 def _sensors(link: RobotLink, telemetry: Sequence[Telemetry]) -> list[Check]:
     """The faults that would end a motion, and the last readings."""
-    sensors, last = Sensors(link.robot, link.limits), telemetry[-1]
+    sensors, last = SensorFaults(link.robot, link.limits), telemetry[-1]
     faults = {fault.kind: fault for one in telemetry for fault in sensors.faults(one, 1e-3 * one.ts)}
     current = "not sent" if last.cur is None else f"up to {np.abs(last.cur).max():.2f} A"
     return [

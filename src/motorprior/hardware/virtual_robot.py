@@ -21,7 +21,7 @@ import numpy as np
 
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
-from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.robots.wire import MotorCommand, SensorReadings
 
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
 HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
@@ -31,8 +31,8 @@ _BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 class RobotBody(Protocol):
     """Motors and mechanics of a robot. Joints in the robot's signs."""
 
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        """Simulate under a constant drive; the current control runs at 1 kHz or faster."""
+    def advance(self, milliseconds: int, command: MotorCommand) -> None:
+        """Simulate under a constant command; the current control runs at 1 kHz or faster."""
 
     def sense(self) -> SensorReadings:
         """The present readings."""
@@ -49,15 +49,10 @@ class FirmwareConfig:
 
 
 class Firmware:
-    """Simulated firmware of a robot, which moves ``body``.
+    """Simulated firmware of a robot, which moves ``body``."""
 
-    ``on_change`` is called at every change of mode with the mode, and at every target with "target".
-    """
-
-    def __init__(
-        self, robot: Robot, body: RobotBody, config: FirmwareConfig, on_change: Callable[[str], None] = lambda _: None
-    ):
-        self._body, self._config, self._on_change = body, config, on_change
+    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
+        self._body, self._config = body, config
         self._wire, self._joints = robot.require_wire(), robot.num_joints
         self._reader = FrameReader(Command, self._joints)
         self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
@@ -71,7 +66,7 @@ class Firmware:
         """Bytes from the host."""
         for message in self._reader.feed(data):
             if isinstance(message, Command) and self.mode != ERROR:
-                self._execute(message)
+                self.execute(message)
 
     def advance(self, milliseconds: int) -> bytes:
         """Simulate; returns the bytes sent meanwhile."""
@@ -81,36 +76,27 @@ class Firmware:
             self._text.clear()
             step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
             (kp, kd, limit), on = self.gains, np.full(self._joints, float(self.mode in (HOLDING, POSITION)))
-            self._body.advance(step, Drive(self._target, kp * on, kd * on, limit))
+            self._body.advance(step, MotorCommand(self._target, kp * on, kd * on, limit))
             self.now += step
             if self.mode == ERROR:
                 self._text.append("ERROR")
             if self.now % period == 0:
-                self._read_sensors()
+                self._sensors = sensors = self._body.sense()
+                if np.abs(sensors.pos).max() > MAX_ANGLE or np.abs(sensors.current).max() > MAX_CURRENT:
+                    self.mode = ERROR
                 out += framed(self._telemetry(), self._joints)
         return bytes(out)
 
-    def _execute(self, command: Command) -> None:
+    def execute(self, command: Command) -> None:
+        """Execute a command from the host."""
         if command.pos is not None:  # other keys of that command are ignored
-            self._target = command.pos.copy()
-            self._enter(POSITION)
-            self._on_change("target")
+            self._target, self.mode = command.pos.copy(), POSITION
             return
         new = command.kp, command.kd, command.max_current
         kp, kd, limit = (old if value is None else value for value, old in zip(new, self.gains, strict=True))
         self.gains = kp, kd, limit
         if command.idle:
-            self._enter(IDLE)
-
-    def _enter(self, mode: str) -> None:
-        if mode != self.mode:
-            self.mode = mode
-            self._on_change(mode)
-
-    def _read_sensors(self) -> None:
-        self._sensors = self._body.sense()
-        if np.abs(self._sensors.pos).max() > MAX_ANGLE or np.abs(self._sensors.current).max() > MAX_CURRENT:
-            self._enter(ERROR)
+            self.mode = IDLE
 
     def _telemetry(self) -> Telemetry:
         sensors, config = self._sensors, self._config
@@ -124,14 +110,13 @@ class VirtualRobot:
     """A virtual robot in real time: a host opens the pseudo-terminal ``port`` like the port of a Teensy."""
 
     def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
-        self.events: list[tuple[float, str]] = []  # time on the monotonic clock [s], mode or "target"
-        self.firmware = Firmware(robot, body, config, lambda what: self.events.append((time.monotonic(), what)))
+        self.firmware = Firmware(robot, body, config)
         self._period = config.telemetry_period
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self.received, self._started = 0, 0.0  # number of bytes from the host
+        self._started = 0.0
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Move until ``ended`` returns True; then unplug."""
@@ -157,7 +142,5 @@ class VirtualRobot:
 
     def _read(self) -> bytes:
         with contextlib.suppress(OSError):
-            data = os.read(self._master, 4096)
-            self.received += len(data)
-            return data
+            return os.read(self._master, 4096)
         return b""

@@ -50,7 +50,7 @@ def fit_prior(
         logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at the preset's sample
             period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
-        seed: of weights, windows and noise; same logs, preset and seed, same bytes.
+        seed: of weights, windows and noise; deterministic.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
         out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues there after the
             selection of terms or the fit of the motors. Nothing is written without it.

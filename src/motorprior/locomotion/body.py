@@ -15,7 +15,7 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.robots.robot import Robot
 
-NUM_MODULATIONS = 5  # last entries of an action: frequency, intensity, height, swing/stance ratio, turn
+NUM_MODULATIONS = 5  # last entries of an action: frequency, stride scale, height, swing/stance ratio, turn
 NUM_IMU_READINGS = 5  # first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
 YAW_RATE = 4  # index of the rate about z in an observation
 # last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of the phase

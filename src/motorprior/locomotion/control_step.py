@@ -40,7 +40,7 @@ from motorprior.locomotion.body import (
 from motorprior.locomotion.policy import (
     FREQUENCY,
     HEIGHT,
-    INTENSITY,
+    STRIDE_SCALE,
     SWING_STANCE_RATIO,
     TURN,
     action_to_command,
@@ -48,12 +48,12 @@ from motorprior.locomotion.policy import (
 )
 from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
-MAX_TARGET_SPEED = 40.0  # [rad/s] of a position target, which would jump where a swing begins; 30 to 60 are equal
+MAX_TARGET_SPEED = 40.0  # [rad/s] of position targets, which jump where a swing begins; 30 to 60 give equal results
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
 RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
 MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
-# Largest observed drift, as a share of the distance in a second at the largest speed: 2.3 standard deviations of
-# trainings of 5 s. With 0.3, walks of 20 s reached seven, and a linear policy amplified this until the robot fell.
+# Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in trainings of 5 s.
+# With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies amplified this until the robot fell.
 MAX_DRIFT = 0.1
 _PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
 
@@ -66,7 +66,7 @@ class GaitState(NamedTuple):
     command: np.ndarray  # (actions,) scratch: the action in physical units
     target: np.ndarray  # (joints,) position targets of the last control step [rad]
     path: np.ndarray  # (2, joints) scratch: the gait now and one control step later [rad]
-    twist: np.ndarray  # (2,) command in force: speed [m/s], yaw rate [rad/s]
+    velocity_command: np.ndarray  # (2,) command in force: speed [m/s], yaw rate [rad/s]
     # (7,) phase in [0, 1); heading error, integrated from the gyroscope [rad]; drift to the body's left of the
     # commanded path, integrated from it [m]; commanded heading [rad]; filtered speeds, forward and left [m/s]; sum over
     # the steps of |filtered forward speed - commanded speed| [m/s]
@@ -98,7 +98,7 @@ def new_gait(body: Body) -> GaitState:
 def begin_gait(body: Body, gait: GaitState) -> None:
     """Nominal pose, phase 0, no speed, no heading error and no drift."""
     gait.filtered[:] = 0.0
-    gait.twist[:] = 0.0
+    gait.velocity_command[:] = 0.0
     gait.scalars[:] = 0.0
     gait.target[:] = body.nominal_pose
     gait.feet[:] = np.nan
@@ -128,25 +128,25 @@ def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float)
     robot that pulls to one side would walk on at a small constant error. All except the command fade out as the robot
     stops.
     """
-    observation, step = gait.observation, body.control_dt / RAMP
+    observation, velocity, step = gait.observation, gait.velocity_command, body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
     yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
-    gait.twist[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - gait.twist[0]))
-    gait.twist[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - gait.twist[1]))
-    share, angle = gait_share(body, gait.twist[0], gait.twist[1]), 2.0 * math.pi * gait.scalars[_PHASE]
-    gait.scalars[_COMMANDED_HEADING] += body.control_dt * gait.twist[1]
+    velocity[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - velocity[0]))
+    velocity[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - velocity[1]))
+    share, angle = gait_share(body, velocity[0], velocity[1]), 2.0 * math.pi * gait.scalars[_PHASE]
+    gait.scalars[_COMMANDED_HEADING] += body.control_dt * velocity[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
-        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - gait.twist[1])
+        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - velocity[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
-    drift = gait.scalars[_DRIFT] + body.control_dt * gait.twist[0] * math.sin(gait.scalars[_HEADING])
+    drift = gait.scalars[_DRIFT] + body.control_dt * velocity[0] * math.sin(gait.scalars[_HEADING])
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
-    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, gait.twist[0], 0.0)
+    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, velocity[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
     # Positive to the left of the direction of motion, so that the same turn corrects it forward and backward.
-    observation[first] = math.copysign(1.0, gait.twist[0]) * gait.scalars[_DRIFT]
+    observation[first] = math.copysign(1.0, velocity[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
-    observation[first + 2], observation[first + 3] = gait.twist[0], gait.twist[1]
+    observation[first + 2], observation[first + 3] = velocity[0], velocity[1]
     observation[first + 4], observation[first + 5] = share * math.cos(angle), share * math.sin(angle)
 
 
@@ -173,11 +173,11 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
     low_pass(action, body.control_dt, gait.filtered)
     action_to_command(body, gait.filtered, gait.command)
     joints, command = gait.target.shape[0], gait.command
-    share = gait_share(body, gait.twist[0], gait.twist[1])
+    share = gait_share(body, gait.velocity_command[0], gait.velocity_command[1])
     frequency, ratio = float(command[joints + FREQUENCY]), float(command[joints + SWING_STANCE_RATIO])
     height = float(command[joints + HEIGHT])
-    forward = command[joints + INTENSITY] * gait.twist[0]
-    yaw_rate = command[joints + INTENSITY] * gait.twist[1] + share * command[joints + TURN]
+    forward = command[joints + STRIDE_SCALE] * gait.velocity_command[0]
+    yaw_rate = command[joints + STRIDE_SCALE] * gait.velocity_command[1] + share * command[joints + TURN]
     lift, phase = share * body.swing_height, float(gait.scalars[_PHASE])
     rise = levelling(body, gait.observation)
     later = advance_phase(phase, frequency, body.control_dt)
@@ -210,11 +210,12 @@ def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.
     share, scalars = 1.0 - math.exp(-body.control_dt / SPEED_FILTER), gait.scalars
     scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
-    speed_error = scalars[_FORWARD] - gait.twist[0]
+    speed_error = scalars[_FORWARD] - gait.velocity_command[0]
     scalars[_SPEED_ERRORS] += abs(speed_error)
     earned = weights[0] if not down else 0.0
     earned -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
-    heading_error, yaw_rate_error = wrapped(yaw - scalars[_COMMANDED_HEADING]), state.base_ang_vel[2] - gait.twist[1]
+    heading_error = wrapped(yaw - scalars[_COMMANDED_HEADING])
+    yaw_rate_error = state.base_ang_vel[2] - gait.velocity_command[1]
     earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
     effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
     slip = sliding(body, gait.feet, state, pitch, yaw)

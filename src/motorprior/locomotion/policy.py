@@ -1,7 +1,8 @@
 """The walking policy: its formulas, compiled, and its file.
 
-An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, intensity, height, swing/stance
-ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus the turn.
+An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, stride scale, height,
+swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus
+the turn.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from motorprior.texts import Overview, Printable
 ROBOT_WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
-FREQUENCY, INTENSITY, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
+FREQUENCY, STRIDE_SCALE, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
 FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
-INTENSITY_SHARE = 0.75  # ± share of the commanded stride
+STRIDE_SCALE_SHARE = 0.75  # ± share of the commanded stride
 HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
 MAX_RATIO = 2.0  # maximum swing/stance ratio over the usual one; the minimum is its inverse
 
@@ -68,14 +69,6 @@ class PolicyArrays(NamedTuple):
     readout: np.ndarray  # V, (units, actions)
     mean: np.ndarray  # (observations,) running mean of observations
     std: np.ndarray  # (observations,) running standard deviation, > 0
-
-
-def zero_policy(num_joints: int) -> PolicyArrays:
-    """The policy of zero actions, which is the untrained gait."""
-    observations, actions = observation_size(num_joints), action_size(num_joints)
-    weights = np.zeros((actions, observations + 1))
-    nothing = np.zeros((0, observations + 1)), np.zeros((0, actions))
-    return PolicyArrays(np.asfortranarray(weights), *nothing, np.zeros(observations), np.ones(observations))
 
 
 @njit(cache=True)
@@ -121,14 +114,14 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual trot.
 
-    Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], intensity 1 + 0.75 a, height
+    Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], stride scale 1 + 0.75 a, height
     a · swing_height / 2 [m], ratio 2^a, and turn a · max_yaw_rate [rad/s] to ``out`` (actions,).
     """
     joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
         out[joint] = body.max_residual * action[joint]
     out[joints + FREQUENCY] = body.frequency * (1.0 + FREQUENCY_SHARE * action[joints + FREQUENCY])
-    out[joints + INTENSITY] = 1.0 + INTENSITY_SHARE * action[joints + INTENSITY]
+    out[joints + STRIDE_SCALE] = 1.0 + STRIDE_SCALE_SHARE * action[joints + STRIDE_SCALE]
     out[joints + HEIGHT] = HEIGHT_SHARE * body.swing_height * action[joints + HEIGHT]
     ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(MAX_RATIO))
     out[joints + SWING_STANCE_RATIO] = ratio

@@ -37,17 +37,17 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     gaps = gap_rows(log)
     if not gaps.size:
         return log, ""
-    after, pieces = set(gaps.tolist()), []
+    after, kept_runs = set(gaps.tolist()), []
     for first, last in pairwise(sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})):
         short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
         if not (short and after & {first, last}):
-            pieces.append(np.arange(first, last))
-    if not pieces:
+            kept_runs.append(np.arange(first, last))
+    if not kept_runs:
         problem = f"no run of {MIN_ROWS} rows without a gap of more than {GAP_FACTOR:g} median steps"
         remedy = "record the time at which a row was measured, not received; or state rate in a column map"
         raise LogError(problem, where=log.source, remedy=remedy)
-    segment = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    kept = replace(log.rows(np.concatenate(pieces)), segment=segment)
+    segment = np.repeat(np.arange(len(kept_runs)), [len(run) for run in kept_runs])
+    kept = replace(log.rows(np.concatenate(kept_runs)), segment=segment)
     steps, dropped = log.time[gaps] - log.time[gaps - 1], log.num_rows - kept.num_rows
     named = [f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s" for step, row in zip(steps, gaps, strict=True)]
     text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "
@@ -58,8 +58,8 @@ def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
 def resample(log: MotorLog, period: float) -> MotorLog:
     """Put each segment on the grid t_k = t_0 + k·period, up to its last row.
 
-    Commands are held until the next, and a row has their mean until the next row: with the command in force at its time
-    alone, commands between two rows act late by up to a period, and identified delays are too short. Measurements are
+    Each row has the mean of the held commands from its time to the next row. With the command at its time, commands
+    between two rows would act up to a period late, and identified delays would be too short. Measurements are
     interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in steps.
 
     Raises LogError for a period that is longer than a segment.
@@ -75,7 +75,7 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
         problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
         raise LogError(problem, where=segment.source, remedy="choose a shorter period")
     held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
-    result = {"position_target": _mean_command(segment.time, segment.position_target, grid, period), "time": grid}
+    result = {"position_target": mean_command(segment.time, segment.position_target, grid, period), "time": grid}
     for name, value in channels(segment).items():
         if name in _HELD:
             result[name] = value[held]
@@ -84,7 +84,7 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
     return result
 
 
-def _mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+def mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
     """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
     edges = np.append(grid, grid[-1] + period)
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1

@@ -5,7 +5,7 @@ A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's accelerat
     x = (q, dq, ddq),   x' = F·x + w,   w ~ N(0, d²·Q(dt)),   reading = q + n,   n ~ N(0, r²)
 
 per motor, forwards and backwards over each segment. Noise r and density d [rad/s²/√s] of the random walk maximise the
-likelihood on a grid; r is at least an encoder's quantum/√12, since a static joint repeats its reading and seems free of
+likelihood on a grid; r is at least an encoder's step/√12, since a static joint repeats its reading and seems free of
 noise. With r below MIN_NOISE the log stays as it is. Recorded velocities, often filtered differences of the
 same readings, are not used.
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.signals import encoder_step
 
 MIN_NOISE = 4e-5  # standard deviation of a reading below which a log counts as free of noise [rad]
 NOISES = np.geomspace(1e-5, 3e-3, 11)  # r that are tried [rad]
@@ -74,7 +75,7 @@ def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple
     for block in _blocks(readings, parts):
         rows = np.ascontiguousarray(readings[block], np.float64)
         likelihood += [[_filter(rows, dt, noise, density)[0] for density in DENSITIES] for noise in NOISES]
-    rounding = quantum(readings) / np.sqrt(12.0)
+    rounding = encoder_step(readings) / np.sqrt(12.0)
     first = min(int(np.searchsorted(NOISES, rounding)), len(NOISES) - 1)
     best = np.unravel_index(likelihood[first:].argmax(), likelihood[first:].shape)
     return max(float(NOISES[first + best[0]]), rounding), float(DENSITIES[best[1]])
@@ -92,11 +93,6 @@ def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
     others = np.setdiff1d(np.arange(len(cut)), fastest)
     spread = others[np.linspace(0, len(others) - 1, count - len(fastest)).round().astype(int)]
     return [cut[each] for each in sorted({*fastest.tolist(), *spread.tolist()})]
-
-
-def quantum(readings: np.ndarray) -> float:
-    """Smallest difference of two readings (R,) [rad], an encoder's step; 0 if all are equal."""
-    return float(np.diff(np.unique(readings)).min()) if np.ptp(readings) > 0.0 else 0.0
 
 
 def smoothing_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float] | None:

@@ -97,7 +97,7 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     train, test = map(_windows, (first, second), seconds)
     if [] != excited_in_any(test) == excited_in_any(train):
         return Split(train, test, f"{chosen}train: first half of {', '.join(names)}; test: second half")
-    train, test = map(_spread, _chunks(used), seconds)
+    train, test = map(_evenly_spaced, _chunks(used), seconds)
     return Split(train, test, f"{chosen}train and test: alternating chunks of {CHUNK:g} s of {', '.join(names)}")
 
 
@@ -148,7 +148,7 @@ def _cut(log: MotorLog) -> list[MotorLog]:
     return [chunk for chunk in found if long_segments(chunk) is not None]
 
 
-def _spread(chunks: Sequence[tuple[str, MotorLog]], seconds: float) -> dict[str, MotorLog]:
+def _evenly_spaced(chunks: Sequence[tuple[str, MotorLog]], seconds: float) -> dict[str, MotorLog]:
     """Evenly spread chunks of ``seconds`` in all, with each joint moving in at least one; joined by log."""
     count = min(len(chunks), max(1, round(seconds / CHUNK)))
     taken = {round(place) for place in np.linspace(0, len(chunks) - 1, count)}

@@ -38,10 +38,10 @@ def study_sections(summary: StudyStatistics) -> list[Section]:
         forest_plot(summary, conditions_in(summary)),
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
     )
-    tables = tuple(measure_table(summary, measure) for measure in SHOWN)
+    tables = tuple(measure_table(summary, measure) for measure in MEASURES)
     sections = [own_simulations(summary), Section("Held-out robots", (text,), (drawn,), tables)]
     if summary.differences:
-        tables = tuple(difference_table(summary, measure) for measure in SHOWN)
+        tables = tuple(difference_table(summary, measure) for measure in MEASURES)
         text = "Permutation tests within benches; p corrected by Holm for all differences."
         sections.append(Section("Differences from the sampled prior", (text,), tables=tables))
     return sections
@@ -71,13 +71,14 @@ def own_table(summary: StudyStatistics) -> Table:
     return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
 
 
-SHOWN = {"upright": ("time upright [%]", 100.0, ".0f"), "speed": ("speed [m/s]", 1.0, ".2f")}  # title, factor, format
+# title, factor, format
+MEASURES = {"upright": ("time upright [%]", 100.0, ".0f"), "speed": ("speed [m/s]", 1.0, ".2f")}
 
 
 def measure_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, a cell per environment: the mean over benches with its interval."""
     envs = [env for env in ALL_ENVIRONMENTS if env in {env for env, _ in summary.upright}]
-    title, factor, form = SHOWN[measure]
+    title, factor, form = MEASURES[measure]
 
     def cell(env: str, condition: str) -> str:
         found = summary.estimates.get((env, condition, measure))
@@ -90,7 +91,7 @@ def measure_table(summary: StudyStatistics, measure: str) -> Table:
 def difference_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
     envs = [env for env in ENVIRONMENTS if env in {env for env, _ in summary.upright}]
-    title, factor, form = SHOWN[measure]
+    title, factor, form = MEASURES[measure]
 
     def cell(env: str, condition: str) -> str:
         found = summary.differences.get((env, condition, measure))

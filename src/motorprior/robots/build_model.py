@@ -1,8 +1,7 @@
 """MuJoCo model of a robot: on a flat floor, or with its base fixed.
 
-Explicit foot-floor pairs are the only contacts. Armature, damping and dry friction of the joints belong to the motors,
-so the model's own are removed, as are its actuators, sensors, keys and contact pairs; also its floors and its lights,
-which stay behind where a robot walks.
+Explicit foot-floor pairs are the only contacts. The motors have armature, damping and dry friction, so those of the
+model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and lights of the model are removed.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -31,7 +31,7 @@ def _is_new_name(value: Any) -> bool:
     return is_name and value not in {shipped.name for shipped in SHIPPED}
 
 
-def _per_joint(field: Field) -> Field:
+def _per_joint_field(field: Field) -> Field:
     listed = many(field, 1)
     return Field(f"{field.meaning}, or a list of such", lambda value: field.accepts(value) or listed.accepts(value))
 
@@ -45,16 +45,16 @@ def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
 
 
 _PER_JOINT = {
-    "nominal_pose": _per_joint(number(-1e9, 1e9)),
-    "kp": _per_joint(_POSITIVE),
-    "kd": _per_joint(number(0.0, 1e9)),
-    "torque_limit": _per_joint(_POSITIVE),
+    "nominal_pose": _per_joint_field(number(-1e9, 1e9)),
+    "kp": _per_joint_field(_POSITIVE),
+    "kd": _per_joint_field(number(0.0, 1e9)),
+    "torque_limit": _per_joint_field(_POSITIVE),
 }
 _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
     "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
-    "joint_classes": _per_joint(_TEXT),
+    "joint_classes": _per_joint_field(_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_CLOCKS, number(1e-5, 1.0)),
     **dict.fromkeys(("legs", "gait"), TABLE),
@@ -108,9 +108,9 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
     names = model.joint_names()
     per_leg = len(names) // max(1, len(legs))
-    numbers = {key: _spread(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
+    numbers = {key: _per_joint(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
     stated = table.get("joint_classes")
-    classes = () if stated is None else _spread("joint_classes", stated, len(names), per_leg, where)
+    classes = () if stated is None else _per_joint("joint_classes", stated, len(names), per_leg, where)
     pose, joints = dict(zip(names, numbers["nominal_pose"], strict=True)), []
     for i, (name, angle) in enumerate(pose.items()):
         lower, upper = model.limits(name)
@@ -181,7 +181,7 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
     return replace(default, **given)
 
 
-def _spread(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[Any, ...]:
+def _per_joint(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[Any, ...]:
     """One value per joint: given for all, for the joints of each leg, or for each."""
     values = tuple(value if isinstance(value, list) else [value])
     if len(values) not in (forms := sorted({1, per_leg, count})):

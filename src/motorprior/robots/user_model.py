@@ -17,7 +17,7 @@ from motorprior.robots.robot import Leg
 
 _MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 
-# radius of gyration of a link that is an error in any model: in sizes of the model, and at least [m]
+# a link with a larger radius of gyration is an error: relative to the model's size, and its minimum [m]
 MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
 
 

@@ -11,9 +11,9 @@ import numpy as np
 class SafetyLimits:
     """Limits of the host's safety gate and fault detection."""
 
-    # Position targets and gains that the gate lets through
+    # Maximum position targets, currents and gains
     target_speed: float = 60.0  # [rad/s]; gaits reach 40 at the start of a swing; the motors' no-load speed is 52
-    slow_speed: float = 1.5  # the same while ramping and crouching
+    slow_speed: float = 1.5  # [rad/s] while ramping and crouching
     max_current: float = 7.0  # [A] per motor; 2022 deployment
     max_kp: float = 60.0  # [A/rad]; above the gains of every known deployment
     max_kd: float = 6.0  # [A·s/rad]
@@ -58,7 +58,7 @@ class Wire:
 
 
 @dataclass(frozen=True)
-class Drive:
+class MotorCommand:
     """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
 
     target: np.ndarray  # (joints,) [rad]

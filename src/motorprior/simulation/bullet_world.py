@@ -32,8 +32,8 @@ from motorprior.simulation.world import control_steps_late, has_diverged, subste
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
 SOLVER_ITERATIONS = 20  # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
-# Limit of gear_stiffness·physics_dt² of a grey box [kg·m²], 300 N·m/rad at 1 ms. Its damping is explicit here; on
-# a bare shank (3.4e-4 kg·m²) gears of 400 N·m/rad chatter.
+# Maximum gear_stiffness·physics_dt² of a grey box [kg·m²]: 300 N·m/rad at 1 ms. Gear damping is explicit here, so
+# stiffer gears are unstable: 400 N·m/rad chatters on a bare shank (3.4e-4 kg·m²).
 EXPLICIT_STIFFNESS = 3e-4
 
 

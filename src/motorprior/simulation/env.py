@@ -96,7 +96,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return {
             "fault": int(state.fault),
             "phase": self.gait.phase,
-            "command": self.gait.twist.copy(),
+            "command": self.gait.velocity_command.copy(),
             "position_target": self.gait.target.copy(),
             "measured_joint_pos": np.array(state.measured_joint_pos),
             "base_pos": np.array(state.base_pos),

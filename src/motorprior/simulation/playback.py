@@ -131,11 +131,9 @@ def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_d
         position_target=np.repeat(targets, substeps, axis=0),
         joint_pos=joint_pos,
         joint_vel=np.gradient(joint_pos, robot.physics_dt, axis=0),
-        joint_torque=None,
         joint_names=robot.joint_names,
         robot=robot.name,
         motor=robot.motor,
         source=f"simulated {robot.name}",
-        encoder="joint",
     )
-    return checked(log, where=log.source)
+    return checked(log)

@@ -58,7 +58,7 @@ class WalkConfig:
     randomization: Randomization = field(default_factory=Randomization)
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands = field(default_factory=Commands)
-    """Commanded speeds and yaw rates, also above the robot's usual range."""
+    """Commanded speeds and yaw rates; they may exceed the robot's usual range."""
     engine: Engine = "mujoco"
     """Physics engine; PyBullet holds the interpreter lock, so that only the executor ray uses several cores."""
 

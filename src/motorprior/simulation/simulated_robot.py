@@ -15,7 +15,7 @@ from motorprior.bench.fleet import Fleet
 from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import Robot
-from motorprior.robots.wire import Drive, SensorReadings
+from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
 
@@ -40,7 +40,7 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class SimulatedRobot:
-    """A `hardware.virtual_robot.RobotBody`, lying with folded legs at first, or suspended.
+    """A `hardware.virtual_robot.RobotBody`, on its belly with folded legs at first, or suspended.
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on it. The gains and
     torque limits of ``motors`` are those at the wire's own gains and current limit; ``seed`` is of the IMU's noise.
@@ -49,7 +49,7 @@ class SimulatedRobot:
     def __init__(self, robot: Robot, motors: PhysicalMotors, suspended: bool, seed: int):
         self._wire, self._motors, self._suspended = robot.require_wire(), motors, suspended
         self._signs, self._dt = self._wire.joint_signs, robot.twin_physics_dt
-        self._rng, self._drive = np.random.default_rng([_STREAM, seed, 1]), None
+        self._rng, self._command = np.random.default_rng([_STREAM, seed, 1]), None
         self._world = World(robot, self._dt, suspended)
         model = self._world.model
         floor, base = model.geom(FLOOR).id, model.body(1)
@@ -61,18 +61,18 @@ class SimulatedRobot:
             self._world.data.qpos[2] = max(leg.hip_height(folded) for leg in robot.legs)
         _advance(self._world.arrays, self._arrays, folded, 0)  # compile before real time starts
 
-    def advance(self, milliseconds: int, drive: Drive) -> None:
-        """Simulate under a constant drive; each motor keeps its torque per ampere."""
+    def advance(self, milliseconds: int, command: MotorCommand) -> None:
+        """Simulate under a constant command; each motor keeps its torque per ampere."""
         motors, wire = self._motors, self._wire
         scaled = replace(
             motors,
-            kp=motors.kp * drive.kp / wire.kp,
-            kd=motors.kd * drive.kd / wire.kd,
-            torque_limit=motors.torque_limit * (drive.max_current / wire.max_current),
+            kp=motors.kp * command.kp / wire.kp,
+            kd=motors.kd * command.kd / wire.kd,
+            torque_limit=motors.torque_limit * (command.max_current / wire.max_current),
         )
         self._arrays.parameters[:] = PhysicalActuator(scaled).arrays(self._dt).parameters
-        self._drive = drive
-        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(self._signs * drive.target), milliseconds)
+        self._command = command
+        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(self._signs * command.target), milliseconds)
 
     def sense(self) -> SensorReadings:
         """The present readings; the current is that of the control law at the present target."""
@@ -84,7 +84,7 @@ class SimulatedRobot:
         count = 2.0 * np.pi / self._wire.encoder_counts
         pos = self._signs * (count * np.round(measured / count))
         vel = self._signs * self._arrays.memory[FILTERED_VEL]
-        current = np.zeros_like(pos) if self._drive is None else self._drive.current(pos, vel)
+        current = np.zeros_like(pos) if self._command is None else self._command.current(pos, vel)
         return SensorReadings(pos, vel, current, attitude + IMU_NOISE[0] * noise[:3], rates + IMU_NOISE[1] * noise[3:])
 
     def position(self) -> np.ndarray:

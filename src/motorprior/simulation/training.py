@@ -45,7 +45,7 @@ class WalkSettings(WalkConfig):
     randomization: Randomization = ROBUST
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
     commands: Commands = field(default_factory=Commands)
-    """Commanded speeds and yaw rates, also above the robot's usual range."""
+    """Commanded speeds and yaw rates; they may exceed the robot's usual range."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
@@ -195,12 +195,7 @@ class Training:
     """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
     def __init__(
-        self,
-        robot: Robot,
-        motors: MotorSource,
-        settings: WalkSettings,
-        start: Policy | None = None,
-        where: str | Path = "start",
+        self, robot: Robot, motors: MotorSource, settings: WalkSettings, start: Policy | None, where: str | Path
     ):
         if start is not None:
             start.require_robot(robot, where)

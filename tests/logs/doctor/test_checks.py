@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from findings import of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -87,7 +88,7 @@ CASES: dict[str, tuple[str, str, int | None, Callable[[MotorLog], MotorLog]]] = 
 def test_a_check_finds_what_was_done(rich_log: MotorLog, name: str):
     check, severity, row, change = CASES[name]
     report = check_log(change(rich_log), ROBOT)
-    found = [finding for finding in report.by_check(check) if finding.severity == severity]
+    found = [finding for finding in of_check(report, check) if finding.severity == severity]
     assert found, report
     assert row is None or found[0].row == row
     assert found[0].message and found[0].remedy
@@ -101,10 +102,10 @@ def test_a_healthy_log_has_no_complaints(rich_log: MotorLog):
 def test_the_published_logs_are_usable(pupper_folder: Path):
     for name, log in read_log_folder(pupper_folder, PUPPER_V2).logs.items():
         report = check_log(log, PUPPER_V2)
-        assert report.usable and not report.by_check("limits"), (name, report)
-        assert bool(report.by_check("repeats")) == (name == "0116")
-        assert all(0.08 < finding.value < 0.12 for finding in report.by_check("tracking")), name
-        assert not check_log(drop_repeats(log)).by_check("repeats")
+        assert report.usable and not of_check(report, "limits"), (name, report)
+        assert bool(of_check(report, "repeats")) == (name == "0116")
+        assert all(0.08 < finding.value < 0.12 for finding in of_check(report, "tracking")), name
+        assert not of_check(check_log(drop_repeats(log)), "repeats")
 
 
 @pytest.mark.parametrize(
@@ -116,6 +117,6 @@ def test_the_real_logs_have_no_errors(shared_data: Path, folder: str, columns: s
     assert reports
     for path, report in reports.items():
         assert report.usable, (path, report.errors)
-        assert not any(report.by_check(check) for check in ("repeats", "dead", "unsigned_torque", "torque_sign")), path
+        assert not any(of_check(report, check) for check in ("repeats", "dead", "unsigned_torque", "torque_sign")), path
     if folder == "go2":
-        assert all(0.06 < found.value < 0.08 for report in reports.values() for found in report.by_check("tracking"))
+        assert all(0.06 < found.value < 0.08 for report in reports.values() for found in of_check(report, "tracking"))

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from findings import of_check
 from weighed_arm import JOINTS, slow_motion, write_arm
 
 from motorprior.logs.doctor.checks import check_log
@@ -21,8 +22,8 @@ def turned(log: MotorLog, *signs: float) -> MotorLog:
     return replace(log, position_target=log.position_target * signs, joint_pos=log.joint_pos * signs)
 
 
-def found(log: MotorLog, robot: str) -> tuple[Finding, ...]:
-    return check_log(log, load_robot(robot)).by_check("gravity")
+def found(log: MotorLog, robot: str) -> list[Finding]:
+    return of_check(check_log(log, load_robot(robot)), "gravity")
 
 
 def test_signs_of_the_model_are_no_finding(arm: str):

@@ -59,10 +59,10 @@ def test_a_single_array_is_called_data(tmp_path: Path):
 
 def test_a_wrong_name_or_length_is_named(tmp_path: Path, columns: ColumnMap):
     np.savez(tmp_path / "log.npz", q=ANGLE, q_des=TARGET[:-1])
-    with pytest.raises(LogError, match="different lengths"):
+    with pytest.raises(LogError, match="lengths"):
         read_log(tmp_path / "log.npz", columns=columns)
     np.savez(tmp_path / "log.npz", q=ANGLE)
-    with pytest.raises(LogError, match="no array 'q_des'; it has 'q'"):
+    with pytest.raises(LogError, match=r"'q_des'.*'q'"):
         read_log(tmp_path / "log.npz", columns=columns)
 
 
@@ -71,6 +71,6 @@ def test_an_archive_that_unpacks_to_more_than_the_bound_is_not_read(tmp_path: Pa
     with zipfile.ZipFile(tmp_path / name, "w") as archive:
         archive.writestr("log/data.pkl", b"")
         archive.infolist()[0].file_size = MAX_BYTES + 1
-    with pytest.raises(LogError, match=f"more than {MAX_BYTES} bytes") as refused:
+    with pytest.raises(LogError, match=str(MAX_BYTES)) as refused:
         read_log(tmp_path / name, columns=columns)
     assert refused.value.where == tmp_path / name

@@ -138,7 +138,7 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
     assert log.joint_names == PUPPER_V2.joint_names and log.robot == PUPPER_V2.name
     np.testing.assert_allclose(log.joint_pos[:, 0], table[f"pos_{PUPPER_V2.joint_names[0]}"])
     strange = a_map(tmp_path, text, (f"{names[0]} = {{}}", f'{names[0]} = {{ name = "tail" }}'))
-    with pytest.raises(LogError, match=r"'tail'.*remove its table, or give its key name"):
+    with pytest.raises(LogError, match=r"'tail'.*FR_hip"):
         read_log(path, PUPPER_V2, strange)
 
 
@@ -166,7 +166,7 @@ def test_a_column_that_is_there_twice_is_refused(tmp_path: Path):
     known = a_map(tmp_path, TICKS)
     path = write(tmp_path / "log.csv")
     path.write_text(path.read_text().replace("unused", "pos_2", 1))
-    with pytest.raises(LogError, match="more than one column 'pos_2'"):
+    with pytest.raises(LogError, match="'pos_2'"):
         read_log(path, columns=known)
 
 

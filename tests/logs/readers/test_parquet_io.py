@@ -42,9 +42,9 @@ def test_round_trip_is_exact(written, full_log):
     ("header", "problem"),
     [
         ({"schema_version": 1}, "schema_version = 1 is not 4"),
-        ({"joint_names": ["left", "middle"]}, "no column .position_target_rad/middle"),
+        ({"joint_names": ["left", "middle"]}, "position_target_rad/middle"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
-        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2 is not 0"),
+        ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused(written, header, problem):
@@ -56,7 +56,7 @@ def test_a_header_that_does_not_fit_is_refused(written, header, problem):
 def test_other_parquet_files_are_refused(written):
     other = written.with_name("other.parquet")
     pq.write_table(pq.read_table(written).replace_schema_metadata(None), other)
-    with pytest.raises(LogError, match="no motorprior header"):
+    with pytest.raises(LogError, match="not a motor log"):
         read_parquet(other)
 
 
@@ -64,5 +64,5 @@ def test_a_small_file_that_unpacks_to_much_is_refused(tmp_path):
     path = tmp_path / "equal.parquet"
     pq.write_table(pa.table({"t": np.zeros(MAX_BYTES // 8 + 1, np.int8)}), path)
     assert path.stat().st_size < 1_000_000
-    with pytest.raises(LogError, match=f"more than {MAX_BYTES} bytes"):
+    with pytest.raises(LogError, match=str(MAX_BYTES)):
         parquet_table(path)

@@ -60,7 +60,7 @@ def test_time_stamps_of_csv_are_seconds_since_the_first_row(tmp_path: Path, zone
 def test_a_bad_time_stamp_is_named(tmp_path: Path, name: str, row: int, cell: str):
     some = [each.isoformat() for each in stamps()]
     some[row] = cell
-    with pytest.raises(LogError, match=f"{name}: row {row}, when is .*{cell}"):
+    with pytest.raises(LogError, match=f"{name}: row {row}, when .*{cell}"):
         times(tmp_path / name, some)
 
 

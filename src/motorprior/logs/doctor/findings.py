@@ -42,10 +42,6 @@ class LogReport:
 
     findings: tuple[Finding, ...]
 
-    def by_check(self, check: str) -> tuple[Finding, ...]:
-        """Findings of one check."""
-        return tuple(finding for finding in self.findings if finding.check == check)
-
     @property
     def errors(self) -> tuple[Finding, ...]:
         """Findings that forbid using the log as it is."""

@@ -11,6 +11,7 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.motor_log import MotorLog, settings_text, time_steps
 from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
 from motorprior.robots.robot import Robot
+from motorprior.signals import encoder_step
 
 RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
 MAX_JITTER = 0.5
@@ -62,9 +63,9 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
 
 
 def repeats(log: MotorLog) -> Iterator[Finding]:
-    """Angles that repeat in fast motion: those of all joints (rows without new readings), or of one (read in turn).
+    """Angles that repeat in fast motion: all joints (rows without new readings), or one joint (joints read in turn).
 
-    Static joints, and joints that move slower than an encoder step per row, repeat their angles in any log.
+    Slow motion does not count: below an encoder step per row, angles repeat in any log.
     """
     whole, moved = repeated_rows(log), [_displacements(angle) for angle in log.joint_pos.T]
     cases = [(None, whole, np.max(moved, axis=0), 0.05)]
@@ -72,8 +73,8 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
         (joint, repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4)
         for column, joint in enumerate(log.joint_names)
     ]
-    for joint, repeated, way, bound in cases:
-        fast = way >= np.percentile(way[way > 0.0], 75) if way.any() else way > 0.0
+    for joint, repeated, travel, bound in cases:
+        fast = travel >= np.percentile(travel[travel > 0.0], 75) if travel.any() else travel > 0.0
         if fast.sum() < 20 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
             continue
         fresh = float(np.median(time_steps(log.rows(~repeated))[1]))
@@ -85,15 +86,9 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
 
 def _displacements(angle: np.ndarray) -> np.ndarray:
     """(T,) smaller displacement of a joint in the 5 rows before and after, 0 below 10 encoder steps."""
-    way, moved = np.abs(angle[5:] - angle[:-5]), np.zeros(len(angle))
-    moved[5:-5] = np.minimum(way[5:], way[:-5])
+    travel, moved = np.abs(angle[5:] - angle[:-5]), np.zeros(len(angle))
+    moved[5:-5] = np.minimum(travel[5:], travel[:-5])
     return np.where(moved >= 10.0 * encoder_step(angle), moved, 0.0)
-
-
-def encoder_step(angle: np.ndarray) -> float:
-    """Smallest difference [rad] above 1e-6 between two readings (T,), 0 if all are equal."""
-    steps = np.diff(np.unique(angle[:: max(1, len(angle) // 20_000)]))
-    return float(steps[steps > 1e-6].min(initial=np.inf)) if np.any(steps > 1e-6) else 0.0  # below this is rounding
 
 
 def jumps(log: MotorLog) -> Iterator[Finding]:
@@ -135,11 +130,7 @@ def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
     A joint that moves so fast, or in another unit, is as fast before and after.
     """
     speed, around = np.abs(velocity), 2 * MAX_FAILED + 1
-    padded = np.pad(
-        speed,
-        ((MAX_FAILED, MAX_FAILED), (0, 0)),
-        mode="reflect" if len(speed) > MAX_FAILED else "edge",
-    )
+    padded = np.pad(speed, ((MAX_FAILED, MAX_FAILED), (0, 0)), "reflect" if len(speed) > MAX_FAILED else "edge")
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, around, axis=0), axis=-1)
     return (speed > MAX_SPEED) & (speed > 5.0 * usual)
 
@@ -237,9 +228,9 @@ def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]
 
 
 def speeds(log: MotorLog) -> Iterator[Finding]:
-    """Speeds above 100 rad/s, of angles or joint_vel: an error if frequent; single readings of joint_vel are failed.
+    """Speeds above 100 rad/s of joint_pos or joint_vel; single such readings of joint_vel are failed reads.
 
-    The speed of an angle counts where the next one is as high in the same direction, so jumps and segment ends do not.
+    A speed of joint_pos counts if it lasts for two steps, so jumps and segment ends do not count.
     """
     width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
     rows = np.arange(0, log.num_rows, width)

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.readings import MAX_LAG, encoder_step
+from motorprior.logs.doctor.readings import MAX_LAG
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.operations import EXCITED_STD, excited_joints, gap_rows, repeated_rows, resample
-from motorprior.signals import runs_of_true
+from motorprior.signals import encoder_step, runs_of_true
 
 MIN_CORRELATION = 0.5
 VELOCITY_SLOPES = (0.7, 1.4)
@@ -132,7 +132,7 @@ def _first_peak(r: np.ndarray) -> int:
 def tracking(window: MotorLog) -> Iterator[Finding]:
     """Sign, joint order, lag and offset of the angle against the command, by the first peak of their correlation.
 
-    An angle opposes its command if, within a servo's lag, the correlation falls further below 0 than it rises above.
+    An angle opposes its command if the negative peak within a servo's lag is larger than the positive one.
     """
     (r, zero_lag, late, opposed), joint, period = correlation_peaks(window), window.joint_names[0], window.period
     seconds, follows, opposes = late * period, float(r[zero_lag + late]), float(r[zero_lag + opposed])

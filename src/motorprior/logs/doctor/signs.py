@@ -71,7 +71,7 @@ def _against_load(window: MotorLog) -> Iterator[Finding]:
 
 
 def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
-    """One or two joints whose reversal or exchange explains the position errors of steady motion better by gravity.
+    """One or two joints that seem reversed or exchanged: gravity then explains the errors of steady motion better.
 
     A position-controlled motor in slow, steady motion deflects by its torque over kp. Per joint,
 

@@ -38,7 +38,8 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
         if table.ndim != 2 or (index or 0) >= table.shape[1] or (index is None and table.shape[1] > 1):
             raise LogError(f"{name}: the array has shape {values.shape}", where=path, remedy=CORRECT)
         found[name] = table[:, index or 0].astype(np.float64)
-    if len(lengths := {name: len(column) for name, column in found.items()}) and len(set(lengths.values())) > 1:
+    lengths = {name: len(column) for name, column in found.items()}
+    if len(set(lengths.values())) > 1:
         raise LogError(f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT)
     return found
 

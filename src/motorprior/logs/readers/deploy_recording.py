@@ -13,7 +13,7 @@ import numpy as np
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader, require_robot
 from motorprior.logs.motor_log import MotorLog, checked, require_finite, require_increasing
-from motorprior.logs.operations import MIN_ROWS
+from motorprior.logs.operations import MIN_ROWS, mean_command
 from motorprior.logs.readers.table import csv_names, table_columns
 from motorprior.robots.robot import Robot
 
@@ -37,7 +37,7 @@ def run_columns(joint_names: tuple[str, ...], with_current: bool) -> tuple[str, 
     return ("time", "mode", "target_since", *(f"{name}/{joint}" for name in series for joint in joint_names), *_BODY)
 
 
-def read_robot_run(
+def read_deploy_recording(
     path: Path, robot: Robot, modes: tuple[Mode, ...] = (Mode.WALK, Mode.EXCITE), period: float | None = None
 ) -> MotorLog:
     """Read the rows of a recording with certain activities.
@@ -86,25 +86,18 @@ def _on_grid(part: np.ndarray, period: float, joints: int) -> np.ndarray:
     since[0] = min(since[0], time[0])  # the first target is assumed to hold before, too
     in_force = np.maximum(0, np.searchsorted(since, grid, side="right") - 1)
     spline = CubicSpline(time, part[:, 3 + joints :], axis=0)
-    targets = _integrals(since, part[:, 3 : 3 + joints], np.append(grid, grid[-1] + period))
-    out = np.column_stack([grid, part[in_force, 1:3], targets / period, spline(grid)])
+    targets = mean_command(since, part[:, 3 : 3 + joints], grid, period)
+    out = np.column_stack([grid, part[in_force, 1:3], targets, spline(grid)])
     out[:, 3 + 2 * joints : 3 + 3 * joints] = spline(grid, 1)[:, :joints]
     return out
-
-
-def _integrals(since: np.ndarray, targets: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """(steps, joints) integral over each step of a grid of targets (rows, joints) in force ``since`` times (rows,)."""
-    since = np.append(since, np.maximum(since[-1], grid[-1]))
-    sums = np.vstack([np.zeros_like(targets[:1]), np.cumsum(np.diff(since)[:, None] * targets, axis=0)])
-    return np.diff(np.stack([np.interp(grid, since, column) for column in sums.T], axis=1), axis=0)
 
 
 READER = LogReader(
     "recording of a robot",
     (".csv",),
     lambda path: csv_names(path)[:2] == ["time", "mode"],
-    lambda path, robot: read_robot_run(path, require_robot(robot, path)),
-    on_grid=lambda path, robot, period, suspended: read_robot_run(
+    lambda path, robot: read_deploy_recording(path, require_robot(robot, path)),
+    on_grid=lambda path, robot, period, suspended: read_deploy_recording(
         path, require_robot(robot, path), (Mode.EXCITE,) if suspended else (Mode.WALK, Mode.EXCITE), period
     ),
     needs_robot=True,
