@@ -7,6 +7,7 @@ import numpy as np
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.bounds import require_array
+from motorprior.exceptions import ConfigError
 
 
 class Motors:
@@ -28,10 +29,13 @@ class Motors:
         position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:
-        ConfigError: the motors cannot be simulated at this step, or an array has the wrong shape.
+        ConfigError: no motors, motors that cannot be simulated at this step, or an array of the wrong shape.
     """
 
     def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
+        if not hasattr(actuator, "arrays"):
+            problem = f"a {type(actuator).__name__} is a distribution, not motors"
+            raise ConfigError(problem, remedy="give samples of it: .sample(…)", argument="actuator")
         self._shape, self._dt = (actuator.num_motors,), dt
         self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
         self.reset(joint_pos, position_target)

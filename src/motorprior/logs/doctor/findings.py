@@ -42,6 +42,13 @@ class LogReport:
 
     findings: tuple[Finding, ...]
 
+    def __str__(self) -> str:
+        lines = [
+            f"{each.severity}: {each.check}, row {each.row}: {each.message}{f' -> {each.remedy}' * bool(each.remedy)}"
+            for each in grouped(self.findings)
+        ]
+        return "\n".join([f"{len(self.errors)} errors in {len(self.findings)} findings", *lines])
+
     @property
     def errors(self) -> tuple[Finding, ...]:
         """Findings that forbid using the log as it is."""
