@@ -27,13 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import (
-    ActuatorArrays,
-    Factors,
-    empty_arrays,
-    require_step,
-    require_unchanged,
-)
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line

@@ -56,11 +56,9 @@ class _CentreProblem:
 
 
 def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> _Optimum:
-    centre, size = _CentreProblem(problem, logs), len(problem.mean)
+    centre, size, scale = _CentreProblem(problem, logs), len(problem.mean), _UNIT * problem.prior_std
     search, prior = Search(centre), GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
-    first = (start - problem.mean) / (_UNIT * problem.prior_std)
-    found = search.descend(first[None], prior, ((iterations, WIDE),))
-    scale = _UNIT * problem.prior_std
+    found = search.descend(((start - problem.mean) / scale)[None], prior, ((iterations, WIDE),))
     covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
     return _Optimum(centre.center(found.x[0]), float(found.energy[0]), covariance)
 

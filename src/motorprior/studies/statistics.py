@@ -28,10 +28,7 @@ from motorprior.studies.gait_quality import UNITS
 
 REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
-OWN, OWN_OUT_OF_FAMILY = (
-    "own",
-    "own_out_of_family",
-)  # training simulations, the second of policies for out-of-family motors
+OWN, OWN_OUT_OF_FAMILY = "own", "own_out_of_family"  # training simulations; the second with out-of-family motors
 ALL_ENVIRONMENTS = (OWN, OWN_OUT_OF_FAMILY, *ENVIRONMENTS)
 CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
 _KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}

@@ -316,16 +316,8 @@ def _without_unidentified_limits(
     for name, largest in reached.items():
         if name in names and largest.max():
             row = names.index(name)
-            off = np.log(OFF * largest.max()) - center[row]
-            x = _fixed_unless_identified(
-                search,
-                x,
-                fixed,
-                {row: np.clip(off, x[:, row], LOG_REACH)},
-                RIGID_STEPS[1:],
-                search.all_problems,
-                SAVING,
-            )
+            off = {row: np.clip(np.log(OFF * largest.max()) - center[row], x[:, row], LOG_REACH)}
+            x = _fixed_unless_identified(search, x, fixed, off, RIGID_STEPS[1:], search.all_problems, SAVING)
     return x
 
 
