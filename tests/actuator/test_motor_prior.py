@@ -105,7 +105,7 @@ def test_joints_are_expected_by_name_and_class(classed: MotorPrior):
     np.testing.assert_array_equal(found.mean, [classed.mean[2], classed.classes.mean[2]])
     np.testing.assert_array_equal(found.std, np.ones((2, 3)))
     np.testing.assert_array_equal(found.misfit, [2.0, 2.0])
-    assert classed.classes_at(("RL_calf_joint", "FL_hip", "tail")) == ("calf", "hip", "")
+    assert classed.joint_classes(("RL_calf_joint", "FL_hip", "tail")) == ("calf", "hip", "")
 
 
 def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):

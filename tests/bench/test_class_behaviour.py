@@ -74,11 +74,11 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
     assert (hip.name, calf.name) == ("hip", "calf") and set(hip.sampled) == {"step", "chirp", "friction"}
     for found in (hip, calf):
         for name, values in found.sampled.items():
-            assert values.shape == (NUM_SAMPLES, len(found.axes[name])) and found.recorded[name].shape[0] == 6
+            assert values.shape == (NUM_SAMPLES, len(found.axes[name])) and found.training_motors[name].shape[0] == 6
             low, high = np.percentile(values, [5, 95], axis=0)
-            inside = (low <= found.recorded[name] + 1e-9) & (found.recorded[name] <= high + 1e-9)
+            inside = (low <= found.training_motors[name] + 1e-9) & (found.training_motors[name] <= high + 1e-9)
             assert inside.mean() > 0.7, name
     swapped = replace(prior, given_classes=replace(classes, mean=means[::-1].copy()))
     wrong = class_behaviours(swapped)[0]
     low, high = np.percentile(wrong.sampled["friction"], [5, 95], axis=0)
-    assert not ((low <= wrong.recorded["friction"]) & (wrong.recorded["friction"] <= high)).any()
+    assert not ((low <= wrong.training_motors["friction"]) & (wrong.training_motors["friction"] <= high)).any()

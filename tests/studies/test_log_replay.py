@@ -79,7 +79,7 @@ def test_a_calibration_replays_at_logged_gains_and_fits_the_rest(log: MotorLog, 
         return FleetProblem(fleet, ROBOT, {f"log_{n}": Replayer(each, ROBOT) for n, each in enumerate(logs)})
 
     def names(found: FleetProblem) -> set[str]:
-        return {each.name for each in found.unknowns}
+        return {each.name for each in found.parameters}
 
     logged, unlogged = problem(with_gains(log, KP, KD)), problem(log)
     assert names(unlogged) - names(logged) == {"kp", "kd_over_kp"} == logged.logged

@@ -94,7 +94,7 @@ class MotorPosterior(Printable):
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        central = self.prior.classes.mean_and_std(self.prior.classes_at(self.joint_names))[0]
+        central = self.prior.classes.mean_and_std(self.prior.joint_classes(self.joint_names))[0]
         factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
         return motors.with_factors(factors)
 
@@ -105,7 +105,7 @@ class MotorPosterior(Printable):
         prior's; of its logarithm, if it is positive. Ranges are with `MODEL_ERROR`, as those of
         `MotorPrior.intervals`.
         """
-        mean, std, _ = self.prior.expected(self.joint_names, self.prior.classes_at(self.joint_names))
+        mean, std, _ = self.prior.predicted(self.joint_names)
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
         precision = with_model_error(np.linalg.inv(self.covariance), before)
         rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))

@@ -105,7 +105,7 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> Ou
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > len(prior.classes.names):
-        classes = prior.classes_of(log)
+        classes = prior.joint_classes(log)
         far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes)
         # the distance of a class that was never recorded is unknown
         is_known = np.isin(classes, prior.classes.names) | (len(prior.classes.names) == 1)
@@ -159,7 +159,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if not isinstance(prior.model, GreyBox):
         return ""
-    central = prior.classes.mean_and_std(prior.classes_at(names))[0]
+    central = prior.classes.mean_and_std(prior.joint_classes(names))[0]
     share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:

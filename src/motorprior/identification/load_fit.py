@@ -27,7 +27,7 @@ from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants, grey_box, initial_center
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
-from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
+from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
@@ -83,7 +83,7 @@ class _LoadProblem(MotorProblem):
             torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
             rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
-            loaded = Segment(rows, segment.windows)
+            loaded = SegmentArrays(rows, segment.windows)
             found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
         return np.concatenate(found, axis=1)
 

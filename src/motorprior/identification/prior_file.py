@@ -55,7 +55,7 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     """Notes on other gains than the robot's, classes without logs, soft gears, and what the logs do not identify."""
     yield from _gain_note(prior, robot)
     several, recorded = len(prior.classes.names) > 1, prior.classes.names
-    for name in dict.fromkeys(prior.classes_of(robot)):
+    for name in dict.fromkeys(prior.joint_classes(robot)):
         if several and name not in recorded:
             yield (
                 f"note: no logs of the joint class {name}, only of {', '.join(recorded)}: its motors are sampled from "

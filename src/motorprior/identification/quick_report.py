@@ -53,7 +53,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.classes_of(train))[0])
+        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.joint_classes(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
     of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}

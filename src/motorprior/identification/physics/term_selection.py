@@ -23,7 +23,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.motor_fit import STEPS, FleetFit, fit_motors, fit_rigid_motors
+from motorprior.identification.physics.motor_fit import STEPS, MotorFits, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred,
     fixed_constants,
@@ -43,7 +43,7 @@ MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
-# terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
+# terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
@@ -192,7 +192,7 @@ class _TermEvaluation:
     def with_all_constants(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
-        nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
+        nested = MotorFits(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
         found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
         return self._state(terms, found.center + found.offsets)
 
