@@ -158,10 +158,8 @@ class Study:
 
     def of_benches(self) -> list[Study]:
         """The settings of every bench, with its folder and its seed."""
-        benches: list[Study] = []
-        for seed in range(self.seed, self.seed + self.benches):
-            benches.append(replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1))
-        return benches
+        seeds = range(self.seed, self.seed + self.benches)
+        return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
 
     def validation_fleet(self, robot: Robot) -> str | None:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""

@@ -42,7 +42,6 @@ from motorprior.identification.physics.motor_problem import (
     rigid_motor,
     scaled_center,
     separate_prior,
-    weak_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
@@ -152,7 +151,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     rigid, missing = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_CANDIDATES, len(rigid))
-    prior = weak = weak_prior(np.zeros(len(rigid)))
+    prior = weak = GaussianPrior(np.zeros(len(rigid)), np.full(len(rigid), WEAK))
     found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
     for frozen in (fixed | missing, fixed | (missing & ~limit))[: 1 + limits]:
         prior = weak.fixing(frozen)
