@@ -101,9 +101,8 @@ class MotorPosterior(Printable):
     def constants(self) -> Constants:
         """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.
 
-        That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
-        prior's; of its logarithm, if it is positive. Ranges are with `MODEL_ERROR`, as those of
-        `MotorPrior.intervals`.
+        A constant is narrowed if its standard deviation (of the logarithm of positive constants) is below NARROWER
+        times the prior's for at least half of the motors. Ranges include `MODEL_ERROR`, as in `MotorPrior.intervals`.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision

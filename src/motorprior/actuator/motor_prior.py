@@ -1,6 +1,7 @@
-"""The motor prior, a distribution of motors as a file: z = μ_i is training motor i, z ~ N(m, I) a new motor of a class.
+"""The motor prior: a distribution of motors, saved as a file.
 
-m is the mean of the class of joints (`joint_classes`), 0 of a prior with one class.
+Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m is the mean of its class of joints
+(`joint_classes`), 0 for a prior with one class.
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k perio
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-# assumed deviation from the training motor of the joint, in prior standard deviations: friction differs by 13 to 17 %
+# assumed standard deviation of z about the training motor of the same joint: its friction varies by 13 to 17 %
 SAME_JOINT_STD = 0.3
-# factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
-# share. Chosen on eight simulated arms, where 90 % intervals hold 93 % (benchmarks/simulated_arms.py)
+# factor on a fit's standard deviations in `intervals`: most of its error is model error, the same in all windows.
+# Chosen on eight simulated arms, where 90 % intervals contain 93 % of the constants (benchmarks/simulated_arms.py)
 MODEL_ERROR = 1.5
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
@@ -268,7 +269,7 @@ class MotorPrior(Printable):
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
 
     def spread_notes(self) -> list[str]:
-        """What is measured, pooled and assumed of the spread between units, for people; a line "name: text" each."""
+        """Lines "name: text" on the spread between units: what is measured, pooled and assumed."""
         found = self.provenance.get(SPREAD)
         if not found:
             return []

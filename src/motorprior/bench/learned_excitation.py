@@ -1,8 +1,7 @@
 """Excitations learned from runs of a robot: windows that are played, surrogates with their spectrum, or generated.
 
 A frame is one control period: a position target, and SUB external torques. Makers give raw streams (frames, n,
-CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. Here is also the one look-up of all
-excitations.
+CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. `excitation_of` finds every excitation.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Write motors of a prior or posterior in any format, and replay the exported motors next to our own.
 
-The replay is one hinge on a leg and on a shank, in closed loop. Loads scale with the motors, whose median armature is
-a: the shank has the inertia 0.1·a, the leg 1.25·a, both with the gravity of a pendulum of 0.1 m, linear about 45°. For
-the motors of the shipped robot (a = 0.0032 kg·m²) these are its bare shank and its leg.
+The replay simulates one hinge in closed loop on two loads. With the motors' median armature a, the shank has the
+inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m, linearised at 45°. For the shipped
+robot's motors (a = 0.0032 kg·m²) these are its bare shank and its leg.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def export(
         format: bam, card, mjcf, mjcf-detailed or table (docs/export.md).
         out: folder for the files.
         motors: number of samples, K; formats with an MJCF write K variants of it.
-        seed: of the samples; same arguments, same bytes.
+        seed: of the samples; the files are deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
         gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`.

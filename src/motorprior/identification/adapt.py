@@ -24,10 +24,10 @@ from motorprior.logs.operations import moved
 from motorprior.progress import SILENT, WARNED, WARNING, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
-# a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
+# A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many prior standard
+# deviations below the mean. A robot is weak if the median of its motors is. Either happens by chance in 2 % of healthy
+# robots of 12 motors that share a third of the variance.
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-# ... and if log(kp) is so many standard deviations of the prior below the mean: 2 % of healthy robots of 12 motors have
-# a motor below, 2 % of healthy robots have a median below, if a robot's motors share a third of the variance
 _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 

@@ -1,10 +1,11 @@
 """A fleet fitted to real logs: its centre with standard errors, and the spread between motors.
 
-Centre: descents from several starts (`identification.search`), with the fleet as prior. Single motors: offsets y from
-the centre have the prior N(0, s²), s the spread between motors; about the centre the residuals are r + J·y. A wide
-prior overfits, so s is selected by leave-one-log-out: the multiple of the starting fleet's spread with the smallest
-mean replay error on the log left out, where centre and offsets are fitted to the other logs. The fitted spread is the
-root of the mean of y² + var(y) (one step of expectation maximisation).
+Centre: descents from several starts (`identification.search`), with the fleet as prior.
+
+Single motors: offsets y from the centre have the prior N(0, s²), where s is the spread between motors. About the centre
+the residuals are linear, r + J·y. A wide prior overfits, so s is a multiple of the starting fleet's spread, selected
+by leave-one-log-out cross-validation of the replay error. The fitted spread is √(mean of y² + var(y)), one step of
+expectation maximisation.
 """
 
 from __future__ import annotations

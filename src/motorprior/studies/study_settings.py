@@ -35,7 +35,7 @@ class Condition:
 
     pd: str = ""  # kind of PD
     prior: str = ""  # preset of the prior
-    adapted: bool = False  # to the log of robot k, on which alone the policy of seed k walks
+    adapted: bool = False  # to the log of one robot, the only robot that the policy walks on
     options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
     randomization: Randomization = TRAINING  # of the training in addition to the motors
 

@@ -59,8 +59,8 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # iterations of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-# factors on constants of the initial motor with which its gear is stiff. Short velocity filters in the same way would
-# cost two of five mrad in an unseen leg of a real quadruped
+# factors on constants of the initial motor that make its gear stiff. Short velocity filters are not tried in this way:
+# that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant

@@ -1,16 +1,18 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
-Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
-selected is added to the best fit so far, with its constants sampled around the initial motor, so that a motor with more
-terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
-effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
-together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
-held-out loss is selected, if
+Some motors are fitted to every second segment of their logs and tested on the others. In each round, every term that
+is not yet selected is added to two motors:
+
+    the best so far     its constants are sampled around the initial motor's; the fit never becomes worse
+    the simplest        it has a rigid gear, so other constants cannot hide the effect; the best starts its own search
+
+The terms of SERVO are also added together, since some help only with another. Of the candidates that lower the training
+loss most, the one that saves most of the held-out loss is selected if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
 
-(for fewer than five motors the test is over their held-out parts), until no candidate passes. Finally every selected
-term is removed once, and stays out if it saved less, at 20 %.
+For fewer than five motors the test is over their held-out parts. The rounds end when no candidate passes. Finally every
+selected term is removed once, and stays out if it does not pass this test at 20 %.
 """
 
 from __future__ import annotations

@@ -1,12 +1,14 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
 The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
-observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
-starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. Errors are those of the raw
-readings, and if these are noisy, errors of velocity are their differences: smoothed angles begin to move before the
-motor, and delays fitted to them are too short. If the encoders are on the rotors, the observer's rotor follows the
-recording instead, with the joint attached to it; backlash and encoder zero, which such a log does not identify, are
-then that of the central motor and 0.
+observer, a second simulation of every motor, follows the recorded joint through the whole segment. Every free run
+starts from the observer's hidden state (rotor, backlash, delayed commands) and the recorded joint.
+
+Position errors are those of the raw readings: smoothed angles begin to move before the motor, so delays fitted to them
+are too short. If the readings are noisy, velocity errors are differences of position errors.
+
+If the encoders are on the rotors, the observer's rotor follows the recording, and the joint is attached to it. Such a
+log identifies neither backlash nor encoder zero: the former is the central motor's, the latter 0.
 """
 
 from __future__ import annotations
