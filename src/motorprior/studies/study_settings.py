@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 from motorprior.actuator.motor_prior import FROZEN
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
@@ -156,7 +157,7 @@ class Study:
         """Number of the robot that the adapted policies of a seed walk on."""
         return seed % self.robots if self.robots else seed
 
-    def of_benches(self) -> list[Study]:
+    def of_benches(self) -> list[Self]:
         """The settings of every bench, with its folder and its seed."""
         seeds = range(self.seed, self.seed + self.benches)
         return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
