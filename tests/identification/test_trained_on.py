@@ -3,6 +3,7 @@
 import io
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -46,13 +47,9 @@ def test_a_prior_records_its_training_logs(folder: Path):
     assert not trained_on(replace(prior, provenance={}), log(1))
 
 
-def stop(*_: object) -> None:
-    raise InterruptedError
-
-
 @pytest.mark.parametrize(("seed", "known"), [(1, True), (3, False)])
 def test_validation_on_a_training_log_warns(folder: Path, monkeypatch: pytest.MonkeyPatch, seed: int, known: bool):
-    monkeypatch.setattr(validate, "free_runs", stop)
+    monkeypatch.setattr(validate, "free_runs", Mock(side_effect=InterruptedError))
     output, path = io.StringIO(), folder / f"{seed}.parquet"
     with pytest.raises(InterruptedError):
         run_validate_log(ValidateLog(folder / "prior.safetensors", path, folder / f"out{seed}"), Lines(output))
