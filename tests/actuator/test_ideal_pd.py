@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.actuator import Factors, with_factors
-from motorprior.actuator.ideal_pd import FULL_FRICTION_SPEED, IdealPd
+from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 
 DT = 0.002
@@ -76,7 +76,11 @@ def effort(actuator: IdealPd, velocity: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("pd", [PD, LIGHT])
 def test_it_is_against_the_motion_whole_when_fast_and_linear_when_slow(pd: IdealPd):
     friction = effort(pd, SPEEDS) - effort(replace(pd, coulomb=np.full(4, COULOMB)), SPEEDS)
-    np.testing.assert_allclose(friction, COULOMB * np.clip(SPEEDS / FULL_FRICTION_SPEED, -1.0, 1.0), atol=1e-12)
+    fast, slow = np.abs(SPEEDS) > 0.5, (SPEEDS != 0.0) & (np.abs(SPEEDS) < 0.05)
+    np.testing.assert_allclose(friction[fast], COULOMB * np.sign(SPEEDS[fast]))
+    slope = friction[slow] / SPEEDS[slow]
+    np.testing.assert_allclose(slope, slope[0])
+    assert slope[0] > COULOMB / 0.5 and np.all(friction[SPEEDS == 0.0] == 0.0)
 
 
 def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float):

@@ -11,7 +11,7 @@ from motorprior.actuator.actuator import Actuator, Factors, with_factors
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import MotorPrior, shipped_cards
-from motorprior.bench.class_behaviour import NUM_SAMPLES, class_behaviours
+from motorprior.bench.class_behaviour import class_behaviours
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.shipped import SHIPPED
@@ -74,11 +74,11 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
     assert (hip.name, calf.name) == ("hip", "calf") and set(hip.sampled) == {"step", "chirp", "friction"}
     for found in (hip, calf):
         for name, values in found.sampled.items():
-            assert values.shape == (NUM_SAMPLES, len(found.axes[name])) and found.recorded[name].shape[0] == 6
+            assert values.shape[1] == len(found.axes[name]) and found.training_motors[name].shape[0] == 6
             low, high = np.percentile(values, [5, 95], axis=0)
-            inside = (low <= found.recorded[name] + 1e-9) & (found.recorded[name] <= high + 1e-9)
+            inside = (low <= found.training_motors[name] + 1e-9) & (found.training_motors[name] <= high + 1e-9)
             assert inside.mean() > 0.7, name
     swapped = replace(prior, given_classes=replace(classes, mean=means[::-1].copy()))
     wrong = class_behaviours(swapped)[0]
     low, high = np.percentile(wrong.sampled["friction"], [5, 95], axis=0)
-    assert not ((low <= wrong.recorded["friction"]) & (wrong.recorded["friction"] <= high)).any()
+    assert not ((low <= wrong.training_motors["friction"]) & (wrong.training_motors["friction"] <= high)).any()

@@ -102,7 +102,7 @@ def test_targets_are_held_and_torques_averaged_at_other_periods():
     assert np.all(np.diff(fine.position_target.reshape(200, 5), axis=1) == 0.0)
     assert fine.external_torque.reshape(200, 5).mean(axis=1) == pytest.approx(coarse.external_torque[:, 0])
     assert fine.load_inertia is not None and 1e-4 <= fine.load_inertia[0] <= 2e-4  # of the knees
-    with pytest.raises(ConfigError, match="controlled every"):
+    with pytest.raises(ConfigError, match=r"0\.02 s"):
         excitation.streams(np.random.default_rng(2), 10, 0.02, ["FR_knee"])
 
 
@@ -113,7 +113,7 @@ def test_a_file_gives_the_same_streams_and_one_look_up_finds_it(tmp_path: Path):
     streams = [each.streams(np.random.default_rng(4), 60, DT, ["a_hip", "b"]) for each in (sample("generated"), found)]
     assert streams[0].position_target.tobytes() == streams[1].position_target.tobytes()
     assert excitation_of("sine") is EXCITATIONS["sine"]
-    with pytest.raises(ConfigError, match="no excitation 'waltz'"):
+    with pytest.raises(ConfigError, match="waltz"):
         excitation_of("waltz")
 
 
@@ -122,5 +122,5 @@ def test_files_that_do_not_fit_are_rejected(tmp_path: Path):
     replace(sample(), weights={}, scales=np.ones((2, CHANNELS - 1))).save(path)
     with pytest.raises(ArtifactError, match="scales"):
         LearnedExcitation.load(path)
-    with pytest.raises(ConfigError, match="no generator"):
+    with pytest.raises(ConfigError, match="generator"):
         replace(sample(), weights={}).with_method("generated")

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.recording import BENCH_PRESETS, MAX_DEVIATION, record
+from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.logs.motor_log import channels, checked
 
 FLEET = load_fleet("pupper_v2")
@@ -56,4 +56,4 @@ def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
     pushed = usual[:, 1] != 0.0
     shares = set(held_back[pushed, 1] / usual[pushed, 1])
     assert shares <= {1.0, 0.5, 0.25, 0.125} and min(shares) < 1.0
-    assert np.abs(both[1].joint_pos - both[1].position_target).max() < MAX_DEVIATION
+    assert np.abs(both[1].joint_pos - both[1].position_target).max() < 1.6

@@ -31,7 +31,7 @@ def is_stable(family: Family, values: dict[str, np.ndarray]) -> bool:
 def test_the_bound_is_that_of_the_roots(name: str, stiffness: float, damping: float):
     family, values = center(name, gear_stiffness=stiffness, gear_damping=damping, viscous_damping=0.0)
     values |= {each: np.zeros(1) for each in FURTHER & values.keys()}
-    h, found = family.substep, []
+    h, found = family.kind.bench_step, []
     for armature in np.geomspace(1e-8, 1e-2, 400):
         a, b = damping * h / armature, stiffness * h * h / armature
         largest = np.abs(np.linalg.eigvals(np.array([[1.0 - a, -b], [1.0 - a, 1.0 - b]]))).max()

@@ -1,6 +1,7 @@
 """``motorprior calibrate`` from a log to a fleet that a bench takes; every command of docs/calibrate.md runs."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Pat
     out = tmp_path / "fitted"
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
-    assert "log in_the_air: suspended" in outcome.err and "log on_the_floor: standing" in outcome.err
+    assert re.search("in_the_air.*suspended", outcome.err) and re.search("on_the_floor.*standing", outcome.err)
     figures = json.loads((out / "figures.json").read_text("utf-8"))
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
         mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])
@@ -39,7 +40,7 @@ def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Pat
         figures["calibrate_center/kp"], rel=1e-3
     )
     text = (out / "fleet.toml").read_text("utf-8")
-    assert "the logs in_the_air, on_the_floor" in text and "as in fleet pupper_v2" in text
+    assert "in_the_air" in text and "on_the_floor" in text and "pupper_v2" in text
     other = motorprior("calibrate", logs, "--out", tmp_path / "again", *SMALL)
     assert other.out == outcome.out
     for name in ("fleet.toml", "figures.json", "calibration.png"):

@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.bench.fleet import fleet_path
-from motorprior.identification.fit_prior import KEPT, PRIOR
+from motorprior.identification.fit_prior import CHECKPOINT, PRIOR
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -92,8 +92,10 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
     assert motorprior(*line, tmp_path / "whole").code == 0
     ctrl_c(8)  # while motors are fitted, after the terms
     assert motorprior(*line, out).code == 130
-    assert not (out / PRIOR).exists() and [path.name for path in out.glob(KEPT.format("*"))] == [KEPT.format("terms")]
+    assert not (out / PRIOR).exists() and [path.name for path in out.glob(CHECKPOINT.format("*"))] == [
+        CHECKPOINT.format("terms")
+    ]
     ctrl_c(0)
     assert motorprior(*line, out).code == 0
     assert (out / PRIOR).read_bytes() == (tmp_path / "whole" / PRIOR).read_bytes()
-    assert not list(out.glob(KEPT.format("*")))
+    assert not list(out.glob(CHECKPOINT.format("*")))

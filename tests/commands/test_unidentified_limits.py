@@ -25,14 +25,14 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     prior = fitted("narrow", notes)
     found = unidentified_limits(prior.metrics)
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
-    assert f"torque limit of {found['torque_limit']:.3g} N·m" in notes.getvalue()
+    assert f"{found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
     motors, notes = f"prior:{tmp_path / 'prior.safetensors'}", io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
     walk = Walk(out=tmp_path / "walk", motors=motors, iterations=1, episode_steps=20, search=search, workers=1)
     run_walk(walk, Lines(notes))
-    assert "(pupper_v2 has at most 1.26)" in notes.getvalue()
+    assert "1.26" in notes.getvalue(), "the robot's own limit"
 
 
 def torque_limits(prior: MotorPrior) -> np.ndarray:

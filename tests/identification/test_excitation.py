@@ -53,7 +53,7 @@ def test_windows_are_relative_to_the_mean_and_know_frequency_load_and_bounds():
 
 
 def test_commands_are_one_per_run():
-    with pytest.raises(ConfigError, match="2 commands for 1 runs"):
+    with pytest.raises(ConfigError, match="commands"):
         fit_excitation(run_of(), "recorded", commands=(0.1, 0.2))
 
 

@@ -13,7 +13,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.train import Identified, identify
+from motorprior.identification.train import TrainingResult, identify
 from motorprior.identification.training_data.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 
@@ -45,19 +45,19 @@ def log() -> MotorLog:
 
 
 @pytest.fixture(scope="module")
-def prior(log: MotorLog) -> Identified:
+def prior(log: MotorLog) -> TrainingResult:
     return identify(training_data(log, RECIPE, "log"), RECIPE, 0)
 
 
 @pytest.fixture(scope="module")
-def posterior(log: MotorLog, prior: Identified) -> LatentPosterior:
+def posterior(log: MotorLog, prior: TrainingResult) -> LatentPosterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
     data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
     return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
-def rank_correlations(prior: Identified, z: np.ndarray, motors: PhysicalMotors) -> dict[str, float]:
+def rank_correlations(prior: TrainingResult, z: np.ndarray, motors: PhysicalMotors) -> dict[str, float]:
     """Spearman's of decoded against true constant, over the motors where it varies."""
     assert isinstance(prior.model, GreyBox)
     decoded, count = prior.model.constants(z), len(motors) // len(RANGES)
@@ -68,18 +68,16 @@ def rank_correlations(prior: Identified, z: np.ndarray, motors: PhysicalMotors) 
     return found
 
 
-def test_a_prior_ranks_its_training_motors_by_the_constant_that_varies(prior: Identified):
-    found = rank_correlations(prior, prior.mean, fleets(TRAINED, 1))
-    assert min(found.values()) >= 0.8, found
-
-
-def test_adapt_ranks_new_motors_by_the_constant_that_varies(prior: Identified, posterior: LatentPosterior):
-    found = rank_correlations(prior, posterior.mean, fleets(NEW, 2))
-    assert min(found.values()) >= 0.8, found
+def test_motors_are_ranked_by_the_constant_that_varies(prior: TrainingResult, posterior: LatentPosterior):
+    for z, motors in ((prior.mean, fleets(TRAINED, 1)), (posterior.mean, fleets(NEW, 2))):
+        found = rank_correlations(prior, z, motors)
+        assert min(found.values()) >= 0.8, found
 
 
 @pytest.mark.parametrize(("name", "bound"), [("armature", 0.12), ("kp", 0.05), ("coulomb", 0.25), ("backlash", 0.25)])
-def test_adapt_recovers_the_varying_constant(prior: Identified, posterior: LatentPosterior, name: str, bound: float):
+def test_adapt_recovers_the_varying_constant(
+    prior: TrainingResult, posterior: LatentPosterior, name: str, bound: float
+):
     """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %."""
     assert isinstance(prior.model, GreyBox)
     group = list(RANGES).index(name)

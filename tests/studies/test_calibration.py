@@ -10,7 +10,7 @@ from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.calibration import calibrate, calibrated_fleet, single_motors
-from motorprior.studies.fleet_problem import FleetProblem, Unknown
+from motorprior.studies.fleet_problem import FleetProblem, Parameter
 from motorprior.studies.log_replay import Replayer, with_posture
 
 TRUE = {"kp": 7.6, "kd_over_kp": 0.088, "coulomb": 0.19}
@@ -39,11 +39,11 @@ def test_the_centre_of_two_logs_is_recovered(fleet):
     true = {name: np.full(ROBOT.num_joints, value) for name, value in TRUE.items()}
     problem = problem_of(with_uncertain(fleet, *TRUE), actuator_of(fleet, **true), logs=2)
     found = calibrate(problem, starts=2, iterations=5, seed=0)
-    center = {each.name: each.value(x) for each, x in zip(problem.unknowns, found.center, strict=True)}
+    center = {each.name: each.value(x) for each, x in zip(problem.parameters, found.center, strict=True)}
     assert center["kp"] == pytest.approx(TRUE["kp"], rel=0.01)
     assert center["kd_over_kp"] == pytest.approx(TRUE["kd_over_kp"], rel=0.01)
     assert center["coulomb"] == pytest.approx(TRUE["coulomb"], rel=0.08)
-    assert all(map(Unknown.is_identifiable, problem.unknowns, found.error))
+    assert all(map(Parameter.is_identifiable, problem.parameters, found.error))
     assert problem.rmse("log_0", found.left_out["log_0"][0]) < 1e-3
     fitted = calibrated_fleet(problem, found)
     assert fitted.parameters["kp"].center == pytest.approx(center["kp"], rel=1e-3)
@@ -59,8 +59,8 @@ def test_a_constant_that_is_not_identifiable_keeps_its_prior(fleet):
     problem = FleetProblem(with_uncertain(fleet, "kd_over_kp", "armature"), ROBOT, {"log": Replayer(log, ROBOT)})
     found = calibrate(problem, starts=1, iterations=3, seed=0)
     assert found.left_out == {}
-    names = [each.name for each in problem.unknowns]
-    known = dict(zip(names, map(Unknown.is_identifiable, problem.unknowns, found.error), strict=True))
+    names = [each.name for each in problem.parameters]
+    known = dict(zip(names, map(Parameter.is_identifiable, problem.parameters, found.error), strict=True))
     assert known == {"kd_over_kp": True, "armature": False}
     assert found.center[1] == pytest.approx(problem.mean[1], abs=0.5 * problem.prior_std[1])
 

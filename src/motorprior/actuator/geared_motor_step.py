@@ -11,10 +11,12 @@ second-order accurate. It is linearly implicit in the rotor's new velocity v'; t
               twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
               τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit),  θ = rotor_pos - softened·s +
-              h/2·(v̄ - v) + encoder_zero; delayed target and filtered velocity are means over the step, t - h/2 to
-              t + h/2; softened is the share of the twist s that a gear softened for the step adds
+    encoder   θ = rotor_pos - softened·s + h/2·(v̄ - v) + encoder_zero
+    control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit)
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
+
+The delayed target and the filtered velocity are means from t - h/2 to t + h/2. A gear that is too stiff for the step is
+softened; ``softened`` is the share of its twist s that this adds.
 
 The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
 engine integrates implicitly: a stiff gear on a light shank is then stable. The rotor gets the momentum of that damping
@@ -76,9 +78,8 @@ _BASE = (
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
 StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
-# State of motors, without the delay line of commands: joint_vel is that of the previous step, damping was given to the
-# engine at the previous step, vel_change is the last change of joint_vel, expected_change that of the previous step;
-# the rows of optional terms follow, only if there are any
+# State of motors, without the delay line of commands. joint_vel, damping (given to the engine) and expected_change are
+# those of the previous step; vel_change is the last change of joint_vel. Rows of optional terms follow, if any.
 _STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping", "vel_change", "expected_change")
 BASE_STATE = len(_STATE)
 MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))

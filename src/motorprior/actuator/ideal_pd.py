@@ -6,17 +6,19 @@
 kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it integrates
 implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this size makes a light joint chatter.
 
-Friction is a force, not a constraint of the engine: below FULL_FRICTION_SPEED it is proportional to the speed, so a
-static joint creeps where a real one sticks. An explicit force this steep would reverse a light joint within a step h.
-Friction is therefore explicit only where it cannot reverse even the bare rotor,
+Friction is a force, not a constraint of the engine. Below FULL_FRICTION_SPEED it is proportional to the speed, so a
+static joint creeps where a real one sticks. Such a steep explicit force could reverse a light joint within a step h.
+Friction is therefore explicit only if it cannot reverse even the bare rotor,
 
-    |v| >= FULL_FRICTION_SPEED  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0,
+    |v| >= FULL_FRICTION_SPEED  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0.
 
-and otherwise a damping coulomb/w that the engine integrates implicitly. For a moving joint w = |v|. Below
-FULL_FRICTION_SPEED, w is the speed that the bare rotor reaches within the step,
-(|armature·v + h·torque| - h·coulomb) / (armature + h·kd), and at least FULL_FRICTION_SPEED. When a heavy load starts or
-a bare rotor reverses, friction is wrong for one step. An engine with constant damping gets at most armature/h·v, which
-reaches coulomb at the speed coulomb·h/armature.
+Otherwise it is a damping coulomb/w, which the engine integrates implicitly:
+
+    w = |v|  from FULL_FRICTION_SPEED,  below it  max(FULL_FRICTION_SPEED, speed of the bare rotor after the step)
+    speed of the bare rotor after the step = (|armature·v + h·torque| - h·coulomb) / (armature + h·kd)
+
+Friction is wrong for one step when a heavy load starts or a bare rotor reverses. An engine with constant damping gets a
+friction of at most armature/h·v, which equals coulomb at the speed coulomb·h/armature.
 """
 
 from __future__ import annotations
@@ -27,13 +29,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import (
-    ActuatorArrays,
-    Factors,
-    empty_arrays,
-    require_step,
-    require_unchanged,
-)
+from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line

@@ -31,6 +31,16 @@ def _softsign(x: Any) -> Any:
     return x / (1.0 + abs(x))
 
 
+def first_bias(weights: Mapping[str, Any], latents: Any) -> Any:
+    """(n, H) first-layer bias b1 + V1ᵀ·latents, by numpy or JAX, for decoder latents (n, Z)."""
+    return weights["b1"] + latents @ weights["v1"]
+
+
+def log_armature(weights: Mapping[str, Any], latents: Any) -> Any:
+    """(n,) logarithm of the armature [kg·m²], by numpy or JAX, for decoder latents (n, Z)."""
+    return weights["log_armature"] + latents @ weights["armature_slope"]
+
+
 def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
     """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H)."""
     first = _softsign(inputs @ weights["w1"] + bias)
@@ -79,15 +89,12 @@ class LatentNetwork:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
         if not self.has_armature:
             return np.zeros(len(z))
-        return np.exp(float(self.log_armature) + self.decoder_latents(z) @ self.armature_slope)
-
-    def bias(self, z: np.ndarray) -> np.ndarray:
-        """(n, H) first-layer bias b1 + V1ᵀ·latents of motors with latents z (n, Z)."""
-        return self.b1 + self.decoder_latents(z) @ self.v1
+        return np.exp(log_armature(vars(self), self.decoder_latents(z)))
 
     def torque(self, inputs: np.ndarray, z: np.ndarray) -> np.ndarray:
         """(n,) torque [N·m] in numpy, for scaled inputs (n, 2T) and latents z (n, Z)."""
-        raw = self.torque_scale * scaled_torque(vars(self), inputs, self.bias(z))
+        bias = first_bias(vars(self), self.decoder_latents(z))
+        raw = self.torque_scale * scaled_torque(vars(self), inputs, bias)
         return np.clip(raw, -self.torque_limit, self.torque_limit)
 
     def motors(self, z: np.ndarray, gains: np.ndarray | None = None) -> NetworkActuator:
@@ -134,7 +141,7 @@ class NetworkActuator(Actuator):
         ring, taps, blocks = net.taps[-1] + 1, np.array(net.taps), -(-self.num_motors // LANES)
         padded = np.zeros((blocks * LANES, net.num_latents))
         padded[: self.num_motors] = self.z
-        first, ones = net.bias(padded), np.ones((len(padded), 1))
+        first, ones = first_bias(vars(net), net.decoder_latents(padded)), np.ones((len(padded), 1))
         biases = np.concatenate([first, ones * net.b2, ones * float(net.b3)], axis=1, dtype=np.float32)
         scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
         return ActuatorArrays(

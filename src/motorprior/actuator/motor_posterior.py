@@ -94,18 +94,17 @@ class MotorPosterior(Printable):
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        central = self.prior.classes.mean_and_std(self.prior.classes_at(self.joint_names))[0]
+        central = self.prior.classes.mean_and_std(self.prior.joint_classes(self.joint_names))[0]
         factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
         return motors.with_factors(factors)
 
     def constants(self) -> Constants:
         """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.
 
-        That is, for at least half of the motors the standard deviation of a constant is below NARROWER times the
-        prior's; of its logarithm, if it is positive. Ranges are with `MODEL_ERROR`, as those of
-        `MotorPrior.intervals`.
+        A constant is narrowed if its standard deviation (of the logarithm of positive constants) is below NARROWER
+        times the prior's for at least half of the motors. Ranges include `MODEL_ERROR`, as in `MotorPrior.intervals`.
         """
-        mean, std, _ = self.prior.expected(self.joint_names, self.prior.classes_at(self.joint_names))
+        mean, std, _ = self.prior.predicted(self.joint_names)
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
         precision = with_model_error(np.linalg.inv(self.covariance), before)
         rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))

@@ -1,6 +1,7 @@
-"""The motor prior, a distribution of motors as a file: z = μ_i is training motor i, z ~ N(m, I) a new motor of a class.
+"""The motor prior: a distribution of motors, saved as a file.
 
-m is the mean of the class of joints (`joint_classes`), 0 of a prior with one class.
+Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m is the mean of its class of joints
+(`joint_classes`), 0 for a prior with one class.
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k perio
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-# assumed deviation from the training motor of the joint, in prior standard deviations: friction differs by 13 to 17 %
+# assumed standard deviation of z about the training motor of the same joint: its friction varies by 13 to 17 %
 SAME_JOINT_STD = 0.3
-# factor on the standard deviations of a fit in `intervals`: its errors are mostly those of the model, which all windows
-# share. Chosen on eight simulated arms, where 90 % intervals hold 93 % (benchmarks/simulated_arms.py)
+# factor on a fit's standard deviations in `intervals`: most of its error is model error, the same in all windows.
+# Chosen on eight simulated arms, where 90 % intervals contain 93 % of the constants (benchmarks/simulated_arms.py)
 MODEL_ERROR = 1.5
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
@@ -152,18 +153,18 @@ class MotorPrior(Printable):
         """Classes of joints."""
         return self.given_classes or JointClasses.one(len(self.mean), self.model.num_latents)
 
-    def classes_at(self, joint_names: Sequence[str]) -> tuple[str, ...]:
-        """The class of each joint: that of the training motor of the same name, otherwise by name."""
-        own = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
-        names = zip(joint_names, map(kind_of, joint_names), classes_by_name(joint_names), strict=True)
-        return tuple(own.get(name, kind if kind in self.classes.names else other) for name, kind, other in names)
+    def joint_classes(self, of: MotorLog | Robot | Sequence[str]) -> tuple[str, ...]:
+        """The class of each joint of a log or a robot, or of joints of these names.
 
-    def classes_of(self, of: MotorLog | Robot) -> tuple[str, ...]:
-        """The class of each joint: as stated by the robot's description, otherwise, or if unknown, `classes_at`."""
-        named, known = self.classes_at(of.joint_names), self.classes.names
-        stated = of.given_classes if any(of.given_classes) else named
-        both = zip(stated, named, strict=True)
-        return tuple(own if own in known or name not in known else name for own, name in both)
+        As in the robot's description; if it has none or an unknown one, that of the training motor of the same name,
+        otherwise by name.
+        """
+        names, stated = (of, ()) if isinstance(of, Sequence) else (of.joint_names, of.given_classes)
+        known, own = self.classes.names, dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+        kinds = zip(names, map(kind_of, names), classes_by_name(names), strict=True)
+        named = [own.get(name, kind if kind in known else other) for name, kind, other in kinds]
+        both = zip(stated if any(stated) else named, named, strict=True)
+        return tuple(first if first in known or second not in known else second for first, second in both)
 
     def sample(
         self,
@@ -188,7 +189,7 @@ class MotorPrior(Printable):
         rng = generator_of(seed)
         if isinstance(of, Robot):
             gains = robot_gains(self, of) if gains is None else gains
-        classes = self._classes_of(of, rng)
+        classes = self._sampled_classes(of, rng)
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
@@ -210,9 +211,9 @@ class MotorPrior(Printable):
         center, slope = np.where(constants, mean_motor, center), np.where(constants, 0.0, slope)
         return replace(self, model=replace(model, motor=replace(model.motor, center=center, slope=slope)))
 
-    def _classes_of(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+    def _sampled_classes(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Robot):
-            return self.classes_of(of)
+            return self.joint_classes(of)
         if not isinstance(of, int | np.integer):
             return (of,) if isinstance(of, str) else tuple(of)
         require_count("count", of)
@@ -234,16 +235,14 @@ class MotorPrior(Printable):
         """The training motors at ``index``, at their posterior means."""
         return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
-    def predicted(self, log: MotorLog) -> Prediction:
-        """`expected` motors of the joints of a log, without the log."""
-        return self.expected(log.joint_names, self.classes_of(log))
+    def predicted(self, of: MotorLog | Sequence[str]) -> Prediction:
+        """Motors of the joints of a log, without the log, or of joints of these names.
 
-    def expected(self, joint_names: Sequence[str], classes: Sequence[str]) -> Prediction:
-        """Motors of joints of these classes: a training motor of the same name, or a unit of the class.
-
-        The standard deviation from a training motor of the same name is SAME_JOINT_STD; with several classes 1, that
-        between units, since the log may be that of another robot.
+        Each is predicted to be the training motor of the same name, with standard deviation SAME_JOINT_STD, or else a
+        unit of its class. With several classes the standard deviation is always that between units, 1, since the log
+        may be that of another robot.
         """
+        classes, joint_names = self.joint_classes(of), of if isinstance(of, Sequence) else of.joint_names
         mean, std = self.classes.mean_and_std(classes)
         own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
         misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes])
@@ -270,7 +269,7 @@ class MotorPrior(Printable):
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
 
     def spread_notes(self) -> list[str]:
-        """What is measured, pooled and assumed of the spread between units, for people; a line "name: text" each."""
+        """Lines "name: text" on the spread between units: what is measured, pooled and assumed."""
         found = self.provenance.get(SPREAD)
         if not found:
             return []

@@ -1,10 +1,10 @@
 """Motors by name: a text such as "pd:kp=9,delay=0.01" or "prior:FILE" chooses the motors of a simulated robot.
 
-    KIND[:VALUE][,OPTION=VALUE][,FLAG]        VALUE without a name is that of the first option
+    KIND[:VALUE][,OPTION=VALUE][,FLAG]        a VALUE without a name is that of the first option
 
-A kind is a function with `register`, (robot, options) -> `EpisodeMotors`. Its parameters after the robot are the
-options: numbers, flags (True), and names or files (str; files have a suffix). A new actuator is one file of this
-folder: its kernels, its `Actuator`, and its kind.
+A kind is a function (robot, options) -> `EpisodeMotors`, registered by `register`. Its parameters after the robot are
+the options: numbers, flags (True), or texts (names, and files, which have a suffix). To add an actuator, add one file
+to this folder, with its kernels, its `Actuator` and its kind.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def record_bench(
         steps: samples per motor.
         preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, shorter), narrow
             (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
-        seed: draws the motors and their excitation; deterministic.
+        seed: of the motors and their excitation; the log is deterministic.
         excitation: a file of `fit_excitation` to play in every segment, on its loads, instead of the preset's.
         out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written without it.
         progress: where to report to.

@@ -2,17 +2,17 @@
 
 A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
 
-    w  = soft((x_{k+1} - x_k) / dt + RETURN·(x_k - s_k), U)         |w| <= U
-    v' = v + soft(w - v, B·dt)                                      |v'| <= U, |v' - v| <= B·dt
+    w  = soft_clip((x_{k+1} - x_k) / dt + RETURN·(x_k - s_k), U)         |w| <= U
+    v' = v + soft_clip(w - v, B·dt)                                      |v'| <= U, |v' - v| <= B·dt
     s' = s + dt·v'
-    q  = soft(s, A)                                                 |q| < A
+    q  = soft_clip(s, A)                                                 |q| < A
 
-`soft` is the identity up to half of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
+`soft_clip` is the identity up to half of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
 most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² + CURVE·(U·dt)²/A. With
 
     U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
 
-these are V·dt and W·dt². v' lies between v and w, since soft shrinks. Every step is differentiable: a generator is
+these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. Every step is differentiable: a generator is
 trained through it, so that it learns streams that the bounds do not distort.
 """
 
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 RETURN = 5.0  # rate at which s returns to x [1/s]
-CURVE = 1.5397  # maximum of |soft''| times its bound: 2·4/(3√3)
+CURVE = 1.5397  # maximum of |soft_clip''| times its bound: 2·4/(3√3)
 
 
 class Bounds(NamedTuple):
@@ -36,7 +36,7 @@ class Bounds(NamedTuple):
     torque: Any  # external torque [N·m]
 
 
-def soft(value: Any, bound: Any, xp: ModuleType = np) -> Any:
+def soft_clip(value: Any, bound: Any, xp: ModuleType = np) -> Any:
     """``value`` up to half of the ``bound``, beyond that ±(bound/2)·(1 + tanh(|value| / (bound/2) - 1))."""
     half = 0.5 * bound
     over = xp.maximum(xp.abs(value) - half, 0.0)
@@ -49,10 +49,10 @@ def step(state: tuple[Any, Any], raw: Any, following: Any, bounds: Bounds, dt: f
     amplitude = bounds.amplitude
     speed = xp.minimum(bounds.speed, xp.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
     change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
-    wanted = soft((following - raw) / dt + RETURN * (raw - position), speed, xp)
-    velocity = velocity + soft(wanted - velocity, change, xp)
+    wanted = soft_clip((following - raw) / dt + RETURN * (raw - position), speed, xp)
+    velocity = velocity + soft_clip(wanted - velocity, change, xp)
     position = position + dt * velocity
-    return (position, velocity), soft(position, amplitude, xp)
+    return (position, velocity), soft_clip(position, amplitude, xp)
 
 
 def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:

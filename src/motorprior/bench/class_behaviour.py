@@ -26,7 +26,7 @@ class ClassBehaviour:
     name: str
     axes: dict[str, np.ndarray]  # (T,) time [s], or speed [rad/s]
     sampled: dict[str, np.ndarray]
-    recorded: dict[str, np.ndarray]
+    training_motors: dict[str, np.ndarray]
 
 
 def class_behaviours(prior: MotorPrior) -> list[ClassBehaviour]:
@@ -34,12 +34,12 @@ def class_behaviours(prior: MotorPrior) -> list[ClassBehaviour]:
     found = []
     for name in prior.classes.names:
         sampled = prior.sample((name,) * NUM_SAMPLES, np.random.default_rng([0, len(found)]))
-        recorded = prior.training_motors(prior.classes.rows_of(name))
-        inertia = LOAD * float(np.median(_armature(recorded)))
-        axes, ours, theirs = {}, _responses(sampled, inertia), _responses(recorded, inertia)
-        for key, values in ours.items():
+        trained = prior.training_motors(prior.classes.rows_of(name))
+        inertia = LOAD * float(np.median(_armature(trained)))
+        responses, axes = _responses(sampled, inertia), {}
+        for key, values in responses.items():
             axes[key] = SPEEDS if key == "friction" else prior.model.period * np.arange(values.shape[1])
-        found.append(ClassBehaviour(name, axes, ours, theirs))
+        found.append(ClassBehaviour(name, axes, responses, _responses(trained, inertia)))
     return found
 
 

@@ -30,7 +30,6 @@ class Family:
     kind: ActuatorKind
     make: type[PhysicalMotors | OutOfFamilyMotors]
     positive: frozenset[str]  # parameters above 0
-    substep: float  # maximum substep of the rotor [s]
     stiffness: tuple[str, ...]  # parameters [N·m/rad] of the springs on the rotor
     damping: tuple[str, ...]  # parameters [N·m·s/rad] of the explicit dampers on the rotor
     has_optional: bool = False  # whether parameters that may be 0 default to it, which disables their term
@@ -66,7 +65,7 @@ class Family:
         and only if 2·d·h + k·h² < 4·J (Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J). A hardening gear
         (torque k·s + c·s³ at twist s) has the stiffness k + 3·c·s² at the torque limit.
         """
-        h, armature = self.substep, values["armature"]
+        h, armature = self.kind.bench_step, values["armature"]
         zero = np.zeros(len(armature))
         stiffness = sum((values[name] for name in self.stiffness if name in values), zero) + _hardened(values)
         damping = sum((values[name] for name in self.damping if name in values), zero)
@@ -103,7 +102,6 @@ GEARED = Family(
         "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
         "stribeck_velocity", "gear_stiffness",
     )),
-    substep=physical.SUBSTEP,
     stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
@@ -115,7 +113,6 @@ OUT_OF_FAMILY_MOTORS = Family(
     kind=out_of_family.OUT_OF_FAMILY_KIND,
     make=OutOfFamilyMotors,
     positive=frozenset({"kp", "torque_limit", "armature", "gear_stiffness"}),
-    substep=out_of_family.SUBSTEP,
     stiffness=("gear_stiffness", "slider_stiffness", "bristle_stiffness"),
     damping=("gear_damping", "bristle_damping"),
     has_optional=True,

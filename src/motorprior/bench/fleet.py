@@ -102,21 +102,17 @@ class Fleet(Printable):
             ConfigError: an argument out of range, or a motor that cannot be simulated.
         """
         require_count("count", count)
-        rng, family = generator_of(seed), FAMILIES[self.family]
-        values = {
-            name: np.clip(d.sample(rng, count, of_one_robot), *family.bounds(name))
-            for name, d in self.parameters.items()
-        }
+        family, values = FAMILIES[self.family], self._values(generator_of(seed), count, of_one_robot)
         family.require_stable(values, f"fleet {self.name}, a sampled motor")
         return family.motors(values)
 
+    def _values(self, rng: np.random.Generator, count: int, of_one_robot: bool = False) -> dict[str, np.ndarray]:
+        bounds = FAMILIES[self.family].bounds
+        return {name: np.clip(d.sample(rng, count, of_one_robot), *bounds(name)) for name, d in self.parameters.items()}
+
     def constants(self) -> Constants:
         """Constants with units and ranges between motors."""
-        rng, family = np.random.default_rng(0), FAMILIES[self.family]
-        values = {
-            name: np.clip(d.sample(rng, NUM_SAMPLES), *family.bounds(name)) for name, d in self.parameters.items()
-        }
-        return Constants.of(values, family.units, {})
+        return Constants.of(self._values(np.random.default_rng(0), NUM_SAMPLES), FAMILIES[self.family].units, {})
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 motors to a step of the command."""

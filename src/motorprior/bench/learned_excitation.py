@@ -1,8 +1,7 @@
 """Excitations learned from runs of a robot: windows that are played, surrogates with their spectrum, or generated.
 
 A frame is one control period: a position target, and SUB external torques. Makers give raw streams (frames, n,
-CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. Here is also the one look-up of all
-excitations.
+CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. `excitation_of` finds every excitation.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from motorprior.artifacts import write_tensors
-from motorprior.bench.bounded_stream import Bounds, bounded, soft
+from motorprior.bench.bounded_stream import Bounds, bounded, soft_clip
 from motorprior.bench.excitation import Excitation, Rng, Streams, excitation_named
 from motorprior.bounds import TABLE, TEXT, many, number, one_of
 from motorprior.exceptions import ConfigError
@@ -206,7 +205,7 @@ class LearnedExcitation:
         raw = MAKERS[self.method](self, rng, frames + BURN_IN + 1, which)
         limits = Bounds(*self.bounds[which].T)
         target = bounded(raw[..., 0], limits, self.period)[BURN_IN:]
-        torque = soft(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
+        torque = soft_clip(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
         return target, np.moveaxis(torque, 2, 1).reshape(-1, len(which))
 
     def save(self, path: Path) -> None:

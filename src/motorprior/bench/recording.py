@@ -97,9 +97,9 @@ def bench_trial(rng: np.random.Generator, kind: str, steps: int, motors: int, pr
 def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    The same seed gives the same bytes. Every segment of ``preset.segment_steps`` samples starts with static motors that
-    have been warming since the start of the log. An external torque that causes a position error above MAX_DEVIATION is
-    halved, up to four times.
+    Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that have been warming
+    since the start of the log. An external torque that causes a position error above MAX_DEVIATION is halved, up to
+    four times.
 
     Raises:
         ConfigError: a simulation diverges, since the gear is too stiff for the load.

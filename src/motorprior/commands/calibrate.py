@@ -104,9 +104,9 @@ def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
-    for unknown, error in zip(problem.unknowns, found.error, strict=True):
-        result = "identified" if unknown.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
-        sources[unknown.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
+    for parameter, error in zip(problem.parameters, found.error, strict=True):
+        result = "identified" if parameter.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
+        sources[parameter.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
     return sources
 
 
@@ -127,17 +127,17 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
 def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
     """Fitted value and standard errors of every constant; of logarithms if lognormal."""
     rows = []
-    for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
-        share = "1" if unknown.is_log else unknown.unit
+    for parameter, x, error in zip(problem.parameters, found.center, found.error, strict=True):
+        share = "1" if parameter.is_log else parameter.unit
         values = {
-            "center": (unknown.unit, unknown.value(x)),
-            "start": (unknown.unit, unknown.value(unknown.mean)),
+            "center": (parameter.unit, parameter.value(x)),
+            "start": (parameter.unit, parameter.value(parameter.mean)),
             "error": (share, error),
-            "prior_std": (share, unknown.deviation),
-            "spread": (share, fleet.parameters[unknown.name].values["spread"]),
-            "identified": ("1", unknown.is_identifiable(error)),
+            "prior_std": (share, parameter.deviation),
+            "spread": (share, fleet.parameters[parameter.name].values["spread"]),
+            "identified": ("1", parameter.is_identifiable(error)),
         }
         rows += [
-            Result(f"calibrate_{key}", unit, float(value), part=unknown.name) for key, (unit, value) in values.items()
+            Result(f"calibrate_{key}", unit, float(value), part=parameter.name) for key, (unit, value) in values.items()
         ]
     return rows

@@ -87,7 +87,7 @@ def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
     rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
-    classes, gains = prior.classes_of(log), log.gains
+    classes, gains = prior.joint_classes(log), log.gains
     if gains is None or log.gain_unit != prior.model.gain_unit:
         gains = robot_gains(prior, robot)
     drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.samples)]

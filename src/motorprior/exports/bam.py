@@ -7,16 +7,16 @@ the torque of the motor and E that of the load on it [N·m]:
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
     friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic,  s = exp(-|dq/dtheta_stribeck|^alpha)
               G = |load_friction_external·E - load_friction_motor·M| (m5)
-    encoder   reads q - q_offset, where q is the angle of the joint
-    joint     stopped by at most F + friction_viscous·|dq|, inertia J + armature
+    encoder   reads q - q_offset, where q is the joint angle
+    joint     inertia J + armature; friction stops it with at most F + friction_viscous·|dq|
 
-A servo of a JSON becomes a motor here by `read_motor`: exact for m1 up to a stiff gear; load friction acts on the
-torque in the gear, and the Stribeck velocity is our own.
+`read_motor` converts a servo to a motor with a stiff gear, otherwise exact for m1. For other models, load friction acts
+on the gear torque, and the Stribeck velocity is STRIBECK_VELOCITY.
 
-A motor of ours becomes friction m5 with the actuator unitree_go1 (torque control law, no velocity filter). In a
-rigid gear with load inertia J and armature a, the gear transmits (J·M - a·E)/(J + a): the two load frictions are
-load_friction·J/(J + a) and load_friction·a/(J + a), here for J = a. kp, damping and command_delay are not parameters of
-BAM's models: set them where the file is used.
+The export writes friction m5 with the actuator unitree_go1: a torque control law without velocity filter. A rigid gear
+with load inertia J and armature a transmits (J·M - a·E)/(J + a). The load friction of M is therefore
+load_friction·J/(J + a), that of E load_friction·a/(J + a); J = a is assumed. kp, damping and command_delay are not
+parameters of BAM's models: set them where the file is used.
 """
 
 from __future__ import annotations

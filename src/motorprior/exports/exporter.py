@@ -61,7 +61,7 @@ class Exporter:
     """A format."""
 
     name: str  # value of the option --format
-    drops: tuple[str, ...]  # constants that the format cannot express
+    not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
     replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
@@ -78,7 +78,7 @@ def sampled(
     """
     rng = np.random.default_rng(seed)
     if isinstance(source, MotorPrior):
-        draw = partial(source.sample, source.classes_at(joint_names))
+        draw = partial(source.sample, source.joint_classes(joint_names))
     else:
         if set(joint_names) <= set(source.joint_names):
             source = source.take([source.joint_names.index(name) for name in joint_names])
@@ -105,5 +105,5 @@ def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str,
 def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:
     """For example "RMSE against the learned motors: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
     errors = ", ".join(f"{name} {1e3 * value:.1f} mrad" for name, value in losses.items())
-    lost = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
-    return f"RMSE against the learned motors: {errors}; not expressed: {lost or 'nothing'}"
+    missing = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
+    return f"RMSE against the learned motors: {errors}; not expressed: {missing or 'nothing'}"

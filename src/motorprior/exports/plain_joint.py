@@ -27,7 +27,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
 from motorprior.robots.model_source import model_files
 
-_DROPS = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
+_NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
 UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
@@ -227,7 +227,5 @@ def write_table(request: Request) -> list[Path]:
     return [request.out / "motors.json"]
 
 
-TABLE = Exporter("table", _DROPS, write_table, partial(replayed, write=write_plain))
-PLAIN = Exporter(
-    "mjcf", _DROPS, partial(write_variants, write=write_plain), partial(replayed, write=write_plain), needs_model=True
-)
+TABLE = Exporter("table", _NOT_EXPRESSED, write_table, partial(replayed, write=write_plain))
+PLAIN = replace(TABLE, name="mjcf", write=partial(write_variants, write=write_plain), needs_model=True)

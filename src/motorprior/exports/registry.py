@@ -1,8 +1,8 @@
 """Write motors of a prior or posterior in any format, and replay the exported motors next to our own.
 
-The replay is one hinge on a leg and on a shank, in closed loop. Loads scale with the motors, whose median armature is
-a: the shank has the inertia 0.1·a, the leg 1.25·a, both with the gravity of a pendulum of 0.1 m, linear about 45°. For
-the motors of the shipped robot (a = 0.0032 kg·m²) these are its bare shank and its leg.
+The replay simulates one hinge in closed loop on two loads. With the motors' median armature a, the shank has the
+inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m, linearised at 45°. For the shipped
+robot's motors (a = 0.0032 kg·m²) these are its bare shank and its leg.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def is_supported(exporter: Exporter) -> bool:
 
 @dataclass(frozen=True)
 class Exported:
-    """What `export` wrote and lost."""
+    """Files of `export`, and what the format changes."""
 
     files: tuple[Path, ...]
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
@@ -68,14 +68,14 @@ def export(
     gains: np.ndarray | tuple[float, float] | None = None,
     log: MotorLog | None = None,
 ) -> Exported:
-    """Write ``motors`` samples per joint for another simulator, and measure what the format loses in closed loop.
+    """Write ``motors`` samples per joint for another simulator, and measure the error of the format in closed loop.
 
     Args:
         source: prior or posterior with physical constants.
         format: bam, card, mjcf, mjcf-detailed or table (docs/export.md).
         out: folder for the files.
         motors: number of samples, K; formats with an MJCF write K variants of it.
-        seed: of the samples; deterministic.
+        seed: of the samples; the files are deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
         gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`.
@@ -100,17 +100,17 @@ def export(
     each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joints)))
     bank = sampled(source, motors, seed, joints, each)
     step, values = min(MAX_STEP, bank.model.period), with_kd(bank.constants())
-    lost = {name: float(np.median(np.abs(values[name]))) for name in exporter.drops}
-    found: dict[str, float] = {}
+    not_expressed = {name: float(np.median(np.abs(values[name]))) for name in exporter.not_expressed}
+    errors: dict[str, float] = {}
     if exporter.replay is not None:
-        lost |= {name: float(np.median(values[name])) for name in constants_of(bank.model.motor.terms)}
+        not_expressed |= {name: float(np.median(values[name])) for name in constants_of(bank.model.motor.terms)}
         recorded = None if log is None else log_trial(log, joints, motors, step)
-        found = losses(exporter.replay, bank, step, recorded)
+        errors = losses(exporter.replay, bank, step, recorded)
     table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
     changed = None if model is None else Path(model)
-    request = Request(source, joints, seed, table, Path(out), changed, found, lost)
+    request = Request(source, joints, seed, table, Path(out), changed, errors, not_expressed)
     logged = None if bank.gains is None else (float(np.median(bank.gains[0])), float(np.median(bank.gains[1])))
-    return Exported(tuple(exporter.write(request)), found, lost, logged)
+    return Exported(tuple(exporter.write(request)), errors, not_expressed, logged)
 
 
 def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:

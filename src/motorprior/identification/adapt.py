@@ -24,10 +24,10 @@ from motorprior.logs.operations import moved
 from motorprior.progress import SILENT, WARNED, WARNING, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
-# a motor, or the median of a robot's motors, is weak below this share of the central motor's kp [-] ...
+# A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many prior standard
+# deviations below the mean. A robot is weak if the median of its motors is. Either happens by chance in 2 % of healthy
+# robots of 12 motors that share a third of the variance.
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-# ... and if log(kp) is so many standard deviations of the prior below the mean: 2 % of healthy robots of 12 motors have
-# a motor below, 2 % of healthy robots have a median below, if a robot's motors share a third of the variance
 _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
 
 
@@ -105,7 +105,7 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> Ou
     p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > len(prior.classes.names):
-        classes = prior.classes_of(log)
+        classes = prior.joint_classes(log)
         far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes)
         # the distance of a class that was never recorded is unknown
         is_known = np.isin(classes, prior.classes.names) | (len(prior.classes.names) == 1)
@@ -159,7 +159,7 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
     if not isinstance(prior.model, GreyBox):
         return ""
-    central = prior.classes.mean_and_std(prior.classes_at(names))[0]
+    central = prior.classes.mean_and_std(prior.joint_classes(names))[0]
     share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:

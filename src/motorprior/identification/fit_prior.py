@@ -24,14 +24,14 @@ from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluat
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
-from motorprior.identification.train import Arrays, Keep, identify, work_of
+from motorprior.identification.train import Arrays, Checkpoint, identify, work_of
 from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest
 from motorprior.logs.operations import joined
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
-PRIOR, KEPT = "prior.safetensors", "unfinished_{}.safetensors"
+PRIOR, CHECKPOINT = "prior.safetensors", "unfinished_{}.safetensors"
 _MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
 
 
@@ -50,7 +50,7 @@ def fit_prior(
         logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at the preset's sample
             period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
         preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
-        seed: of weights, windows and noise; deterministic.
+        seed: of weights, windows and noise; the fit is deterministic.
         steps: Adam steps; the preset's own number if not given; only of presets that train a network.
         out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues there after the
             selection of terms or the fit of the motors. Nothing is written without it.
@@ -103,15 +103,15 @@ def fit_recipe(
     with locked(out):
         data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
         with working(out, wanted):
-            fitted(data, partial(_kept, out, wanted)).save(out / PRIOR)
-            for path in out.glob(KEPT.format("*")):
+            fitted(data, partial(_checkpoint, out, wanted)).save(out / PRIOR)
+            for path in out.glob(CHECKPOINT.format("*")):
                 path.unlink()
     return MotorPrior.load(out / PRIOR)
 
 
-def _kept(folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]) -> Arrays:
+def _checkpoint(folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]) -> Arrays:
     """Arrays of an earlier interrupted run with the same logs and settings, or else computed and written."""
-    path = folder / KEPT.format(name)
+    path = folder / CHECKPOINT.format(name)
     if path.exists() and (found := read_tensors(path))[1] == wanted:
         return found[0]
     found = compute()
@@ -136,13 +136,13 @@ def _fitted(
     tuned: MotorsOnLoads | None,
     progress: Progress,
     data: TrainingData,
-    keep: Keep,
+    checkpoint: Checkpoint,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
     for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
-        found = identify(data, recipe, seed, task.advance, keep)
+        found = identify(data, recipe, seed, task.advance, checkpoint)
     model, mean, log_var, misfit = found.model, found.mean, found.log_var, np.ones(log.num_joints)
     classes = found.classes or JointClasses.one(log.num_joints, model.num_latents)
     metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}

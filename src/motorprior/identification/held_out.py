@@ -40,12 +40,9 @@ def held_out_motors(bench: BenchSettings) -> TrueMotors:
 
 def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    preset = preset_of_period(prior.model.period)
-    preset = bench_preset("adapt") if preset.period == bench_preset("adapt").period else preset
-    preset = preset.for_robot(robot)
-    return record(
-        held_out_motors(bench), preset, round(seconds / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet
-    )
+    adapt, period = bench_preset("adapt"), prior.model.period
+    preset = (adapt if adapt.period == period else preset_of_period(period)).for_robot(robot)
+    return record(held_out_motors(bench), preset, round(seconds / period), HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
 def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings) -> dict[str, LatentPosterior]:

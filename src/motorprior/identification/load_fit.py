@@ -2,15 +2,14 @@
 
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
-with the joint's angle q. Free runs of the grey box have three more latents, ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp,
-around a regression of the logged proportional control law,
+q is the joint angle. Free runs of the grey box have three more latents: ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp.
+Their prior is about a regression of the logged proportional control law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-The gains have to be logged in N·m/rad, since angles and commands do not identify the scale of torques. They also do not
-separate the inertia of a load from the armature of a rotor without play: only the sum is identified, and the prior
-divides it. Standard deviations (Laplace) count the whole log as one observation, since residuals mostly come from
-missing physics, which is the same in every window.
+Gains must be logged in N·m/rad, since angles and commands do not identify the scale of torques. Without play they
+identify only the sum of load inertia and armature, which the prior divides. Standard deviations (Laplace) count the
+whole log as one observation: most of the residual is missing physics, the same in every window.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from motorprior.exceptions import LogError
 from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants, grey_box, initial_center
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
-from motorprior.identification.physics.window_runs import POSITION_SCALE, Segment, WindowRuns, grey_boxes
+from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data import windows
@@ -83,7 +82,7 @@ class _LoadProblem(MotorProblem):
             torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
             rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
-            loaded = Segment(rows, segment.windows)
+            loaded = SegmentArrays(rows, segment.windows)
             found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
         return np.concatenate(found, axis=1)
 

@@ -53,7 +53,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.classes_of(train))[0])
+        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.joint_classes(train))[0])
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
     of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}
@@ -70,17 +70,12 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     found = validation_of(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
     responses = models["servo_limits"]
     fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
-    values = {name: factor * fitted[key] for name, (key, factor, _) in RESPONSE_CONSTANTS.items()}
-    reached = {name: bounds[key] for name, (key, _, _) in RESPONSE_CONSTANTS.items()}
-    units = {name: unit for name, (_, _, unit) in RESPONSE_CONSTANTS.items()}
-    warnings = [
-        f"{name} at a bound of the search, so not identifiable: "
-        + listed([f"{train.joint_names[i]} {values[name][i]:.3g} {units[name]}" for i in np.flatnonzero(joints)], 6)
-        for name, joints in reached.items()
-        if joints.any()
-    ]
-    constants = Constants.of(values, units, {name: not joints.any() for name, joints in reached.items()})
-    return replace(found, warnings=warnings, constants=constants)
+    values, units, identified, warnings = {}, {}, {}, []
+    for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
+        values[name], units[name], identified[name] = factor * fitted[key], unit, not bounds[key].any()
+        joints = [f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(bounds[key])]
+        warnings += [f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"] * bool(joints)
+    return replace(found, warnings=warnings, constants=Constants.of(values, units, identified))
 
 
 def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:

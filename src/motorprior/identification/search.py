@@ -117,11 +117,6 @@ class Fit:
         return found
 
 
-def select(chosen: np.ndarray, values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(M, ...) ``values`` of the problems (M,) that are chosen, and ``others`` of the rest."""
-    return np.where(chosen.reshape(-1, *[1] * (values.ndim - 1)), values, others)
-
-
 class Problem(Protocol):
     """M problems: ``residuals(x (L, K), which (L,))`` gives (L, R) of problem ``which[l]`` at x[l].
 

@@ -24,7 +24,7 @@ from motorprior.identification.latents.standardise import assumed_std, standard_
 from motorprior.identification.physics import motor_problem, term_selection
 from motorprior.identification.physics.motor_fit import (
     STAGES,
-    FleetFit,
+    MotorFits,
     fit_motors,
     longer_runs,
     refined,
@@ -41,11 +41,11 @@ SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last d
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 Arrays: TypeAlias = dict[str, np.ndarray]
-Keep: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not kept yet
+Checkpoint: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not saved
 
 
 @dataclass(frozen=True)
-class Identified:
+class TrainingResult:
     """A decoder with the posteriors of the training motors."""
 
     model: Decoder  # decoder of the prior
@@ -69,20 +69,20 @@ def identify(
     preset: Preset,
     seed: int,
     report: ReportProgress = lambda work, text: None,
-    keep: Keep = lambda name, compute: compute(),
-) -> Identified:
-    """Train a prior. The same data, preset and seed give the same bytes; raises `MotorPriorError` if it diverges.
+    checkpoint: Checkpoint = lambda name, compute: compute(),
+) -> TrainingResult:
+    """Train a prior, deterministically. Raises `MotorPriorError` if it diverges.
 
-    ``keep`` keeps the selected terms and the fitted motors of grey boxes for a run that continues this one.
+    ``checkpoint`` saves the selected terms and the fitted motors of grey boxes for a run that continues this one.
     """
     assumed = None
     if preset.grey_boxes:
-        found, assumed = _grey_boxes(data, preset, seed, report, keep)
+        found, assumed = _grey_boxes(data, preset, seed, report, checkpoint)
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
         model, mean, log_var, losses = train_network(data, preset, seed, report)
-        found = Identified(model, mean, log_var, preset, losses, {}, ())
+        found = TrainingResult(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
         model, mean, log_var, classes = standard_posterior(found.model, data, found.preset, found.mean, assumed)
         found = replace(found, model=model, mean=mean, log_var=log_var, classes=classes)
@@ -90,12 +90,12 @@ def identify(
 
 
 def _grey_boxes(
-    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, keep: Keep
-) -> tuple[Identified, np.ndarray]:
+    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, checkpoint: Checkpoint
+) -> tuple[TrainingResult, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
-    chosen = Selection.of(keep("terms", lambda: _selected(data, preset, seed, report).arrays()))
-    found = FleetFit.of(keep("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays()))
+    chosen = Selection.of(checkpoint("terms", lambda: _selected(data, preset, seed, report).arrays()))
+    found = MotorFits.of(checkpoint("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays()))
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
     model = motor_problem.grey_box(found.center, found.terms, preset)
@@ -109,7 +109,7 @@ def _grey_boxes(
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, motor_problem.fixed_constants(found.terms, runs))
-    return Identified(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
+    return TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
 def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgress) -> Selection:
@@ -127,7 +127,7 @@ def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgr
 
 def _fitted(
     data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: ReportProgress
-) -> FleetFit:
+) -> MotorFits:
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
     part = runs if some is data else WindowRuns(some, preset)

@@ -118,8 +118,8 @@ def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
             x, values = behaviour.axes[name], behaviour.sampled[name]
             low, high = np.percentile(values, [5, 95], axis=0)
             axes.fill_between(x, low, high, color=model_color("prior"), alpha=0.25, lw=0.0, label="90 % of samples")
-            lines = axes.plot(x, behaviour.recorded[name].T, color=INK, lw=0.6)
-            lines[0].set_label("recorded motors")
+            lines = axes.plot(x, behaviour.training_motors[name].T, color=INK, lw=0.6)
+            lines[0].set_label("training motors")
             describe(axes, y=columns[name], x="speed [rad/s]" if name == "friction" else TIME)
         describe(row[0], title=behaviour.name or "all joints")
     legend_below(figure, figure.axes[:1])

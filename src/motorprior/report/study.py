@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,7 +26,7 @@ from motorprior.studies.transfer import LOG_SECONDS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
 _EXPLAINED = {"fleet": "other robots of the same fleet", "hard": "other motors, floor, load, delays and pushes"}
-_AS_GOOD = 0.02  # difference of the time upright below which two conditions are called equal [-]
+_EQUAL_UPRIGHT = 0.02  # a baseline whose time upright is less by no more is called as good as the prior [-]
 
 
 def study_sections(summary: StudyStatistics) -> list[Section]:
@@ -40,11 +41,10 @@ def study_sections(summary: StudyStatistics) -> list[Section]:
     )
     tables = tuple(measure_table(summary, measure) for measure in MEASURES)
     sections = [own_simulations(summary), Section("Held-out robots", (text,), (drawn,), tables)]
-    if summary.differences:
-        tables = tuple(difference_table(summary, measure) for measure in MEASURES)
-        text = "Permutation tests within benches; p corrected by Holm for all differences."
-        sections.append(Section("Differences from the sampled prior", (text,), tables=tables))
-    return sections
+    tables = tuple(difference_table(summary, measure) for measure in MEASURES)
+    text = "Permutation tests within benches; p corrected by Holm for all differences."
+    tests = Section("Differences from the sampled prior", (text,), tables=tables)
+    return [*sections, tests] if summary.differences else sections
 
 
 def conditions_in(summary: StudyStatistics) -> list[str]:
@@ -77,29 +77,32 @@ MEASURES = {"upright": ("time upright [%]", 100.0, ".0f"), "speed": ("speed [m/s
 
 def measure_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, a cell per environment: the mean over benches with its interval."""
-    envs = [env for env in ALL_ENVIRONMENTS if env in {env for env, _ in summary.upright}]
     title, factor, form = MEASURES[measure]
+    cells = {
+        (env, condition): with_interval(found, factor, form)
+        for (env, condition, kind), found in summary.estimates.items()
+        if kind == measure
+    }
+    return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean over benches [95 % interval]")
 
-    def cell(env: str, condition: str) -> str:
-        found = summary.estimates.get((env, condition, measure))
-        return "" if found is None else with_interval(found, factor, form)
 
-    rows = [(condition, *(cell(env, condition) for env in envs)) for condition in conditions_in(summary)]
-    return Table(("trained on", *envs), rows, f"{title}, mean over benches [95 % interval]")
+def _table(summary: StudyStatistics, order: Iterable[str], cells: Mapping[tuple[str, str], str], caption: str) -> Table:
+    """A row per condition, a column per environment in this order."""
+    envs = [env for env in order if env in {env for env, _ in summary.upright}]
+    rows = [(name, *(cells.get((env, name), "") for env in envs)) for name in conditions_in(summary)]
+    return Table(("trained on", *envs), rows, caption)
 
 
 def difference_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per condition, the difference from the sampled prior per environment."""
-    envs = [env for env in ENVIRONMENTS if env in {env for env, _ in summary.upright}]
     title, factor, form = MEASURES[measure]
-
-    def cell(env: str, condition: str) -> str:
-        found = summary.differences.get((env, condition, measure))
-        return "" if found is None else f"{with_interval(found.difference, factor, f'+{form}')} p={found.p:.2g}"
-
-    rows = [(condition, *(cell(env, condition) for env in envs)) for condition in conditions_in(summary)]
-    caption = f"{title}, minus that of the sampled prior [95 % interval], and p"
-    return Table(("trained on", *envs), [row for row in rows if any(row[1:])], caption)
+    cells = {
+        (env, condition): f"{with_interval(found.difference, factor, f'+{form}')} p={found.p:.2g}"
+        for (env, condition, kind), found in summary.differences.items()
+        if kind == measure
+    }
+    found = _table(summary, ENVIRONMENTS, cells, f"{title}, minus that of the sampled prior [95 % interval], and p")
+    return replace(found, rows=[row for row in found.rows if any(row[1:])])
 
 
 def with_interval(found: Estimate, factor: float, form: str) -> str:
@@ -153,20 +156,21 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
 def headline(summary: StudyStatistics) -> str:
     """Time upright on held-out robots; starts with a baseline that is as good as the prior, if any."""
 
-    def upright(env: str, name: str) -> float:
-        return summary.estimates[env, name, "upright"].value
+    def upright(name: str) -> np.ndarray:
+        return np.array([summary.estimates[env, name, "upright"].value for env in _EXPLAINED])
 
     def percent(name: str) -> str:
-        return " and ".join(f"{100 * upright(env, name):.0f} % ({env})" for env in _EXPLAINED)
+        return " and ".join(
+            f"{100 * value:.0f} % ({env})" for env, value in zip(_EXPLAINED, upright(name), strict=True)
+        )
 
-    best = max(BASELINES, key=lambda name: sum(upright(env, name) for env in _EXPLAINED))
-    equal = all(upright(env, best) > upright(env, REFERENCE) - _AS_GOOD for env in _EXPLAINED)
+    best = max(BASELINES, key=lambda name: upright(name).sum())
+    equal = np.all(upright(best) > upright(REFERENCE) - _EQUAL_UPRIGHT)
     first = f"Here a simpler model is as good as the learned prior: the {model_label(best)}. " if equal else ""
     return (
-        f"{first}Policies trained on samples of the learned motor prior are upright for {percent(REFERENCE)} of the "
-        f"time on robots they have never seen; on the prior adapted to {LOG_SECONDS:g} s of log of the robot for "
-        f"{percent('adapted_prior')}; on an ideal PD for {percent('ideal_pd')}; on the best of the baselines, the "
-        f"{model_label(best)}, for {percent(best)}."
+        f"{first}Time upright on held-out robots: {percent(REFERENCE)} after training on samples of the prior; "
+        f"{percent('adapted_prior')} on the prior adapted to {LOG_SECONDS:g} s of log of the robot; "
+        f"{percent('ideal_pd')} on an ideal PD; {percent(best)} on the best baseline, the {model_label(best)}."
     )
 
 

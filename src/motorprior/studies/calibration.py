@@ -1,10 +1,11 @@
 """A fleet fitted to real logs: its centre with standard errors, and the spread between motors.
 
-Centre: descents from several starts (`identification.search`), with the fleet as prior. Single motors: offsets y from
-the centre have the prior N(0, s²), s the spread between motors; about the centre the residuals are r + J·y. A wide
-prior overfits, so s is selected by leave-one-log-out: the multiple of the starting fleet's spread with the smallest
-mean replay error on the log left out, where centre and offsets are fitted to the other logs. The fitted spread is the
-root of the mean of y² + var(y) (one step of expectation maximisation).
+Centre: descents from several starts (`identification.search`), with the fleet as prior.
+
+Single motors: offsets y from the centre have the prior N(0, s²), where s is the spread between motors. About the centre
+the residuals are linear, r + J·y. A wide prior overfits, so s is a multiple of the starting fleet's spread, selected
+by leave-one-log-out cross-validation of the replay error. The fitted spread is √(mean of y² + var(y)), one step of
+expectation maximisation.
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress
 from motorprior.studies.fleet_problem import FleetProblem
 
-_UNIT = 1.0 / (3.0 * WIDE)  # unit of the unknowns, in prior standard deviations: differences span a third of one
+_UNIT = 1.0 / (3.0 * WIDE)  # unit of the parameters, in prior standard deviations: differences span a third of one
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _MIN_SPREAD = 0.01  # relative
 
 
 @dataclass(frozen=True)
 class _Optimum:
-    """Result of a search: (unknowns,) centre, its cost, and its (unknowns, unknowns) covariance by Laplace's method."""
+    """Result of a search: (P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
 
     x: np.ndarray
     cost: float
@@ -34,7 +35,7 @@ class _Optimum:
 
 
 class _CentreProblem:
-    """Residuals of some logs, see `search.Problem`; unknowns are relative to the prior, in _UNIT.
+    """Residuals of some logs, see `search.Problem`; parameters are relative to the prior, in _UNIT.
 
     mujoco.sysid is not used: it fits parameters of a model's own actuators within bounds, while these motors, with
     delay, rotor and backlash, run outside the engine, and the fleet is a Gaussian prior.
@@ -47,20 +48,18 @@ class _CentreProblem:
         self.weight = float(len(problem.residuals(logs, problem.mean)))
 
     def center(self, x: np.ndarray) -> np.ndarray:
-        """(unknowns,) of the problem."""
+        """(P,) of the problem."""
         return self._problem.mean + _UNIT * self._problem.prior_std * x
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, N) at x (L, unknowns)."""
+        """(L, N) at x (L, P)."""
         return np.stack([self._problem.residuals(self._logs, self.center(row)) for row in x])
 
 
 def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> _Optimum:
-    centre, size = _CentreProblem(problem, logs), len(problem.mean)
+    centre, size, scale = _CentreProblem(problem, logs), len(problem.mean), _UNIT * problem.prior_std
     search, prior = Search(centre), GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
-    first = (start - problem.mean) / (_UNIT * problem.prior_std)
-    found = search.descend(first[None], prior, ((iterations, WIDE),))
-    scale = _UNIT * problem.prior_std
+    found = search.descend(((start - problem.mean) / scale)[None], prior, ((iterations, WIDE),))
     covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
     return _Optimum(centre.center(found.x[0]), float(found.energy[0]), covariance)
 
@@ -69,11 +68,11 @@ def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iter
 class Calibration:
     """A fitted fleet."""
 
-    center: np.ndarray  # (unknowns,) best centre of all searches
-    error: np.ndarray  # (unknowns,) its standard error: the larger of Laplace's and, for several logs, the jackknife's
-    offsets: np.ndarray  # (excited joints · differing unknowns,) of single motors from it, see `FleetProblem.actuator`
+    center: np.ndarray  # (P,) best centre of all searches
+    error: np.ndarray  # (P,) its standard error: the larger of Laplace's and, for several logs, the jackknife's
+    offsets: np.ndarray  # (excited joints · varying parameters,) of single motors from it, see `FleetProblem.actuator`
     spread: dict[str, float]  # constant -> standard deviation between motors; empty if the fleet has no spread
-    # log name -> (unknowns,) centre without this log, and offsets from it; empty for a single log
+    # log name -> (P,) centre without this log, and offsets from it; empty for a single log
     left_out: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
@@ -112,27 +111,27 @@ def calibrate(
 def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:
     """The fleet with its fitted constants; all others stay."""
     parameters = dict(problem.fleet.parameters)
-    for unknown, x, error in zip(problem.unknowns, found.center, found.error, strict=True):
-        spread = found.spread.get(unknown.name, unknown.spread)
-        values = {"center": unknown.value(x), "spread": spread, "center_uncertainty": float(error)}
-        if not unknown.is_log:
-            values["minimum"] = unknown.minimum
+    for parameter, x, error in zip(problem.parameters, found.center, found.error, strict=True):
+        spread = found.spread.get(parameter.name, parameter.spread)
+        values = {"center": parameter.value(x), "spread": spread, "center_uncertainty": float(error)}
+        if not parameter.is_log:
+            values["minimum"] = parameter.minimum
         rounded = {key: float(f"{value:.4g}") for key, value in values.items()}
-        parameters[unknown.name] = Distribution("lognormal" if unknown.is_log else "normal", rounded)
+        parameters[parameter.name] = Distribution("lognormal" if parameter.is_log else "normal", rounded)
     return replace(problem.fleet, name=f"{problem.fleet.name}_calibrated", parameters=parameters)
 
 
 def single_motors(
     problem: FleetProblem, center: np.ndarray, left_out: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray, dict[str, float], dict[str, np.ndarray]]:
-    """Fit offsets of single motors, linearly about the (unknowns,) centre of all logs.
+    """Fit offsets of single motors, linearly about the (P,) centre of all logs.
 
-    ``left_out``: log name -> (unknowns,) centre fitted without this log; empty for a single log. Returns offsets and
+    ``left_out``: log name -> (P,) centre fitted without this log; empty for a single log. Returns offsets and
     spread, see `Calibration`; log name -> offsets without this log.
     """
-    differing, names = [problem.unknowns[i] for i in problem.differing], list(problem.replayers)
-    spread = np.tile([each.spread for each in differing], len(problem.joints))
-    if not differing:
+    varying, names = [problem.parameters[i] for i in problem.varying], list(problem.replayers)
+    spread = np.tile([each.spread for each in varying], len(problem.joints))
+    if not varying:
         return spread, {}, dict.fromkeys(left_out, spread)
     others = {name: _linear(problem, [log for log in names if log != name], x, spread) for name, x in left_out.items()}
 
@@ -144,9 +143,9 @@ def single_motors(
     residuals, slope = _linear(problem, names, center, spread)
     offsets = _offsets(residuals, slope, prior)
     variance = np.diag(np.linalg.inv(slope.T @ slope + np.diag(prior**-2)))
-    each_motor = (offsets**2 + variance).reshape(len(problem.joints), len(differing))
+    each_motor = (offsets**2 + variance).reshape(len(problem.joints), len(varying))
     between = np.maximum(np.sqrt(each_motor.mean(axis=0)), _MIN_SPREAD).tolist()
-    found = {each.name: s for each, s in zip(differing, between, strict=True)}
+    found = {each.name: s for each, s in zip(varying, between, strict=True)}
     return offsets, found, {name: _offsets(*each, prior) for name, each in others.items()}
 
 

@@ -1,7 +1,7 @@
-"""Least-squares problem of a fleet calibration: the fleet's centre as unknowns, replay errors of logs as residuals.
+"""Least-squares problem of a fleet calibration: P parameters of the fleet's centre, replay errors of logs as residuals.
 
-Unknowns are constants of the central motor, positive ones by their logarithm. The simulated body is not fitted: on logs
-of a real quadruped, foot friction and centre of mass did not improve the replay (docs/calibrate.md).
+Parameters are constants of the central motor, positive ones by their logarithm. The simulated body is not fitted: on
+logs of a real quadruped, foot friction and centre of mass did not improve the replay (docs/calibrate.md).
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ _PRIOR_SCALE = 2.0  # factor on the fleet's centre uncertainty, which may stem f
 
 
 @dataclass(frozen=True)
-class Unknown:
-    """One constant of the central motor."""
+class Parameter:
+    """One fitted constant of the central motor."""
 
     name: str  # in the fleet's file
     unit: str  # of the constant
-    is_log: bool  # whether the unknown is the constant's logarithm
-    mean: float  # prior mean of the unknown
-    deviation: float  # prior standard deviation of the unknown
+    is_log: bool  # whether the parameter is the constant's logarithm
+    mean: float  # prior mean of the parameter
+    deviation: float  # prior standard deviation of the parameter
     spread: float  # standard deviation between motors in the starting fleet
     minimum: float  # of the constant
 
     @classmethod
-    def of(cls, name: str, unit: str, distribution: Distribution) -> Unknown:
-        """The unknown of a constant; its deviation is 0 if the fleet's centre is certain."""
+    def of(cls, name: str, unit: str, distribution: Distribution) -> Parameter:
+        """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
         values, is_log, center = distribution.values, distribution.kind == "lognormal", distribution.center
         if distribution.kind == "uniform":
             is_log = values["low"] > 0.0
@@ -74,32 +74,32 @@ class FleetProblem:
         # constants in all logs, which are not fitted
         self.logged = frozenset.intersection(*(logged_constants(each.log) for each in replayers.values()))
         names, units = [name for name in FITTED if name not in self.logged], FAMILIES[fleet.family].units
-        found = [Unknown.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
-        self.unknowns = tuple(unknown for unknown in found if unknown.deviation > 0.0)
-        if not self.unknowns:
+        found = [Parameter.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
+        self.parameters = tuple(parameter for parameter in found if parameter.deviation > 0.0)
+        if not self.parameters:
             raise ConfigError(
                 f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
                 remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
                 "(docs/calibrate.md)",
             )  # fmt: skip
-        self.mean = np.array([each.mean for each in self.unknowns])  # of the prior of the centre
-        self.prior_std = np.array([each.deviation for each in self.unknowns])
-        # indices of the unknowns that differ between motors, and of the excited joints of all logs
-        self.differing = [i for i, each in enumerate(self.unknowns) if each.name in PER_MOTOR and each.spread > 0.0]
+        self.mean = np.array([each.mean for each in self.parameters])  # of the prior of the centre
+        self.prior_std = np.array([each.deviation for each in self.parameters])
+        # indices of the parameters that differ between motors, and of the excited joints of all logs
+        self.varying = [i for i, each in enumerate(self.parameters) if each.name in PER_MOTOR and each.spread > 0.0]
         self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
 
     def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
         """One motor per joint of the robot, with the logged gains of the log ``name``, if it has any.
 
-        ``x`` is the (unknowns,) centre. Offsets of single motors are flat (excited joints · differing unknowns).
+        ``x`` is the (P,) centre. Offsets of single motors are flat (excited joints · varying parameters).
         """
         count = self.robot.num_joints
         values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}
         own = np.tile(x, (count, 1))
         if offsets is not None:
-            own[np.ix_(self.joints, self.differing)] += offsets.reshape(len(self.joints), len(self.differing))
-        for column, unknown in enumerate(self.unknowns):
-            values[unknown.name] = np.array([unknown.value(each) for each in own[:, column]])
+            own[np.ix_(self.joints, self.varying)] += offsets.reshape(len(self.joints), len(self.varying))
+        for column, parameter in enumerate(self.parameters):
+            values[parameter.name] = np.array([parameter.value(each) for each in own[:, column]])
         return motors_with_logged_gains(FAMILIES[self.fleet.family].motors(values), self.replayers[name].log).actuator()
 
     def error(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:

@@ -42,8 +42,8 @@ def share_upright(episode: Episode, steps: int) -> float:
 def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> dict[str, float]:
     """Measure a walk with a constant command after its first second and, if it fell, before the last half second.
 
-    Undefined measures are NaN; if less than a second is left, there is only ``upright``, and a speed of 0 if it fell.
-    If the engine gives no velocities, they are differences of the poses, and measures of torques are NaN. Measures per
+    Undefined measures are NaN. If less than a second remains, there is only ``upright``, and a speed of 0 after a fall.
+    Without velocities from the engine, differences of the poses are used, and measures of torques are NaN. Measures per
     metre need 5 cm of distance and a command of at least a tenth of the robot's maximum speed.
 
     upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time [m/s]; speed_error:

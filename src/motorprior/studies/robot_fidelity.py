@@ -55,9 +55,9 @@ def fidelity(
     task.advance()
     for posture, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
         found = robot_fidelity(robot, motors, models, suspended, seed)
-        for index, quantity in enumerate((("rmse", "rad"), ("torque_hf", "N·m"), ("displacement_error", "m"))):
-            if quantity[1] != "m" or not suspended:
-                measured[f"{posture}_{quantity[0]}", quantity[1]] = {name: each[index] for name, each in found.items()}
+        units = {"rmse": "rad", "torque_hf": "N·m"} | ({} if suspended else {"displacement_error": "m"})
+        for row, (quantity, unit) in enumerate(units.items()):
+            measured[f"{posture}_{quantity}", unit] = {name: each[row] for name, each in found.items()}
         task.advance()
     statistics: dict[str, Callable[[np.ndarray], np.floating]] = {"median": np.median, "mean": np.mean}
     return Results.of(

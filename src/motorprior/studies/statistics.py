@@ -1,12 +1,12 @@
 """The table of the walks of a study, and its statistics for few policies per bench.
 
 A walk is a row with the seed of its bench, its environment, training condition, training seed, number ("walk"), and
-measures by name, see `gait_quality.walk_measures`. Walks of one number have the same motors and conditions for every
-policy of the bench in an environment.
+measures by name, see `gait_quality.walk_measures`. In one environment, walk k of every policy of a bench has the same
+motors and conditions.
 
-Scores are (benches, policies, walks), NaN if undefined. A bench is a random effect: intervals are those of the mean of
-the benches' statistics, which includes the variation between benches, policies and samples. Intervals of a single bench
-are over its samples and exclude variation between trainings.
+Scores are (benches, policies, walks), NaN if undefined. Benches are random effects: an interval is that of the mean
+over benches, so it includes the variation between benches, policies and walks. With a single bench it is over walks and
+excludes the variation between trainings.
 """
 
 from __future__ import annotations
@@ -28,10 +28,7 @@ from motorprior.studies.gait_quality import UNITS
 
 REFERENCE = "sampled_prior"
 COMPARED = ("speed", "upright")
-OWN, OWN_OUT_OF_FAMILY = (
-    "own",
-    "own_out_of_family",
-)  # training simulations, the second of policies for out-of-family motors
+OWN, OWN_OUT_OF_FAMILY = "own", "own_out_of_family"  # training simulations; the second with out-of-family motors
 ALL_ENVIRONMENTS = (OWN, OWN_OUT_OF_FAMILY, *ENVIRONMENTS)
 CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
 _KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self
 
 from motorprior.actuator.motor_prior import FROZEN
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
@@ -35,7 +36,7 @@ class Condition:
 
     pd: str = ""  # kind of PD
     prior: str = ""  # preset of the prior
-    adapted: bool = False  # to the log of robot k, on which alone the policy of seed k walks
+    adapted: bool = False  # to the log of one robot, the only robot that the policy walks on
     options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
     randomization: Randomization = TRAINING  # of the training in addition to the motors
 
@@ -156,12 +157,10 @@ class Study:
         """Number of the robot that the adapted policies of a seed walk on."""
         return seed % self.robots if self.robots else seed
 
-    def of_benches(self) -> list[Study]:
+    def of_benches(self) -> list[Self]:
         """The settings of every bench, with its folder and its seed."""
-        benches: list[Study] = []
-        for seed in range(self.seed, self.seed + self.benches):
-            benches.append(replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1))
-        return benches
+        seeds = range(self.seed, self.seed + self.benches)
+        return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
 
     def validation_fleet(self, robot: Robot) -> str | None:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""

@@ -55,13 +55,7 @@ from motorprior.studies.environments import (
     walk_seed,
 )
 from motorprior.studies.gait_quality import walk_measures
-from motorprior.studies.statistics import (
-    OWN,
-    OWN_OUT_OF_FAMILY,
-    WalkRow,
-    read_walks,
-    write_walks,
-)
+from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, WalkRow, read_walks, write_walks
 from motorprior.studies.study_settings import CONDITIONS, OTHER_MOTORS, PDS, TRAINING, VALIDATION, Study
 
 WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
@@ -69,7 +63,7 @@ LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # random stream of these logs
 
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
-_AS_GOOD = 0.01  # times upright that differ by less count as equal, so that the faster setting is selected [-]
+_EQUAL_SETTING = 0.01  # of settings whose times upright differ by less, the faster is selected [-]
 SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no condition
 
 SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
@@ -170,7 +164,7 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
                 )
             walks = [walk for walk in walk_table(config, policies, progress) if walk["environment"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
-        max_needed = max(upright for upright, _ in found.values()) - _AS_GOOD
+        max_needed = max(upright for upright, _ in found.values()) - _EQUAL_SETTING
         chosen[setting] = max(found, key=lambda value: (min(found[value][0], max_needed), found[value][1]))
         write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
         progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")

@@ -9,7 +9,7 @@ import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.physics.motor_fit import FleetFit, fit_motors
+from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -47,11 +47,11 @@ def runs(decoder_data: Data) -> WindowRuns:
 
 
 @pytest.fixture(scope="module")
-def found(runs: WindowRuns) -> FleetFit:
+def found(runs: WindowRuns) -> MotorFits:
     return fit_motors(runs, (), True, 0)
 
 
-def test_the_constants_of_four_motors_are_found(found: FleetFit):
+def test_the_constants_of_four_motors_are_found(found: MotorFits):
     assert found.loss.max() < 3e-3, found.loss
     error = np.abs(found.center + found.offsets - true_center() - truth())
     within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}

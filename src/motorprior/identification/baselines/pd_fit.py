@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
-from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOf, MotorsOnLoads, Segment, whole_runs
+from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOnLoads, SegmentArrays, whole_runs
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import MotorLog
@@ -25,7 +25,7 @@ WITH_ROTOR = (*GAINS, "armature", "delay")  # free constants of the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
 # [N·m/rad], [N·m·s/rad], [N·m], [kg·m²], [s], [N·m], and standard deviations of the unknowns of candidates
 TYPICAL = {"kp": 10.0, "kd": 0.6, "torque_limit": 4.0, "armature": 0.004, "delay": 0.01, "coulomb": 0.05}
-SPREAD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
+CANDIDATE_STD = {"kp": 1.5, "kd": 0.8, "torque_limit": 1.2, "armature": 1.5, "delay": 1.5, "coulomb": 1.2}
 NO_LIMIT = 1000.0  # [N·m]
 SCALE = 0.05  # [rad] quadratic-to-linear transition of the loss; large, since tables have RMS errors
 RESTARTS = 16  # maximum number of restarts
@@ -84,13 +84,9 @@ class _PdProblem:
             found.append(errors.reshape(len(x), motors, -1))
         return np.concatenate(found, axis=2).reshape(len(x), -1)
 
-    @property
-    def _motors(self) -> MotorsOf:
-        def motors(x: np.ndarray, motor: np.ndarray, segment: Segment) -> IdealPd:
-            pd = IdealPd(**self.constants(x))
-            return pd if self._gains is None else GainScaledPd(pd, self._gains).at(segment.gains[:, motor])
-
-        return motors
+    def _motors(self, x: np.ndarray, motor: np.ndarray, segment: SegmentArrays) -> IdealPd:
+        pd = IdealPd(**self.constants(x))
+        return pd if self._gains is None else GainScaledPd(pd, self._gains).at(segment.gains[:, motor])
 
     def rmse(self, x: np.ndarray) -> float:
         """Root mean square error [rad] of unknowns x (1, K)."""
@@ -110,13 +106,13 @@ def fit_pd(
     """
     fixed = {name: 0.0 for name in WITH_FRICTION if name not in free}
     search = Search(few := _PdProblem(_part(log), free, fixed))
-    rng, spread = np.random.default_rng(_STREAM), np.array([SPREAD[name] for name in free])
+    rng, std = np.random.default_rng(_STREAM), np.array([CANDIDATE_STD[name] for name in free])
     limit, unlimited = np.array(free) == "torque_limit", np.log(NO_LIMIT / TYPICAL["torque_limit"])
     prior = GaussianPrior(np.where(limit, unlimited, 0.0), np.full(len(free), _WEAK))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         shape = (1, _CANDIDATES, len(free))
-        found = spread * rng.standard_normal(shape)
+        found = std * rng.standard_normal(shape)
         found[..., limit] = np.where(rng.random((1, _CANDIDATES, 1)) < 0.5, unlimited, found[..., limit])
         if restart % 2:
             found = np.where(rng.random(shape) < 0.5, found, best.x[:, None])

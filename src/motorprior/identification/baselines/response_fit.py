@@ -29,7 +29,7 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, select
+from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.training_data.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
@@ -264,9 +264,9 @@ def _without(
     start = np.where(dropped, problem.neutral, fit.x)
     without = Search(problem).descend(start, GaussianPrior(mean, precision), _STEPS)
     useless = without.loss * (1.0 - MIN_SAVING) < fit.loss
-    kept = GaussianPrior(select(useless, mean, prior.mean), select(useless, precision, prior.precision))
+    pairs = (mean, prior.mean), (precision, prior.precision)
     chosen = np.flatnonzero(useless)
-    return fit.replaced(chosen, without.subset(chosen)), kept
+    return fit.replaced(chosen, without.subset(chosen)), GaussianPrior(*(np.where(useless[:, None], *x) for x in pairs))
 
 
 def fitted_responses(log: MotorLog, preset: Preset, seed: int, progress: Progress) -> dict[str, ResponseMotors]:

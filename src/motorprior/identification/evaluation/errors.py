@@ -55,10 +55,8 @@ def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndar
 def summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
     """Median, mean and maximum [mrad]."""
     values = np.array(list(errors.values()))
-    median, mean, maximum = (
-        f"{1e3 * value:.1f}" if value < MAX_ERROR else "diverged"
-        for value in (np.median(values), np.mean(values), np.max(values))
-    )
+    statistics = (np.median(values), np.mean(values), np.max(values))
+    median, mean, maximum = (f"{1e3 * each:.1f}" if each < MAX_ERROR else "diverged" for each in statistics)
     return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
 
 
@@ -192,11 +190,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     return found
 
 
-def error_results(
-    errors: LogErrors,
-    quantity: str,
-    statistics: Statistics = MEAN,
-) -> Results:
+def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
     """Statistics of each model over all joints and logs; its means by joint and by log."""
     rows = []
     for model, values in errors.models.items():

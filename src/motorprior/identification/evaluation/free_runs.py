@@ -44,10 +44,7 @@ def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
     """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
     window = round(DURATION / preset.period)
     short = replace(with_gains_of(preset, log), objective="rollout", window=window)
-    return {
-        FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
-        WHOLE_RUN: whole_runs(log, preset),
-    }
+    return {FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)], WHOLE_RUN: whole_runs(log, preset)}
 
 
 def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:

@@ -35,12 +35,13 @@ def reference_metrics(
 ) -> dict[str, float]:
     """Errors of the training motors at their posterior means.
 
-    ``loss_log_mean`` and ``loss_log_std`` are mean and standard deviation, over the ``loss_motors`` motors, of the
-    logarithm of a motor's mean window loss, ``loss_mean`` is the mean window loss of all motors, ``loss_pieces`` the
-    number of blocks per motor, and ``loss_piece_variance`` the variance of the blocks' mean losses within a motor, over
-    the motor's mean loss squared. If the log has torques, the same with the suffix ``_without_torque``, for new motors
-    whose log has none. For a prior trained in closed loop, ``residual_p05_SPEED`` … ``residual_p95_SPEED`` are
-    percentiles of `replay_errors` for every pool of SPEEDS of the simulated joint.
+    loss_mean                      mean window loss of all motors
+    loss_log_mean, loss_log_std    mean and standard deviation over motors of log(mean window loss of a motor)
+    loss_motors, loss_pieces       number of motors, and of blocks per motor
+    loss_piece_variance            variance of the blocks' mean losses within a motor, over its mean loss squared
+    residual_p05_SPEED … p95       percentiles of `replay_errors` by pool of SPEEDS, for priors trained in closed loop
+
+    If the log has torques, losses with the suffix ``_without_torque`` are added, for new motors whose log has none.
     """
     metrics = loss_metrics(latent_search(model, data, preset).parts(mean), preset, "")
     if preset.objective == "rollout":
@@ -121,7 +122,7 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
 def residual_scale(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
     """(M,) scale of the residuals of M motors: the 90 % quantile of |error| over half the pool's 90 % band.
 
-    ``errors`` [rad] and simulated ``joint_vel`` [rad/s], which chooses the pool, are (T, M), as from `replay_errors`.
+    ``errors`` [rad] and simulated ``joint_vel`` [rad/s] are (T, M), from `replay_errors`; the speed selects the pool.
     """
     half = [0.5 * (metrics[f"residual_p95_{name}"] - metrics[f"residual_p05_{name}"]) for name in SPEEDS]
     share = np.abs(errors) / np.maximum(np.array(half)[_pool(joint_vel)], _MIN_RESIDUAL)

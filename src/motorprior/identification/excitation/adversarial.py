@@ -113,7 +113,7 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
 
         rest, pairs = (targets[0], jnp.zeros_like(targets[0])), (targets[:-1], targets[1:])
         _, target = jax.lax.scan(lambda at, pair: bounded_stream.step(at, *pair, bounds, period, jnp), rest, pairs)
-        torque = bounded_stream.soft(raw[:, 1:, 1:], bounds.torque[:, None, None], jnp)
+        torque = bounded_stream.soft_clip(raw[:, 1:, 1:], bounds.torque[:, None, None], jnp)
         whole = jnp.concatenate([jnp.swapaxes(target, 0, 1)[..., None], torque], axis=2)
         return (whole / scales[which][:, None])[:, BURN_IN:]
 

@@ -48,7 +48,7 @@ def fit_excitation(
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
         steps: training steps of the network.
-        seed: of the training; deterministic.
+        seed: of the training, which is deterministic.
         out: .safetensors file to write; an interrupted training continues from the file next to it.
         progress: where to report to.
 

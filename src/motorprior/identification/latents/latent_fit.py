@@ -8,15 +8,15 @@ observation (a generalised posterior with a Laplace approximation). In the covar
 its own loss for T: missing physics makes its windows agree less. Mean m and standard deviation d of the prior are those
 of `MotorPrior.predicted`.
 
-`outliers` tests whether new motors lie inside the prediction interval of the training motors. The loss of a fit alone
-has little power, so every motor is fitted a second time, with a prior PRIOR_SCALE times as wide as the M training
-motors, which barely shrinks the estimate. In decoder latents, with mean m and standard deviation s of these motors,
+`outliers` tests whether new motors lie inside the prediction interval of the M training motors. The loss of a fit alone
+has little power. Every motor is therefore fitted again, with a prior PRIOR_SCALE times as wide as the training motors,
+which barely shrinks the estimate. With the training motors' mean m and standard deviation s in decoder latents,
 
     t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
 
-where v·s² is the posterior variance of the second fit: the prediction interval of one more motor, with a Bonferroni
-correction over the L latents in which the training motors differ. With C classes of joints, m is the mean of the M
-training motors of the motor's class, s is pooled over the classes, and t has M - C degrees of freedom.
+v·s² is the posterior variance of the second fit. p has a Bonferroni correction over the L latents in which the training
+motors differ. With C classes of joints, m and M in t are those of the motor's class, s is pooled over the classes, and
+t has M - C degrees of freedom, with all M training motors.
 """
 
 from __future__ import annotations

@@ -1,31 +1,33 @@
 """Transform latents so that training motors are distributed as N(0, I), and samples of N(0, I) resemble them.
 
-A Gaussian copula (`actuator.copula`) is put before the decoder, which does not change the training motors: each latent
-keeps its quantiles over these motors, and the correlations R of the normal scores are shrunk, since samples of few
-motors show spurious correlation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005),
+A Gaussian copula (`actuator.copula`) is put before the decoder; the training motors stay the same. Each latent keeps
+its quantiles over these motors. The correlations R of the normal scores are shrunk, since few motors show spurious
+correlation (Schäfer & Strimmer, Stat. Appl. Genet. Mol. Biol. 4, 2005),
 
     (1 - λ)·R + λ·I,   λ = Σ_{i≠j} Var r_ij / Σ_{i≠j} r_ij²,  at most 1
     w_mij = x_mi·x_mj,   r_ij = n/(n - 1)·mean_m w_mij,   Var r_ij = n/(n - 1)³·Σ_m (w_mij - mean w_ij)²
 
-for standardised scores x. The latents of fewer than MIN_MOTORS motors are scaled by mean and standard deviation alone,
-with a scaled inverse-χ² prior on the variance of each decoder output, worth PRIOR_MOTORS motors with standard deviation
-s, and a flat prior on its mean. One more motor then has a t distribution, whose scale √v is used (Gelman et al.,
-Bayesian Data Analysis, 3rd ed., sections 3.2 and 3.3):
+for standardised scores x.
+
+The latents of fewer than MIN_MOTORS motors are scaled by mean and standard deviation alone. The variance of each
+decoder output has a scaled inverse-χ² prior that counts as PRIOR_MOTORS observations with standard deviation s; its
+mean has a flat prior. One more motor then has a t distribution, whose scale √v is used (Gelman et al., Bayesian Data
+Analysis, 3rd ed., sections 3.2 and 3.3):
 
     v = (PRIOR_MOTORS·s² + Σ_i (z_i - z̄)²) / (PRIOR_MOTORS + M - 1) · (M + 1)/M
 
-Motors of several classes of joints have a mean per class, shrunk towards that of all classes, and a spread between
-units that is pooled over the classes (random effects; C classes of n motors, deviations from the raw means z̄_c):
+C classes of joints, of n motors each, are random effects. With the raw means z̄_c, the covariance between the units of
+a class is pooled over the classes:
 
-    w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)      between the units of a class
+    w = (PRIOR_MOTORS·diag s² + Σ_i (z_i - z̄_c)(z_i - z̄_c)ᵀ) / (PRIOR_MOTORS + M - C)
 
-where a motor's latent with an error of variance e counts as w/(w + e) motors, since a constant that a log does not
-identify does not inform the spread, and
+A latent with error variance e counts as w/(w + e) motors, since a constant that a log does not identify does not inform
+about w. The mean m_c of a class is shrunk towards that of all classes, with the variance u between classes:
 
-    u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)   between the classes
+    u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)
 
-u is that of the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a
-constant without effect, such as a very small friction, must not become that of other classes.
+u uses the classes that identify the constant, with n of at least MIN_UNITS. Others keep their own mean: a constant
+without effect, such as a very small friction, must not become that of other classes.
 
 The covariance w keeps directions in which logs do not separate constants, such as delay and damping.
 """
@@ -51,7 +53,7 @@ from motorprior.logs.motor_log import FIRMWARE
 
 MIN_MOTORS = 8  # minimum for quantiles and correlations; with fewer these are mostly sampling error
 RELIABLE_MOTORS = 24  # minimum for reliable samples; with fewer outer quantiles are extrapolated
-PRIOR_MOTORS = 3.0  # weight of the prior on the variance, in motors
+PRIOR_MOTORS = 3.0  # observations that the prior on the variance counts as
 MIN_UNITS = 0.5  # sum of the weights of a class's motors; with less, a constant's mean in the class is not shrunk
 _ROUNDS = 4  # iterations of the weights of `class_moments`
 _RISE = 1e-6  # minimum slope of a latent over its normal score
@@ -107,8 +109,8 @@ class ClassMoments(NamedTuple):
 def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float) -> ClassMoments:
     """Random effects of C > 1 classes: outputs z (M, P) of motors of the classes ``row`` (M,), ``assumed`` s (P,).
 
-    The formulas of the module docstring, with the errors' ``variance`` (M, P) of z; ASSUMED_BETWEEN is worth one class
-    in the variance of a class without motors.
+    The formulas of the module docstring, with the errors' ``variance`` (M, P) of z; ASSUMED_BETWEEN counts as one
+    class in the variance of a class without motors.
     """
     classes, units = np.arange(int(row.max()) + 1)[:, None] == row, np.diag(assumed**2)
     v, count, raw = assumed**2, np.zeros(()), np.zeros(())

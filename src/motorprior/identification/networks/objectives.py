@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator import copula
-from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, scaled_torque
+from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, first_bias, log_armature, scaled_torque
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
@@ -64,9 +64,9 @@ def closed_loop(preset: Preset, scales: dict[str, float]) -> Rollout:
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
-        bias, inertia = motor_bias(parameters, own), free[0, :, channel.INERTIA]
+        bias, inertia = first_bias(parameters, own), free[0, :, channel.INERTIA]
         if preset.has_armature:
-            inertia = inertia + armature(parameters, own)
+            inertia = inertia + jnp.exp(log_armature(parameters, own))
 
         def free_step(state, row):
             q, dq, memory = state
@@ -123,7 +123,7 @@ def torque_objective(preset: Preset, scales: dict[str, float], measured: Measure
         error = (newest[..., channel.TARGET] - newest[..., channel.POS]) / scales["error_scale"]
         velocity = newest[..., channel.VEL] / scales["velocity_scale"]
         inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
-        predicted = scaled_torque(parameters, inputs, motor_bias(parameters, decoder_latents(parameters, z)))
+        predicted = scaled_torque(parameters, inputs, first_bias(parameters, decoder_latents(parameters, z)))
         return (predicted - newest[:, 0, channel.TORQUE] / scales["torque_scale"])[None]
 
     return Objective(residuals, jnp.square, 1.0)
@@ -163,16 +163,6 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
 def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     """(B, Z) decoder latents of z (B, Z); equal to z until the prior is standardised."""
     return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
-
-
-def motor_bias(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
-    """(B, H) first-layer bias of motors with latents z (B, Z)."""
-    return parameters["b1"] + z @ parameters["v1"]
-
-
-def armature(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
-    """(B,) decoded armature [kg·m²]."""
-    return jnp.exp(parameters["log_armature"] + z @ parameters["armature_slope"])
 
 
 def import_parameters(network: LatentNetwork) -> Parameters:

@@ -42,7 +42,6 @@ from motorprior.identification.physics.motor_problem import (
     rigid_motor,
     scaled_center,
     separate_prior,
-    weak_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
@@ -60,8 +59,8 @@ FINEST = 0.01  # step of the differences of the last descent
 TURNS = 8  # iterations of empirical Bayes
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
-# factors on constants of the initial motor with which its gear is stiff. Short velocity filters in the same way would
-# cost two of five mrad in an unseen leg of a real quadruped
+# factors on constants of the initial motor that make its gear stiff. Short velocity filters are not tried in this way:
+# that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
@@ -72,7 +71,7 @@ _STREAM = 41
 
 
 @dataclass(frozen=True)
-class FleetFit:
+class MotorFits:
     """A central motor's decoder outputs (K,), and those of M motors relative to it (M, K); their losses (M,)."""
 
     center: np.ndarray
@@ -87,7 +86,7 @@ class FleetFit:
         return {"center": self.center, "offsets": self.offsets, "loss": self.loss, "has": has}
 
     @classmethod
-    def of(cls, arrays: dict[str, np.ndarray]) -> FleetFit:
+    def of(cls, arrays: dict[str, np.ndarray]) -> MotorFits:
         """From `arrays`."""
         terms = tuple(name for name, yes in zip(TERMS, arrays["has"], strict=True) if yes)
         return cls(arrays["center"], arrays["offsets"], arrays["loss"], terms)
@@ -100,9 +99,9 @@ def fit_motors(
     seed: int,
     report: Callable[[], None] = lambda: None,
     part: WindowRuns | None = None,
-    nested: FleetFit | None = None,
+    nested: MotorFits | None = None,
     restarts: int = RESTARTS,
-) -> FleetFit:
+) -> MotorFits:
     """Fit all motors of the logs.
 
     Args:
@@ -139,10 +138,10 @@ def fit_motors(
     # around a centre from which the decoder reaches every motor
     middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
     center, x = center + middle, x - middle
-    return FleetFit(center, x, centred(center, terms, runs).losses(x), terms)
+    return MotorFits(center, x, centred(center, terms, runs).losses(x), terms)
 
 
-def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits: bool = True) -> FleetFit:
+def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits: bool = True) -> MotorFits:
     """The simplest motors: the best of RIGID_STARTS random searches without a torque limit, and as many with one.
 
     Without ``limits`` the latter are left out; other arguments as for `fit_motors`.
@@ -152,7 +151,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
     rigid, missing = rigid_motor(initial, terms, runs)
     search, limit = centred(rigid, terms, runs), np.array(parameters_of(terms)) == "torque_limit"
     shape = (runs.num_motors, RIGID_CANDIDATES, len(rigid))
-    prior = weak = weak_prior(np.zeros(len(rigid)))
+    prior = weak = GaussianPrior(np.zeros(len(rigid)), np.full(len(rigid), WEAK))
     found = search.at(np.zeros((runs.num_motors, len(rigid))), weak)
     for frozen in (fixed | missing, fixed | (missing & ~limit))[: 1 + limits]:
         prior = weak.fixing(frozen)
@@ -163,7 +162,7 @@ def fit_rigid_motors(runs: WindowRuns, terms: tuple[str, ...], seed: int, limits
             best = search.best_of(np.clip(away, -LOG_REACH, LOG_REACH), prior)
             found = found.better(search.descend(best, prior, RIGID_STEPS[:1]))
     found = search.descend(found.x, prior, RIGID_STEPS[1:])
-    return FleetFit(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
+    return MotorFits(rigid, np.clip(found.x, -LOG_REACH, LOG_REACH), found.loss, terms, is_rigid=True)
 
 
 def _fit_separately(
@@ -252,7 +251,7 @@ def _empirical_bayes(
             other = search.best_of(np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH), prior)
             found = found.better(search.descend(other, prior, ((6, WIDE),)))
         variance = posterior_variance(search, found, prior)
-        prior = fleet_prior(found, search.problem.observations, variance, classes).fixing(fixed)
+        prior = population_prior(found, search.problem.observations, variance, classes).fixing(fixed)
         report()
     return found
 
@@ -289,7 +288,7 @@ def posterior_variance(search: Search, found: Fit, prior: GaussianPrior) -> np.n
     return np.einsum("mkk->mk", np.linalg.inv(precision)).mean(axis=0)
 
 
-def fleet_prior(found: Fit, windows: int, variance: np.ndarray | float, classes: np.ndarray) -> GaussianPrior:
+def population_prior(found: Fit, windows: int, variance: np.ndarray | float, classes: np.ndarray) -> GaussianPrior:
     """Gaussian of one more motor of each motor's class (M,); ``variance`` (K,) is that of `posterior_variance`.
 
     With several classes, m is the median of each class and v is pooled over the classes, with M - C for M - 1.
@@ -316,16 +315,8 @@ def _without_unidentified_limits(
     for name, largest in reached.items():
         if name in names and largest.max():
             row = names.index(name)
-            off = np.log(OFF * largest.max()) - center[row]
-            x = _fixed_unless_identified(
-                search,
-                x,
-                fixed,
-                {row: np.clip(off, x[:, row], LOG_REACH)},
-                RIGID_STEPS[1:],
-                search.all_problems,
-                SAVING,
-            )
+            off = {row: np.clip(np.log(OFF * largest.max()) - center[row], x[:, row], LOG_REACH)}
+            x = _fixed_unless_identified(search, x, fixed, off, RIGID_STEPS[1:], search.all_problems, SAVING)
     return x
 
 
@@ -387,8 +378,8 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
     prior = separate_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         found = search.at(x, prior)
-        first = fleet_prior(found, windows, 0.0, runs.classes).fixing(fixed)
+        first = population_prior(found, windows, 0.0, runs.classes).fixing(fixed)
         variance = posterior_variance(search, found, first)
-        prior = fleet_prior(found, windows, variance, runs.classes).fixing(fixed)
+        prior = population_prior(found, windows, variance, runs.classes).fixing(fixed)
     prior = replace(prior, mean=np.where(fixed, x, prior.mean))
     return np.where(fixed, x, np.clip(search.descend(x, prior, REFINEMENT).x, -LOG_REACH, LOG_REACH))

@@ -136,16 +136,11 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     return np.array([name in fixed for name in parameters_of(terms)])
 
 
-def weak_prior(mean: np.ndarray) -> GaussianPrior:
-    """Prior that keeps unidentifiable constants at its mean (K,) or (M, K)."""
-    return GaussianPrior(mean, np.full(mean.shape[-1], WEAK))
-
-
 def separate_prior(search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray) -> GaussianPrior:
-    """Prior of motors by themselves: `weak_prior`, but with velocity filters around that of an ``initial`` motor (K,).
+    """Prior of single motors: WEAK about ``mean``, except for the velocity filter, which has that of ``initial`` (K,).
 
-    Its precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of
-    slow motion slightly better, and no other.
+    The filter's precision is that of FILTER_STD at the loss of motors ``x`` (M, K). A filter of 0.1 s would replay
+    some logs of slow motion slightly better, and no other.
     """
     filtered = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
     precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
@@ -209,7 +204,7 @@ def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, name
     ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
     fitted = motor_search(model, runs).losses(z)
-    ratio = {name: np.median(_loss_ratio(model, runs, z, name, fitted), axis=1).min() for name in names}
+    ratio = {name: np.median(_loss_ratio(model, runs, z, (name,), fitted), axis=1).min() for name in names}
     return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
 
 
@@ -218,7 +213,7 @@ def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> di
     rows, fixed = parameters_of(model.motor.terms), fixed_constants(model.motor.terms, runs)
     limits = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
     fitted = motor_search(model, runs).losses(z)
-    found = {name: _loss_ratio(model, runs, z, name, fitted).min(axis=0) <= THRESHOLD for name in limits}
+    found = {name: _loss_ratio(model, runs, z, (name,), fitted).min(axis=0) <= THRESHOLD for name in limits}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
 
@@ -226,18 +221,15 @@ def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.
     """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad."""
     if runs.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
-    motor = model.motor
-    rows, losses = np.isin(parameters_of(motor.terms), TORQUES), []
-    for factor in (0.5, 2.0):
-        scaled = replace(model, motor=replace(motor, center=motor.center + np.log(factor) * rows))
-        losses.append(motor_search(scaled, runs).losses(z))
-    return np.min(losses, axis=0) <= THRESHOLD * motor_search(model, runs).losses(z)
+    return _loss_ratio(model, runs, z, TORQUES, motor_search(model, runs).losses(z)).min(axis=0) <= THRESHOLD
 
 
-def _loss_ratio(model: GreyBox, runs: WindowRuns, z: np.ndarray, name: str, fitted: np.ndarray) -> np.ndarray:
-    """(2, M) losses of the motors with half and with double of a constant, over the ``fitted`` losses (M,)."""
+def _loss_ratio(
+    model: GreyBox, runs: WindowRuns, z: np.ndarray, names: tuple[str, ...], fitted: np.ndarray
+) -> np.ndarray:
+    """(2, M) losses of the motors with half and with double of these constants, over the ``fitted`` losses (M,)."""
     motor = model.motor
-    row = np.array(parameters_of(motor.terms)) == name
-    changed = [replace(motor, center=motor.center + np.log(factor) * row) for factor in (0.5, 2.0)]
+    rows = np.isin(parameters_of(motor.terms), names)
+    changed = [replace(motor, center=motor.center + np.log(factor) * rows) for factor in (0.5, 2.0)]
     losses = [motor_search(replace(model, motor=each), runs).losses(z) for each in changed]
     return np.stack(losses) / fitted

@@ -1,16 +1,18 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
-Some motors are fitted to every second segment of their logs and tested on the others. Each term that is not yet
-selected is added to the best fit so far, with its constants sampled around the initial motor, so that a motor with more
-terms never fits worse than one with fewer. Each is also added to the simplest motor, with a rigid gear, where the
-effects of other constants cannot hide it; the best there starts a search of its own. The terms of SERVO are also added
-together, since some help only with another. Of the candidates that lower the loss most, the one that saves most of the
-held-out loss is selected, if
+Some motors are fitted to every second segment of their logs and tested on the others. In each round, every term that
+is not yet selected is added to two motors:
+
+    the best so far     its constants are sampled around the initial motor's; the fit never becomes worse
+    the simplest        it has a rigid gear, so other constants cannot hide the effect; the best starts its own search
+
+The terms of SERVO are also added together, since some help only with another. Of the candidates that lower the training
+loss most, the one that saves most of the held-out loss is selected if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
 
-(for fewer than five motors the test is over their held-out parts), until no candidate passes. Finally every selected
-term is removed once, and stays out if it saved less, at 20 %.
+For fewer than five motors the test is over their held-out parts. The rounds end when no candidate passes. Finally every
+selected term is removed once, and stays out if it does not pass this test at 20 %.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.motor_fit import STEPS, FleetFit, fit_motors, fit_rigid_motors
+from motorprior.identification.physics.motor_fit import STEPS, MotorFits, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
     centred,
     fixed_constants,
@@ -43,7 +45,7 @@ MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
-# terms that need logs under several conditions, in the order of `Segment.conditions`, and the minimum difference
+# terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
@@ -192,7 +194,7 @@ class _TermEvaluation:
     def with_all_constants(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
-        nested = FleetFit(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
+        nested = MotorFits(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
         found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
         return self._state(terms, found.center + found.offsets)
 

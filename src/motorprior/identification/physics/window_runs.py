@@ -1,12 +1,14 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
 The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
-observer, a second simulation of every motor, follows the recorded joint through the whole segment; every free run
-starts from its hidden state (rotor, backlash, delayed commands) and the recorded joint. Errors are those of the raw
-readings, and if these are noisy, errors of velocity are their differences: smoothed angles begin to move before the
-motor, and delays fitted to them are too short. If the encoders are on the rotors, the observer's rotor follows the
-recording instead, with the joint attached to it; backlash and encoder zero, which such a log does not identify, are
-then that of the central motor and 0.
+observer, a second simulation of every motor, follows the recorded joint through the whole segment. Every free run
+starts from the observer's hidden state (rotor, backlash, delayed commands) and the recorded joint.
+
+Position errors are those of the raw readings: smoothed angles begin to move before the motor, so delays fitted to them
+are too short. If the readings are noisy, velocity errors are differences of position errors.
+
+If the encoders are on the rotors, the observer's rotor follows the recording, and the joint is attached to it. Such a
+log identifies neither backlash nor encoder zero: the former is the central motor's, the latter 0.
 """
 
 from __future__ import annotations
@@ -115,7 +117,7 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
 
 
 @dataclass(frozen=True)
-class Segment:
+class SegmentArrays:
     """One segment: (steps, channels, M) rows, and its number of whole windows."""
 
     rows: np.ndarray
@@ -139,7 +141,7 @@ class Segment:
 
 MotorsOnLoads: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
-MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, Segment], Actuator]
+MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, SegmentArrays], Actuator]
 
 
 class WindowRuns:
@@ -163,7 +165,7 @@ class WindowRuns:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
             if windows > 0:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
-                self.segments.append(Segment(rows, windows))
+                self.segments.append(SegmentArrays(rows, windows))
         self.num_motors = len(series)
         chosen = np.arange(len(data.series)) if motors is None else motors
         names = [data.joint_classes[motor] if data.joint_classes else "" for motor in chosen]
@@ -215,7 +217,7 @@ class WindowRuns:
                 tasks.append((slice(first, min(first + together, lanes)), inside, segment))
             done += segment.windows
 
-        def simulate(task: tuple[slice, slice, Segment]) -> None:
+        def simulate(task: tuple[slice, slice, SegmentArrays]) -> None:
             some, inside, segment = task
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
@@ -239,7 +241,7 @@ class WindowRuns:
         """
         everyone = np.arange(self.num_motors)
 
-        def errors(segment: Segment) -> np.ndarray:
+        def errors(segment: SegmentArrays) -> np.ndarray:
             if isinstance(motors, GainScaledPd):
                 return self.run(motors.at(segment.gains), everyone, segment)
             if isinstance(motors, GreyBoxActuator):
@@ -248,7 +250,7 @@ class WindowRuns:
 
         return np.concatenate(list(self.threads.map(errors, self.segments)), axis=1)
 
-    def run(self, motors: Actuator, motor: np.ndarray, segment: Segment) -> np.ndarray:
+    def run(self, motors: Actuator, motor: np.ndarray, segment: SegmentArrays) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
         preset, at_rotor = self.preset, False
         observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
@@ -268,7 +270,7 @@ class WindowRuns:
 def grey_boxes(model: GreyBox) -> MotorsOf:
     """Motors of latents, at the gains and under the conditions of the segment."""
 
-    def motors(z: np.ndarray, motor: np.ndarray, segment: Segment) -> GreyBoxActuator:
+    def motors(z: np.ndarray, motor: np.ndarray, segment: SegmentArrays) -> GreyBoxActuator:
         gains = segment.gains[:, motor] if model.gain_unit else None
         conditions = OperatingConditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
         return model.motors(z, conditions, gains)

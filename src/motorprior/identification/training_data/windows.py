@@ -42,7 +42,7 @@ class TrainingData:
     gain_unit: str = ""  # of the logged gains, "" if there are none
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
-    # velocity error = change of the joint_reading error over this many steps; 0: compare velocities
+    # steps over which changes of the joint_reading error are velocity errors; 0: velocities are compared
     velocity_steps: int = 0
 
 
