@@ -10,7 +10,6 @@ import numpy as np
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ConfigError
-from motorprior.exports.exporter import described_loss
 from motorprior.exports.registry import Exported, export
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
@@ -54,12 +53,7 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
         joints=config.joints, gains=_gains(config, source),
         log=None if config.log is None else read_parquet(config.log),
     )  # fmt: skip
-    progress.note(f"{len(found.files)} files in {config.out}")
-    if found.gains is not None:
-        kp, kd = (f"{value:.4g}" for value in found.gains)
-        progress.note(f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs (--kp)")
-    if found.losses:  # a card loses nothing
-        progress.note(described_loss(found.losses, found.not_expressed))
+    progress.note(str(found))
     return found
 
 

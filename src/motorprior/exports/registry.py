@@ -24,7 +24,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
-from motorprior.exports.exporter import Exporter, Replay, Request, sampled, with_kd
+from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, sampled, with_kd
 from motorprior.exports.mjcf_detailed import DETAILED
 from motorprior.exports.plain_joint import PLAIN, TABLE
 from motorprior.logs.motor_log import MotorLog
@@ -54,6 +54,15 @@ class Exported:
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
     not_expressed: dict[str, float]  # median by name of the constants that the format lacks
     gains: tuple[float, float] | None  # medians of kp and kd of the motors in the unit of the logs, if these have gains
+
+    def __str__(self) -> str:
+        lines = [f"{len(self.files)} files in {self.files[0].parent}"]
+        if self.gains is not None:
+            kp, kd = (f"{value:.4g}" for value in self.gains)
+            lines.append(f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs")
+        if self.losses:  # a card loses nothing
+            lines.append(described_loss(self.losses, self.not_expressed))
+        return "\n".join(lines)
 
 
 def export(
