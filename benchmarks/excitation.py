@@ -187,7 +187,7 @@ def _prior(
     log = replace(record(motors, preset, round(seconds / preset.period), seed, fleet), robot=robot.name)
     name = settings.rollout_recipe if loss == "rollout" else ROUTES[loss]
     recipe = identification_preset(name, network_steps(name, settings.adam_steps))
-    folder = settings.out / "priors" / f"{loss}_{kind}_{seed}_{seconds:g}"
+    folder = settings.out / "priors" / f"{name}_{kind}_{seed}_{seconds:g}"
     return fit_recipe(log, name, recipe, seed, folder, PROGRESS), log
 
 
@@ -270,7 +270,8 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
     figures, curves = {}, {}
     for kind in (*settings.kinds, "active"):
         if kind == "active" and not (settings.out / "active.safetensors").exists():
-            prior, _ = _prior(settings, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
+            physics = replace(settings, rollout_recipe="rollout")  # a network has no constants to identify
+            prior, _ = _prior(physics, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
             plan_excitation(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:

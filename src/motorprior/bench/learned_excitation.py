@@ -24,27 +24,37 @@ from motorprior.schema import Header, Tensor, check_tensors
 SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
 BURN_IN = 50  # frames discarded at the start of a stream
-FADE = 10  # frames of a cross-fade between two windows
+FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
 NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
 STYLE_FRAMES = 250  # after which the slow inputs have changed
 HARMONICS = 2  # harmonics of the gait's phase: inputs of the generator
 NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # channels, taps and dilations of the generator's convolutions
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
+UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
 _MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
 _REMEDY = "write it again with `motorprior excite`"
 
 
 def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """Random windows of each joint's class, one after the other, with cross-faded seams."""
+    """All windows of each joint's class in random order, then again, with cross-faded seams.
+
+    The next window is the one of FOLLOWERS random ones whose beginning differs least from the end of the last.
+    """
     length = runs.windows.shape[1] - FADE
     rising = 0.5 - 0.5 * np.cos(np.pi * (np.arange(FADE) + 0.5) / FADE)
     weight = np.concatenate([rising, np.ones(length - FADE), rising[::-1]])[:, None]
     count = -(-(frames + FADE) // length)
     out = np.zeros((count * length + FADE, len(which), CHANNELS))
     for joint, kind in enumerate(which):
-        for slot, window in enumerate(rng.choice(np.flatnonzero(runs.window_class == kind), count)):
-            out[slot * length : (slot + 1) * length + FADE, joint] += weight * runs.windows[window]
+        every = np.flatnonzero(runs.window_class == kind)
+        last, left = rng.choice(every), np.empty(0, int)
+        for slot in range(count):
+            left = left if len(left) else rng.permutation(every)
+            seams = (runs.windows[left[:FOLLOWERS], :FADE] - runs.windows[last, -FADE:]) / runs.scales[kind]
+            best = int(np.argmin(np.sum(seams**2, axis=(1, 2))))
+            last, left = left[best], np.delete(left, best)
+            out[slot * length : (slot + 1) * length + FADE, joint] += weight * runs.windows[last]
     return out[FADE : FADE + frames]
 
 
@@ -160,7 +170,7 @@ class LearnedExcitation:
     frequency: np.ndarray  # (W,) frequency of the largest component of the target [Hz]
     scales: np.ndarray  # (C, 1 + SUB) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
-    load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²]
+    load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²], or UNKNOWN_LOAD
     weights: Mapping[str, np.ndarray] = field(default_factory=dict)  # of the generator; empty if not trained
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
     jumps: ClassVar[bool] = False
@@ -183,7 +193,7 @@ class LearnedExcitation:
         """
         if dt > 1.001 * self.period:
             problem = f"a period of {dt:g} s, the runs were controlled every {self.period:g} s"
-            raise ConfigError(problem, remedy="fit it with this period", argument="period")
+            raise ConfigError(problem, remedy=f"play it at a period of at most {self.period:g} s", argument="period")
         others = rng.integers(len(self.classes), size=len(joint_names)).tolist()
         which = np.array([self._class_of(*each) for each in zip(joint_names, others, strict=True)])
         target, torque = self.frames(rng, int(np.ceil(steps * dt / self.period)) + 1, which)
@@ -192,8 +202,9 @@ class LearnedExcitation:
         sums = np.vstack([np.zeros_like(torque[:1]), np.cumsum(torque, axis=0)]) * self.period / SUB
         at = np.arange(len(sums)) * self.period / SUB
         means = np.stack([np.diff(np.interp(time, at, column)) for column in sums.T], axis=1) / dt
-        low, high = np.log(self.load_inertia[which]).T
-        return Streams(target[frame], means, np.exp(rng.uniform(low, high)))
+        loads = self.load_inertia[which]
+        inertia = None if np.any(loads == UNKNOWN_LOAD) else np.exp(rng.uniform(*np.log(loads).T))
+        return Streams(target[frame], means, inertia)
 
     def _class_of(self, name: str, other: int) -> int:
         """Index of the class that is the joint's name or its end, as knee of FR_knee; ``other`` if none is."""

@@ -14,6 +14,7 @@ from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.excitation import Streams
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
+from motorprior.exceptions import ConfigError
 from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.identification.excitation.plan import plan_excitation
 from motorprior.logs.loads import with_torque_balance
@@ -58,6 +59,8 @@ class Excite:
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
     """Fit, plan, write; errors for a setting or file that cannot be used."""
+    if config.out.suffix != ".safetensors":
+        raise ConfigError(f"out {str(config.out)!r} is not a .safetensors file", remedy="name it so", argument="out")
     require_number("csv_seconds", config.csv_seconds)
     for name in ("max_speed", "max_torque"):
         require_number(name, getattr(config, name), positive=True, maximum=inf)

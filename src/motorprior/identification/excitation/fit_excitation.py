@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +12,7 @@ from time import monotonic
 import numpy as np
 
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import CHANNELS, MAKERS, SUB, LearnedExcitation
+from motorprior.bench.learned_excitation import CHANNELS, MAKERS, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog, motion_digest
@@ -24,7 +25,6 @@ SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
 MARGIN = 1.25  # bounds over the largest values in the runs
-UNLOADED = (1e-4, 3e-2)  # load inertia where no run states one [kg·m²]
 _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
@@ -68,12 +68,17 @@ def fit_excitation(
     trained_on = [
         {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
     ]
-    origin = {"trained_on": trained_on, "commands": list(commands), "period": period}
+    digest = hashlib.sha256(found.windows.tobytes()).hexdigest()
+    origin = {"trained_on": trained_on, "commands": list(commands), "period": period, "windows_sha256": digest}
     if method == "generated":
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
         from motorprior.identification.excitation.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
+        finished = None if out is None or not Path(out).exists() else LearnedExcitation.load(out)
+        if finished is not None and finished.weights and finished.provenance == origin:
+            progress.note(f"{out} has a generator with the same runs and settings already")
+            return replace(found, weights=finished.weights, method=method, provenance=origin)
         started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
         with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
             weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
@@ -112,7 +117,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     kept = [each[place] for each, chosen in zip(of_kind, places, strict=True) for place in chosen]
     which, windows = np.array([classes.index(kind) for kind, _, _ in kept]), np.stack([row[2] for row in kept])
     of_class = [windows[which == kind] for kind in range(len(classes))]
-    ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else UNLOADED for kind in classes]
+    ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else (UNKNOWN_LOAD,) * 2 for kind in classes]
     return LearnedExcitation(
         "recorded", classes, period, windows, which,
         np.array([command for _, command, _ in kept], float), _frequency(windows[..., 0], period),

@@ -14,6 +14,7 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.optional_terms import SIGNED
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.bench.recording import as_log
@@ -24,7 +25,6 @@ from motorprior.identification.presets import recipe_of
 from motorprior.identification.training_data.windows import training_data, with_window_that_fits
 
 CANDIDATES = 64  # windows of each class to choose from
-ENOUGH = 1.1  # standard deviations, over those after all candidates, at which more seconds do not pay
 IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant
 _NUDGE = 0.05  # difference in z for the derivatives of constants
 
@@ -67,7 +67,11 @@ def plan_excitation(
         kept.append(windows[plans[-1].windows])
     chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
     rest = np.zeros(len(chosen))
-    made = replace(excitation, method="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest)
+    origin = {**excitation.provenance, "plan_of_prior_sha256": prior.sha256()}
+    made = replace(
+        excitation, method="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest,
+        provenance=origin,
+    )  # fmt: skip
     return made, plans
 
 
@@ -106,15 +110,15 @@ def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
     order = greedy(added, len(added))
     sums = np.cumsum(added[order], axis=0)
     after = [deviations(total) for total in sums]
-    mean = np.array([np.mean(list(each.values())) for each in after])
-    enough = int(np.argmax(mean <= ENOUGH * mean[-1]))
+    reachable = [key for key, value in after[-1].items() if value < IDENTIFIED]
+    enough = next(i for i, each in enumerate(after) if all(each[key] < IDENTIFIED for key in reachable))
     before = deviations(np.zeros_like(sums[0]))
     return Plan(name, (enough + 1) * seconds, before, after[enough], np.array(order[: enough + 1]))
 
 
 def _slopes(model: GreyBox) -> dict[str, np.ndarray]:
-    """Derivatives of the logarithm of each positive constant of the central motor by z."""
+    """Derivatives of the logarithm of each positive constant of the central motor that is not fixed by z."""
     nudges = _NUDGE * np.concatenate([np.eye(model.num_latents), -np.eye(model.num_latents)])
     values = {name: np.asarray(value) for name, value in model.constants(nudges).items()}
-    logs = {name: np.log(value) for name, value in values.items() if np.all(value > 0.0)}
-    return {name: (v[: len(v) // 2] - v[len(v) // 2 :]) / (2 * _NUDGE) for name, v in logs.items()}
+    logs = {n: np.log(value) for n, value in values.items() if n not in SIGNED and np.ptp(value) > 0.0}
+    return {n: (value[: len(value) // 2] - value[len(value) // 2 :]) / (2 * _NUDGE) for n, value in logs.items()}
