@@ -41,5 +41,6 @@ if not args.pd:
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation
 env = ManagerBasedRlEnv(cfg=cfg, device=device)
 agent = unitree_go1_ppo_runner_cfg()
+agent.logger = "tensorboard"
 runner = MjlabOnPolicyRunner(RslRlVecEnvWrapper(env), asdict(agent), "runs/mjlab", device)
 runner.learn(args.iterations)

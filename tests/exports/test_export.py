@@ -69,6 +69,31 @@ def test_a_bad_request_is_refused(prior: MotorPrior, arm: Path, format: str, opt
     assert refused.value.remedy
 
 
+@pytest.mark.parametrize(
+    ("format", "before", "after", "value"),
+    [
+        ("mjcf", "</actuator>", '<velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
+        ("mjcf-detailed", "</actuator>", '</actuator><keyframe><key qpos="0 0 0"/></keyframe>', "keyframes"),
+    ],
+)
+def test_a_model_that_would_be_driven_wrongly_is_refused(
+    prior: MotorPrior, arm: Path, format: str, before: str, after: str, value: str
+):
+    arm.write_text(MODEL.replace(before, after))
+    with pytest.raises(ConfigError, match=value):
+        mp.export(prior, format, arm.parent / "out", model=arm, joints=("wrist",))
+
+
+def test_defaults_of_the_model_do_not_change_the_servo_and_its_range_of_commands_stays(prior: MotorPrior, arm: Path):
+    slow = '<default><position timeconst="0.05" forcerange="-0.3 0.3"/>'
+    arm.write_text(MODEL.replace("<default>", slow, 1).replace('kp="3"', 'kp="3" ctrlrange="-1 1"'))
+    found = mp.export(prior, "mjcf", arm.parent / "out", model=arm, joints=("wrist",))
+    model = mujoco.MjModel.from_xml_path(str(found.files[0]))
+    servo = model.actuator("last")
+    assert servo.dyntype[0] == mujoco.mjtDyn.mjDYN_NONE and servo.forcerange[1] > 1.0
+    assert servo.ctrlrange.tolist() == [-1.0, 1.0]
+
+
 DETAILED = pytest.mark.skipif(not is_supported(EXPORTERS["mjcf-detailed"]), reason="needs MuJoCo 4")
 
 
@@ -171,6 +196,15 @@ def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: Motor
     zero = json.loads((tmp_path / "motors.json").read_text())["samples"]["offset"][0][0]
     assert float(data.joint("shoulder").qpos[0]) == pytest.approx(0.5 - zero, abs=0.03)
     assert abs(float(data.joint("shoulder_rotor").qpos[0]) - 0.5) < 0.03, "the rotor's angle is the encoder's"
+
+
+@DETAILED
+def test_a_rotor_starts_at_its_joint_in_a_model_in_degrees(prior: MotorPrior, arm: Path):
+    arm.write_text(MODEL.replace('angle="radian" ', "").replace('name="elbow"', 'name="elbow" ref="-20"'))
+    found = mp.export(prior, "mjcf-detailed", arm.parent / "out", model=arm, joints=("elbow",))
+    data = mujoco.MjData(mujoco.MjModel.from_xml_path(str(found.files[0])))
+    assert float(data.joint("elbow").qpos[0]) == pytest.approx(np.radians(-20.0))
+    assert abs(float(data.joint("elbow_rotor").qpos[0] - data.joint("elbow").qpos[0])) < 0.05
 
 
 def test_bam_json_reads_back_as_the_same_law(prior: MotorPrior, tmp_path: Path):

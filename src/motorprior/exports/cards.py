@@ -8,8 +8,8 @@ from pathlib import Path
 from motorprior.actuator.constants import COLUMNS
 from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
-from motorprior.exceptions import ArtifactError
-from motorprior.exports.exporter import Exporter
+from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exports.exporter import Exporter, Request
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
@@ -18,8 +18,8 @@ def from_pretrained(name: str | Path) -> MotorPrior:
     Raises:
         ArtifactError: neither a shipped card nor a folder with a prior.
     """
-    path = Path(name) / CARD_PRIOR if Path(name).is_dir() else card_file(str(name))
-    if path is None or not path.is_file():
+    path = card_file(str(name)) or Path(name) / CARD_PRIOR
+    if not path.is_file():
         remedy = f"give a folder with {CARD_PRIOR}, or one of {', '.join(shipped_cards())}"
         raise ArtifactError("no motor card", where=name, remedy=remedy)
     return MotorPrior.load(path)
@@ -53,4 +53,10 @@ def _yaml(value: str | float) -> str:
     return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)
 
 
-CARD = Exporter("card", (), lambda request: write_card(request.prior, request.out))
+def _write(request: Request) -> list[Path]:
+    if request.source is not request.prior:
+        raise ConfigError("a card is of a prior, not of a posterior", remedy="export the prior", argument="format")
+    return write_card(request.prior, request.out)
+
+
+CARD = Exporter("card", (), _write)

@@ -17,6 +17,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ConfigError
 
+UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
 Replay: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
@@ -66,6 +67,8 @@ class Exporter:
     replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
     mujoco: int = 3  # major version that it needs
+    # (constants, timestep [s]) whether a motor is written as a plain joint
+    becomes_plain: Callable[[ConstantArrays, float], np.ndarray] | None = None
 
 
 def sampled(
@@ -103,7 +106,9 @@ def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str,
 
 
 def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:
-    """For example "RMSE against the learned motors: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
-    errors = ", ".join(f"{name} {1e3 * value:.1f} mrad" for name, value in losses.items())
+    """For example "RMSE against …: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
+    errors = ", ".join(
+        f"{name} {1e3 * value:.1f} mrad" if value < UNSTABLE else f"{name} unstable" for name, value in losses.items()
+    )
     missing = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
-    return f"RMSE against the learned motors: {errors}; not expressed: {missing or 'nothing'}"
+    return f"RMSE against the learned motors, at steps of at most 2 ms: {errors}; not expressed: {missing or 'nothing'}"

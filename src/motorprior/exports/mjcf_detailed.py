@@ -20,9 +20,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import mujoco
 
+from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import Exporter
 from motorprior.exports.plain_joint import Mjcf, drive, friction, number, replayed, servo, write_plain, write_variants
 
@@ -32,12 +34,20 @@ IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPL
 MAX_STIFFNESS = 0.25
 
 
+def too_stiff(values: Mapping[str, Any], timestep: float) -> Any:
+    """Whether gears are too stiff for a timestep [s]; such motors become plain joints."""
+    return values["gear_stiffness"] * timestep**2 > MAX_STIFFNESS * values["armature"]
+
+
 def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor at a joint."""
     option = mjcf.compiled.opt
-    if values["gear_stiffness"] * option.timestep**2 > MAX_STIFFNESS * values["armature"]:
+    if too_stiff(values, option.timestep):
         write_plain(mjcf, joint, values)
         return
+    if mjcf.compiled.nkey:
+        problem, remedy = "rotors would shift the positions of its keyframes", "delete the keyframes"
+        raise ConfigError(problem, where=mjcf.path, remedy=remedy, argument="model")
     tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
     for name in ("armature", "damping", "frictionloss"):
         tag.setAttribute(name, "0")
@@ -67,16 +77,18 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
         moved = moved.parentNode
     frame = mjcf.compiled.body(int(found.bodyid[0]))
     body = mjcf.add(moved.parentNode, "body", moved, name=rotor, pos=number(*frame.pos), quat=number(*frame.quat))
+    start = float(mjcf.compiled.qpos0[found.qposadr[0]]) + values["encoder_zero"]
     mjcf.add(body, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-10 1e-10 1e-10")
     mjcf.add(
         body, "joint", name=rotor, type="hinge", pos=number(*found.pos), axis=number(*found.axis),
         armature=number(values["armature"]), damping=number(values["viscous_damping"]),
-        frictionloss=number(friction(values)), ref=number(values["encoder_zero"]), limited="false", stiffness="0",
+        frictionloss=number(friction(values)), ref=number(math.degrees(start) if mjcf.in_degrees else start),
+        limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
 
 
 DETAILED = Exporter(
     "mjcf-detailed", ("stribeck_torque", "load_friction"), partial(write_variants, write=write_detailed),
-    partial(replayed, write=write_detailed), needs_model=True, mujoco=4,
+    partial(replayed, write=write_detailed), needs_model=True, mujoco=4, becomes_plain=too_stiff,
 )  # fmt: skip

@@ -43,13 +43,15 @@ class Mjcf:
     document: Any  # minidom document
     compiled: mujoco.MjModel
     path: Path | None = None
+    in_degrees: bool = False  # unit of its angles
 
     @classmethod
     def load(cls, path: Path) -> Mjcf:
         """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
         text = read_text(path)
         try:
-            return cls(minidom.parseString(text.encode()), mujoco.MjModel.from_xml_path(str(path)), path)
+            spec = mujoco.MjSpec.from_file(str(path))
+            return cls(minidom.parseString(text.encode()), spec.compile(), path, spec.compiler.degree)
         except (ExpatError, ValueError) as error:
             reason = " ".join(str(error).split())[:300]
             raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
@@ -63,9 +65,17 @@ class Mjcf:
         return joints[name]
 
     def actuator_of(self, joint: str) -> Element | None:
-        """The first actuator that names the joint."""
+        """The actuator that names the joint, None without any; ConfigError for several, or for one in another file."""
         every = self._inside("actuator", "*")
-        return next((each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))), None)
+        found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
+        model = self.compiled
+        on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+        count = np.count_nonzero(on_joint & (model.actuator_trnid[:, 0] == model.joint(joint).id))
+        if count > 1 or count > len(found):
+            problem = f"joint {joint!r} has {count} actuators, {len(found)} of them in this file"
+            remedy = "leave one, in this file: the motor takes its place"
+            raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
+        return found[0] if found else None
 
     def _inside(self, section: str, element: str) -> list[Element]:
         sections = self.document.getElementsByTagName(section)
@@ -118,9 +128,11 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
     A ``position`` actuator is the same without the encoder zero.
     """
     kp, limit = values["kp"], values["torque_limit"]
-    law = {"gaintype": "fixed", "gainprm": number(kp), "biastype": "affine"}
+    law = {"dyntype": "none", "gaintype": "fixed", "gainprm": number(kp), "biastype": "affine"}
     law |= {"biasprm": number(-kp * values["encoder_zero"], -kp, -kv), "ctrllimited": "false", "gear": "1"}
-    bounded = {"forcelimited": "true", "forcerange": number(-limit, limit)} if math.isfinite(limit) else {}
+    bounded = {"forcelimited": "false"}  # whatever a default of the model says
+    if math.isfinite(limit):
+        bounded = {"forcelimited": "true", "forcerange": number(-limit, limit)}
     # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay is one step
     delay = max(values["delay"] + 0.5 * timestep, timestep)
     samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
@@ -146,10 +158,13 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
     else:
         name = old.getAttribute("name") or joint
+        if old.nodeName == "position" and old.getAttribute("ctrlrange"):
+            attributes |= {"ctrllimited": "true", "ctrlrange": old.getAttribute("ctrlrange")}
         old.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), old)
 
 
 RIG = """<mujoco>
+  <compiler angle="radian"/>
   <option timestep="{dt!r}" integrator="implicitfast" gravity="0 0 0"/>
   <worldbody>
     <body name="link"><inertial pos="0 0 0" mass="1" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>

@@ -26,7 +26,7 @@ from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
 from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, sampled, with_kd
 from motorprior.exports.mjcf_detailed import DETAILED
-from motorprior.exports.plain_joint import PLAIN, TABLE
+from motorprior.exports.plain_joint import PLAIN, TABLE, Mjcf
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import resample
 from motorprior.signals import rmse
@@ -54,12 +54,17 @@ class Exported:
     losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
     not_expressed: dict[str, float]  # median by name of the constants that the format lacks
     gains: tuple[float, float] | None  # medians of kp and kd of the motors in the unit of the logs, if these have gains
+    plain: float = 0.0  # share of motors that mjcf-detailed wrote as plain joints, too stiff for the timestep [-]
 
     def __str__(self) -> str:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
         if self.gains is not None:
             kp, kd = (f"{value:.4g}" for value in self.gains)
             lines.append(f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs")
+        if self.plain:
+            lines.append(
+                f"{100 * self.plain:.0f} % are plain joints: too stiff for the model's timestep, see format mjcf"
+            )
         if self.losses:  # a card loses nothing
             lines.append(described_loss(self.losses, self.not_expressed))
         return "\n".join(lines)
@@ -87,7 +92,7 @@ def export(
         seed: of the samples; the files are deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
         joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
-        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`.
+        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; those of the log if not given.
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Raises:
@@ -106,6 +111,9 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     joints = joints or source.joint_names or ("motor",)
+    prior = source.prior if isinstance(source, MotorPosterior) else source
+    if gains is None and log is not None and prior.model.gain_unit:
+        gains = log.gains
     each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joints)))
     bank = sampled(source, motors, seed, joints, each)
     step, values = min(MAX_STEP, bank.model.period), with_kd(bank.constants())
@@ -116,10 +124,13 @@ def export(
         recorded = None if log is None else log_trial(log, joints, motors, step)
         errors = losses(exporter.replay, bank, step, recorded)
     table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
-    changed = None if model is None else Path(model)
+    changed, plain = None if model is None else Path(model), 0.0
+    if changed is not None and exporter.becomes_plain is not None:
+        timestep = Mjcf.load(changed).compiled.opt.timestep
+        plain = float(np.mean(exporter.becomes_plain(values, timestep)))
     request = Request(source, joints, seed, table, Path(out), changed, errors, not_expressed)
     logged = None if bank.gains is None else (float(np.median(bank.gains[0])), float(np.median(bank.gains[1])))
-    return Exported(tuple(exporter.write(request)), errors, not_expressed, logged)
+    return Exported(tuple(exporter.write(request)), errors, not_expressed, logged, plain)
 
 
 def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
