@@ -102,3 +102,22 @@ def test_a_bench_log_becomes_one_of_the_robots_joints_by_one_option(tmp_path: Pa
     log = mp.load_log(path, robot="pupper_v2", as_joint=["FR_hip"])
     assert (log.robot, log.joint_names, log.gain_unit) == ("pupper_v2", ("FR_hip",), "firmware")
     assert mp.load_log(path).robot == "pendulum"
+
+
+def test_a_value_that_is_held_is_no_motion_and_an_order_of_joints_no_sign():
+    log = moving((0.5, 0.8))
+    held = log.joint_pos.copy()
+    held[400:420, 0] = -np.pi
+    assert [found.row for found in check_log(replace(log, joint_pos=held, joint_vel=None)).errors] == [400]
+    phases = {"FL": 0.0, "FR": np.pi, "RL": np.pi, "RR": 0.0}  # a trot
+    sizes = {"hip": (0.05, 0.0), "thigh": (0.3, 0.6), "calf": (0.5, 1.9)}
+    names = tuple(f"{leg}_{part}" for leg in phases for part in sizes)
+    command = np.stack(
+        [size * np.sin(4 * np.pi * TIME + at + lag) for at in phases.values() for size, lag in sizes.values()], axis=1
+    )
+    by_part = [names.index(f"{leg}_{part}") for part in sizes for leg in phases]
+    trot = replace(
+        log, position_target=command, joint_pos=np.roll(command, 3, axis=0)[:, by_part], joint_vel=None,
+        joint_names=names,
+    )  # fmt: skip
+    assert all("sign = -1" not in found.remedy for found in check_log(trot).errors)

@@ -176,8 +176,8 @@ class MotorPrior(Printable):
         """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
         Args:
-            of: the robot, whose joints have classes; a class per motor; or a number of motors: if as many as the
-                training motors, they have the classes of these, in order, otherwise those of random ones.
+            of: the robot, whose joints have classes; a class or a joint's name per motor; or a number of motors: if as
+                many as the training motors, they have the classes of these, in order, otherwise those of random ones.
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not given, those of the
                 robot or, for as many motors as the training motors, of these; otherwise the medians of the classes.
@@ -215,12 +215,17 @@ class MotorPrior(Printable):
         if isinstance(of, Robot):
             return self.joint_classes(of)
         if not isinstance(of, int | np.integer):
-            return (of,) if isinstance(of, str) else tuple(of)
+            return self._classes_named((of,) if isinstance(of, str) else tuple(of))
         require_count("count", of)
         known = self.classes.of_motors
         if of == len(known) or len(self.classes.names) == 1:
             return known if of == len(known) else (known[0],) * of
         return tuple(known[row] for row in rng.integers(len(known), size=of))
+
+    def _classes_named(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The class of each name, which is that of a class or of a joint."""
+        by_joint = zip(names, self.joint_classes(names), strict=True)
+        return tuple(name if name in self.classes.names else of_joint for name, of_joint in by_joint)
 
     def _gains(self, classes: Sequence[str], gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
@@ -286,8 +291,11 @@ class MotorPrior(Printable):
     def constants(self, joint_class: str | None = None) -> Constants:
         """Constants of new motors with units and ranges between them, at the median logged gains if there are any.
 
-        New motors are of ``joint_class``; without one, of the classes of the training motors, in their proportions.
+        New motors are of ``joint_class``, or that of the joint of this name; without one, of the classes of the
+        training motors, in their proportions.
         """
+        if joint_class is not None:
+            (joint_class,) = self._classes_named((joint_class,))
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=NUM_SAMPLES)
         classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]

@@ -154,7 +154,7 @@ _TENSORS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LearnedExcitation:
     """Windows of runs, and a generator of more of them.
 
@@ -175,6 +175,9 @@ class LearnedExcitation:
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
     jumps: ClassVar[bool] = False
     is_bounded: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        return f"{self.method} excitation of {', '.join(self.classes)}, from {len(self.windows)} windows of runs"
 
     def with_method(self, method: str) -> LearnedExcitation:
         """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""

@@ -152,7 +152,7 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
     except KeyboardInterrupt:
-        CONSOLE.print("interrupted: finished stages are kept, run the same command again to continue")
+        CONSOLE.print("interrupted: what was finished is kept, run the same command again")
         raise SystemExit(130) from None
 
 

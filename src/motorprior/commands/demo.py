@@ -36,8 +36,7 @@ FILM = "film.gif"
 MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
-# assumptions; the study selects them on its validation fleet (docs/transfer.md)
-_PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
+_PD_RANGE, _PRIOR_SHARE = 0.4, 0.5  # those of the study in docs/transfer.md
 
 
 @dataclass(frozen=True)

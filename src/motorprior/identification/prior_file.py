@@ -45,7 +45,7 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
     recipe_of(prior)
     if prior.model.num_latents == 0:
         raise ArtifactError("it has no latents", remedy="identify it with preset rollout")
-    if prior.robot and log.robot not in (BENCH, prior.robot):
+    if prior.robot and log.robot not in (BENCH, prior.robot, ""):
         remedy = "identify a prior from logs of that robot; convert logs of a bench by `motorprior logs import` with "
         remedy += "--robot and --as-joint; in Python, prior.for_robot states that the robot has these motors"
         raise ConfigError(f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy)

@@ -44,6 +44,8 @@ class DrivenJoints:
         if len(joints) != actuator.num_motors:
             problem = f"{len(joints)} joints for {actuator.num_motors} motors"
             raise ConfigError(problem, remedy="sample one motor per joint")
+        if len(set(joints)) < len(joints):
+            raise ConfigError(f"joints {', '.join(joints)} repeat", remedy="name each joint once", argument="joints")
         found = [_hinge(model, name) for name in joints]
         _require_uncoupled(model, found)
         self._model, self._data, self._time = model, data, -np.inf

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.geared_motor import GearedMotor
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import LOG_REACH, MAX_DELAY, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
@@ -193,9 +193,12 @@ def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> Grey
     return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)
 
 
-def near_bounds(x: np.ndarray) -> np.ndarray:
-    """(M, K) whether constants, as logarithms x relative to the central motor's, are at a bound of the search."""
-    return np.abs(x) > 0.99 * LOG_REACH
+def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
+    """(M, K) whether constants, as logarithms x relative to the central motor's (K,), are at a bound of the search."""
+    found = np.abs(x) > 0.99 * LOG_REACH
+    delay = PARAMETERS.index("delay")
+    found[:, delay] |= x[:, delay] + center[delay] > np.log(0.99 * MAX_DELAY)
+    return found
 
 
 def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, names: Iterable[str]) -> frozenset[str]:

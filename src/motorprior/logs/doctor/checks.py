@@ -58,6 +58,10 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
         if other != log.joint_names[column] and correlation > response.CERTAIN_CORRELATION:
             follows = log.joint_names.index(other) not in late
             found[column][0] = response.wrong_joint_finding(found[column][0], other, correlation, follows)
+    if any(response.FOLLOWS_OTHER in found[column][0].message for column in late):
+        for column in late:  # an apparent sign error may be one of order, too
+            if found[column][0].remedy == response.OTHER_SIGN:
+                found[column][0] = replace(found[column][0], remedy=response.COMPARE)
     for column, findings in found.items():
         rows, grid = windows[column]
         for finding in findings:

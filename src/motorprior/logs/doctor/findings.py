@@ -36,18 +36,21 @@ def grouped(findings: Sequence[Finding]) -> list[Finding]:
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LogReport:
     """All findings about one log, errors first."""
 
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        return f"{len(self.errors)} errors in {len(self.findings)} findings"
 
     def __str__(self) -> str:
         lines = [
             f"{each.severity}: {each.check}, row {each.row}: {each.message}{f' -> {each.remedy}' * bool(each.remedy)}"
             for each in grouped(self.findings)
         ]
-        return "\n".join([f"{len(self.errors)} errors in {len(self.findings)} findings", *lines])
+        return "\n".join([repr(self), *lines])
 
     @property
     def errors(self) -> tuple[Finding, ...]:

@@ -172,7 +172,9 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         waited = log.time[rows[later]] - log.time[row]
         near &= (waited >= 0.0) & (waited <= 1.01 * MAX_FAILED * period)
         speed = size / max(period, float(log.time[row] - log.time[row - 1]))
-        neighbours = np.abs(np.delete(steps[max(0, place - 3) : place + 4], min(place, 3)))
+        beside = np.delete(np.arange(max(0, place - 3), min(len(steps), place + 4)), min(place, 3))
+        beside = beside[np.abs(log.time[rows[beside]] - log.time[row]) <= 3.5 * period]  # it may not move for longer
+        neighbours = np.abs(steps[beside])
         if row < back or {row, row - 1} & spikes:
             continue
         if abs(size - math.tau) <= bound:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
-from motorprior.logs.doctor.readings import MAX_LAG
+from motorprior.logs.doctor.readings import MAX_LAG, velocity_spikes
 from motorprior.logs.motor_log import MotorLog, time_steps
 from motorprior.logs.operations import EXCITED_STD, excited_joints, gap_rows, repeated_rows, resample
 from motorprior.signals import encoder_step, runs_of_true
@@ -99,6 +99,17 @@ def frozen_angle(log: MotorLog) -> Iterator[Finding]:
                 break
 
 
+FOLLOWS_OTHER = "follows the command of"
+COMPARE = "compare sign and order of the joints, and the clocks of command and angle"
+OTHER_SIGN = (
+    f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or [joints.….position_target]"
+)
+OTHER_ORDER = (
+    f"the joints of commands and angles are in different orders: correct it in the file, or {IN_MAP} by the column "
+    "names of [joints.…]"
+)
+
+
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
     """Correlation r of the angle with the command k rows before, over the same rows of the angle.
 
@@ -144,10 +155,7 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
     severity, value, message, remedy = "warning", seconds, described, ""
     if can_oppose and -opposes - (follows if seconds < MAX_LAG else 0.0) > 0.1:
         severity, value, message = "error", opposes, f"{joint} {against}"
-        remedy = f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or "
-        remedy += "[joints.….position_target]"
-        if -opposes <= CERTAIN_CORRELATION:
-            remedy = "compare sign and order of the joints, and the clocks of command and angle"
+        remedy = OTHER_SIGN if -opposes > CERTAIN_CORRELATION else COMPARE
     elif follows < MIN_CORRELATION:
         value, message = follows, f"{described}, below {MIN_CORRELATION}"
         remedy = "check power, joint order and clocks; or command more than the dead band of the servo"
@@ -189,11 +197,10 @@ def wrong_joint_finding(finding: Finding, other: str, correlation: float, other_
     is_reverse = finding.severity == "error" and -finding.value > correlation - 0.1
     if is_reverse and other_follows:
         return finding
-    message = f"{finding.joint} follows the command of {other}, correlation {correlation:.2f}; {finding.message}"
+    message = f"{finding.joint} {FOLLOWS_OTHER} {other}, correlation {correlation:.2f}; {finding.message}"
     if is_reverse or other_follows:
         return replace(finding, severity="warning", message=message, remedy="")
-    remedy = f"the joints of commands and angles are in different orders: correct it in the file, or {IN_MAP} by the "
-    return replace(finding, severity="error", message=message, remedy=f"{remedy}column names of [joints.…]")
+    return replace(finding, severity="error", message=message, remedy=OTHER_ORDER)
 
 
 def saturation(window: MotorLog) -> Iterator[Finding]:
@@ -241,7 +248,8 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
     integrated, moved = [], []
     for part in log.segments():
         assert part.joint_vel is not None
-        steps = np.diff(part.time)[:, None] * 0.5 * (part.joint_vel[1:] + part.joint_vel[:-1])
+        usable = np.where(velocity_spikes(part.joint_vel), 0.0, part.joint_vel)
+        steps = np.diff(part.time)[:, None] * 0.5 * (usable[1:] + usable[:-1])
         integral = np.concatenate([np.zeros((1, log.num_joints)), np.cumsum(steps, axis=0)])
         integrated.append(integral[width:] - integral[:-width])
         moved.append(part.joint_pos[width:] - part.joint_pos[:-width])
