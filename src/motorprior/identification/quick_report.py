@@ -37,6 +37,10 @@ RESPONSE_CONSTANTS = {
     "delay": ("delay", 1.0, "s"),
     "bandwidth": ("rate", 0.5 / np.pi, "Hz"),
     "dead_band": ("band", 1.0, "rad"),
+    "gain": ("gain", 1.0, "1"),
+    "offset": ("offset", 1.0, "rad"),
+    "speed_limit": ("speed", 1.0, "rad/s"),
+    "acceleration_limit": ("acceleration", 1.0, "rad/s²"),
 }
 
 
@@ -72,6 +76,8 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
     values, units, identified, warnings = {}, {}, {}, []
     for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
+        if np.allclose(fitted[key], CONSTANTS[key], atol=1e-6):  # a part that no joint needs
+            continue
         values[name], units[name], identified[name] = factor * fitted[key], unit, not bounds[key].any()
         joints = [f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(bounds[key])]
         warnings += [f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"] * bool(joints)
