@@ -78,8 +78,9 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
         if np.allclose(fitted[key], CONSTANTS[key], atol=1e-6):  # a part that no joint needs
             continue
-        values[name], units[name], identified[name] = factor * fitted[key], unit, not bounds[key].any()
-        joints = [f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(bounds[key])]
+        at_bound = bounds.get(key, np.zeros(train.num_joints, bool))  # an offset has no bounds
+        values[name], units[name], identified[name] = factor * fitted[key], unit, not at_bound.any()
+        joints = [f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(at_bound)]
         warnings += [f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"] * bool(joints)
     return replace(found, warnings=warnings, constants=Constants.of(values, units, identified))
 
