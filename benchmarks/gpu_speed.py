@@ -1,0 +1,152 @@
+"""Control steps per second of a quadruped in MuJoCo Warp on a GPU, with sampled motors and with a PD.
+
+    python benchmarks/gpu_speed.py --out runs/gpu_speed
+
+Worlds of pupper_v2 trot open loop, a CUDA graph per control step (captured: 1; a CPU has none). Paths: ``pd``, native
+position actuators; ``pd_friction``, these with armature and dry friction; ``learned``, sampled motors, others in every
+world, by the launches of our mjlab actuator. figures.json, per number of worlds: control_steps_per_s/PATH, of all
+worlds, median of ROUNDS rounds; learned_over_PATH, ratio of times; motors_us and motor_kernel_us, times of all launches
+of the motors and of their kernel alone per physics step [µs]; upright/PATH, share of worlds after a round.
+"""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import tyro
+
+try:
+    import mujoco_warp as mjw
+    import warp as wp
+except ModuleNotFoundError as error:
+    raise SystemExit(f"{error}: pip install 'motorprior[mjlab]'") from error
+
+from figures import report
+from motorprior.exports.cards import from_pretrained
+from motorprior.exports.exporter import sampled
+from motorprior.exports.warp_motors import WarpMotors
+from motorprior.robots.load import load_robot
+
+ROBOT, SAMPLES, STEPS, ROUNDS, ARMATURE, FRICTION = load_robot("pupper_v2"), 1024, 100, 7, 0.003, 0.1
+Work = Callable[[], object]
+PATHS, SUBSTEPS = ("pd", "pd_friction", "learned"), round(ROBOT.control_dt / ROBOT.physics_dt)
+
+
+def model_of(path: str) -> mujoco.MjModel:
+    """The robot on a floor with the actuators of a path, and mjlab's integrator."""
+    spec = mujoco.MjSpec.from_string(ROBOT.model.mjcf())
+    spec.option.timestep, spec.option.integrator = ROBOT.physics_dt, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.worldbody.first_body().pos = [0.0, 0.0, ROBOT.standing_height]
+    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0)
+    for leg in ROBOT.legs:
+        spec.add_pair(geomname1="floor", geomname2=leg.foot, condim=3, friction=[ROBOT.foot_friction] * 2 + [0.0] * 3)
+    for joint in ROBOT.joints:
+        actuator = spec.add_actuator(target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        if path != "learned":
+            actuator.set_to_position(kp=joint.kp, kv=joint.kd)
+            actuator.forcelimited, actuator.forcerange = 1, [-joint.torque_limit, joint.torque_limit]
+        if path == "pd_friction":
+            spec.joint(joint.name).armature, spec.joint(joint.name).frictionloss = ARMATURE, FRICTION
+    return spec.compile()
+
+
+def trot(worlds: int) -> wp.array:
+    """(STEPS, worlds, joints) position targets of trots of several sizes and phases [rad]."""
+    drawn = np.random.default_rng(0).uniform(size=(2, worlds, 1))
+    size = (0.3 + 0.7 * drawn[0]) * np.tile([0.0, 0.2, 0.3], 4)  # abduction, hip, knee
+    phase = drawn[1] + np.repeat([leg.phase for leg in ROBOT.legs], 3) + np.tile([0.0, 0.0, 0.25], 4)
+    cycles = ROBOT.require_gait().frequency * ROBOT.control_dt * np.arange(STEPS)[:, None, None]
+    return wp.array(ROBOT.nominal_pose + size * np.sin(2 * np.pi * (cycles + phase)), dtype=float)
+
+
+def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work, Work, Work]:
+    """Restart of the motors, all their launches for a physics step, and their kernel alone."""
+    shape, size = target.shape, target.size
+    bank = sampled(from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
+    motors = WarpMotors(bank, size, ROBOT.physics_dt, str(wp.get_device()))
+    drawn = np.random.default_rng(0).integers(0, SAMPLES, shape) * shape[1] + np.arange(shape[1])
+    chosen, waiting = wp.array(drawn.ravel(), dtype=int), wp.ones(size, dtype=wp.bool)
+    pos, vel = wp.zeros(shape, dtype=float), wp.zeros(shape, dtype=float)
+    model.dof_damping = wp.zeros((shape[0], model.nv), dtype=float)
+
+    def kernel() -> None:
+        motors.step(target.flatten(), pos.flatten(), vel.flatten())
+
+    def drive() -> None:
+        wp.copy(pos, data.qpos[:, 7:])
+        wp.copy(vel, data.qvel[:, 6:])
+        motors.reset(waiting, chosen, pos.flatten(), pos.flatten())
+        waiting.fill_(False)
+        kernel()
+        wp.copy(data.ctrl, motors.torque.reshape(shape))
+        wp.copy(model.dof_damping[:, 6:], motors.damping.reshape(shape))
+
+    return lambda: waiting.fill_(True), drive, kernel
+
+
+def seconds(work: Work, calls: int = 1000) -> float:
+    """Time of a call [s], mean of several."""
+    wp.synchronize()
+    started = time.perf_counter()
+    for _ in range(calls):
+        work()
+    wp.synchronize()
+    return (time.perf_counter() - started) / calls
+
+
+def graph(work: Work) -> Work:
+    """The work as a CUDA graph; on a CPU the work itself."""
+    work()  # compiles
+    if not wp.get_device().is_cuda:
+        return work
+    with wp.ScopedCapture() as capture:
+        work()
+    return lambda _owner=work: wp.capture_launch(capture.graph)  # a graph does not keep the arrays of its work
+
+
+def rounds_of(path: str, targets: wp.array, figures: dict[str, float]) -> Callable[[], float]:
+    """Rounds from the start, which return the time of a control step [s]; writes other figures of the path."""
+    count, compiled = targets.shape[1], model_of(path)
+    model, data = mjw.put_model(compiled), mjw.make_data(compiled, nworld=count, nconmax=8, njmax=64)
+    start = np.tile([*compiled.qpos0[:7], *ROBOT.nominal], (count, 1)).astype(np.float32)
+    target, restart, drive = data.ctrl, lambda: None, lambda: None
+    if path == "learned":
+        target = wp.zeros(targets.shape[1:], dtype=float)
+        restart, drive, kernel = motors_of(model, data, target)
+        figures[f"motors_us/{count}"] = 1e6 * seconds(graph(drive))
+        figures[f"motor_kernel_us/{count}"] = 1e6 * seconds(graph(kernel))
+    step = graph(lambda: [(drive(), mjw.step(model, data)) for _ in range(SUBSTEPS)])
+
+    def run() -> float:
+        mjw.reset_data(model, data)
+        data.qpos.assign(start)
+        restart()
+        steps = iter(range(STEPS))
+        found = seconds(lambda: (wp.copy(target, targets[next(steps)]), step()), STEPS)
+        pos = data.qpos.numpy()
+        assert np.isfinite(pos).all(), f"{path}: a position is not finite"
+        figures[f"upright/{path}/{count}"] = float((pos[:, 2] > ROBOT.min_base_height).mean())
+        return found
+
+    return run
+
+
+def measure(out: Path = Path("runs/gpu_speed"), worlds: tuple[int, ...] = (1024, 4096, 16384)) -> None:
+    """Measure, print and write; see the module docstring."""
+    figures: dict[str, float] = {"captured": float(wp.get_device().is_cuda)}
+    for count in worlds:
+        targets = trot(count)
+        runs = [rounds_of(path, targets, figures) for path in PATHS]
+        times = np.array([[run() for run in runs] for _ in range(ROUNDS)])
+        for path, each in zip(PATHS, times.T, strict=True):
+            figures[f"control_steps_per_s/{path}/{count}"] = float(np.median(count / each))
+            if path != "learned":
+                figures[f"learned_over_{path}/{count}"] = float(np.median(times[:, 2] / each))
+    report(figures, out / "figures.json")
+
+
+if __name__ == "__main__":
+    tyro.cli(measure, description=__doc__)
