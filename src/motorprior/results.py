@@ -56,8 +56,8 @@ class Results:
     def __str__(self) -> str:
         named = [name for name in Result.__dataclass_fields__ if any(getattr(row, name) is not None for row in self)]
         rows = [[getattr(row, name) for name in named] for row in self]
-        texts = {None: ""}
-        cells = [[f"{c:.4g}" if isinstance(c, float) else texts.get(c, str(c)) for c in row] for row in rows]
+        rows = [["" if cell is None else cell for cell in row] for row in rows]
+        cells = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
         return text_table(named, cells)
 
     def where(self, **columns: Any) -> Results:

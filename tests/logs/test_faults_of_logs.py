@@ -34,11 +34,11 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     assert clean.joint_vel is not None
     angle, speed = clean.joint_pos.copy(), clean.joint_vel.copy()
     angle[[200, 700], 0], angle[900:902, 1], angle[-1, 1], speed[[400, 1200], 1] = -np.pi, -np.pi, -np.pi, 620.0
-    log, (line,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed))
-    assert line.removeprefix(WARNING) == "7 rows in which a read failed are left out (a 2, b 5)"
+    log, (line,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed), "made")
+    assert line == f"{WARNING}made: 7 rows in which a read failed are left out (a 2, b 5)"
     assert log.num_rows == 1493 and log.segment is None
     np.testing.assert_array_equal(log.joint_pos, clean.joint_pos[np.isin(TIME, log.time)])
-    assert cleaned(clean) == (clean, [])
+    assert cleaned(clean, "made") == (clean, [])
 
 
 def test_errors_are_warnings_of_the_import_and_an_impossible_rate_ends_it(tmp_path: Path):

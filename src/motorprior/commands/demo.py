@@ -36,7 +36,7 @@ FILM = "film.gif"
 MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
-# the study of docs/transfer.md has 0.4 and 0.5: on such a PD a policy learns to walk in more iterations than here
+# the study of docs/transfer.md has 0.4 and 0.5; with so wide a PD, policies need more iterations than here to walk
 _PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
 
 

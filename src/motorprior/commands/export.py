@@ -10,6 +10,7 @@ import numpy as np
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ConfigError
+from motorprior.exports.exporter import prior_of
 from motorprior.exports.registry import Exported, export
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.progress import SILENT, Progress
@@ -61,7 +62,7 @@ def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, 
     """Given kp and kd; one that is not given is the median of the logs, or kd is kp if these have none."""
     if config.kp is None and config.kd is None:
         return None
-    logged = (source.prior if isinstance(source, MotorPosterior) else source).gains
+    logged = prior_of(source).gains
     if logged is None:
         problem = "the logs of the prior have no gains, so its motors have a fixed kp and kd"
         raise ConfigError(problem, remedy="omit it", argument="kd" if config.kp is None else "kp")

@@ -77,7 +77,7 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
 
     first = next(iter(folder.logs.values()))
     described = robot if first.joint_names == robot.joint_names else None
-    whole, lines = _without_gaps(config, folder)
+    whole, lines = _cleaned(config, folder)
     prepare, loads = loads_of(config, folder.logs, described)
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
@@ -91,16 +91,16 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
     write_validation(config.out, found, [*lines, loads, logs.rule])
 
 
-def _without_gaps(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
+def _cleaned(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
     logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
-            logs[name], found = cleaned(log)
+            logs[name], found = cleaned(log, name)
         except LogError as error:
-            unsteady, found = error, [f"left out {error}"]
+            unsteady, found = error, [f"{name}: left out {error}"]
         assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {line.removeprefix(WARNING)}" for line in (assumed, *found) if line]
+        lines += [f"{name}: {assumed}"] * bool(assumed) + [line.removeprefix(WARNING) for line in found]
     if unsteady and not logs:
         raise unsteady
     return logs, lines

@@ -39,7 +39,7 @@ class Request:
     @property
     def prior(self) -> MotorPrior:
         """The prior of the motors."""
-        return self.source.prior if isinstance(self.source, MotorPosterior) else self.source
+        return prior_of(self.source)
 
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
         """Robot, joint and constants of every motor."""
@@ -69,6 +69,11 @@ class Exporter:
     mujoco: int = 3  # major version that it needs
     # (constants, timestep [s]) whether a motor is written as a plain joint
     becomes_plain: Callable[[ConstantArrays, float], np.ndarray] | None = None
+
+
+def prior_of(source: MotorPrior | MotorPosterior) -> MotorPrior:
+    """The prior itself, or that of a posterior."""
+    return source.prior if isinstance(source, MotorPosterior) else source
 
 
 def sampled(

@@ -24,7 +24,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
-from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, sampled, with_kd
+from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, prior_of, sampled, with_kd
 from motorprior.exports.mjcf_detailed import DETAILED
 from motorprior.exports.plain_joint import PLAIN, TABLE, Mjcf
 from motorprior.logs.motor_log import MotorLog
@@ -111,8 +111,7 @@ def export(
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
     joints = joints or source.joint_names or ("motor",)
-    prior = source.prior if isinstance(source, MotorPosterior) else source
-    if gains is None and log is not None and prior.model.gain_unit:
+    if gains is None and log is not None and prior_of(source).model.gain_unit:
         gains = log.gains
     each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joints)))
     bank = sampled(source, motors, seed, joints, each)

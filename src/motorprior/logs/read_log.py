@@ -218,10 +218,9 @@ def load_log(
                 problem = f"suspended: the log already contains its load ({present[0]})"
                 raise ConfigError(problem, where=path, remedy="remove suspended", argument="suspended")
             require_fixed_base(log, model, path)
-        log, lines = cleaned(log, period or 0.0)
-        for line in [*lines, *([reader.assumption] if reader.assumption and not columns else [])]:
-            prefix = WARNING if line.startswith(WARNING) else ""
-            progress.note(f"{prefix}{path}: {line.removeprefix(WARNING)}")
+        log, lines = cleaned(log, str(path), period or 0.0)
+        for line in [*lines, *([f"{path}: {reader.assumption}"] if reader.assumption and not columns else [])]:
+            progress.note(line)
         if period is not None:
             log = resample(log, period) if model is None else smooth_on_grid(log, period)
     if model is not None:
@@ -247,10 +246,10 @@ def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], pat
     raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
 
 
-def cleaned(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
-    """The log without rows in which a read failed, with a segment after every gap; and sentences about both.
+def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, list[str]]:
+    """The log without rows in which a read failed, with a segment after every gap; and lines about both.
 
-    Further sentences are warnings of the errors that `check_log` finds.
+    Lines begin with the ``name`` of the log. Further lines are warnings of the errors that `check_log` finds.
 
     Raises:
         LogError: as `begin_at_gaps`; a rate that no motor is recorded at; or a segment that has fewer than 2 rows
@@ -259,13 +258,13 @@ def cleaned(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, list[str]]:
     failed = failed_reads(log)
     counts, rows = failed.sum(axis=0), np.asarray(failed.any(axis=1))
     named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
-    lines = [f"{WARNING}{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
+    warnings = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
     log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)
     for error in grouped(check_log(log).errors):
         if error.check == "rate":
             raise LogError(error.message, where=log.source, remedy=error.remedy)
-        lines.append(f"{WARNING}{error.message} -> {error.remedy}")
-    return log, lines + ([gaps] if gaps else [])
+        warnings.append(f"{error.message} -> {error.remedy}")
+    return log, [*(f"{WARNING}{name}: {text}" for text in warnings), *([f"{name}: {gaps}"] if gaps else [])]
 
 
 def _with_settings(

@@ -78,11 +78,12 @@ def fit_excitation(
         finished = None if out is None or not Path(out).exists() else LearnedExcitation.load(out)
         if finished is not None and finished.weights and finished.provenance == origin:
             progress.note(f"{out} has a generator with the same runs and settings already")
-            return replace(found, weights=finished.weights, method=method, provenance=origin)
-        started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
-        with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
-            weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
-        progress.note(f"trained in {monotonic() - started:.1f} s")
+            weights = finished.weights
+        else:
+            started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
+            with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
+                weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
+            progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
     found = replace(found.with_method(method), provenance=origin)
     if out is not None:

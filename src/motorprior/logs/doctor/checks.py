@@ -51,17 +51,20 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
-    late = {joint for joint in found if found[joint][0].severity != "info"}  # the first is that of `response.tracking`
+    ambiguous = False
+    # The first finding is that of `response.tracking`.
+    late = {joint for joint in found if found[joint][0].severity != "info"}
     for column in sorted(late):
         rows, grid = windows[column]
         other, correlation = response.best_matching_command(log.rows(rows), column, grid.period)
         if other != log.joint_names[column] and correlation > response.CERTAIN_CORRELATION:
             follows = log.joint_names.index(other) not in late
-            found[column][0] = response.wrong_joint_finding(found[column][0], other, correlation, follows)
-    if any(response.FOLLOWS_OTHER in found[column][0].message for column in late):
-        for column in late:  # an apparent sign error may be one of order, too
-            if found[column][0].remedy == response.OTHER_SIGN:
-                found[column][0] = replace(found[column][0], remedy=response.COMPARE)
+            before = found[column][0]
+            found[column][0] = response.wrong_joint_finding(before, other, correlation, follows)
+            ambiguous |= found[column][0] is not before
+    for column in late if ambiguous else ():  # an apparent sign error may be one of order, too
+        if found[column][0].remedy == response.OTHER_SIGN:
+            found[column][0] = replace(found[column][0], remedy=response.COMPARE)
     for column, findings in found.items():
         rows, grid = windows[column]
         for finding in findings:

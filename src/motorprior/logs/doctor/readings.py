@@ -173,7 +173,8 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         near &= (waited >= 0.0) & (waited <= 1.01 * MAX_FAILED * period)
         speed = size / max(period, float(log.time[row] - log.time[row - 1]))
         beside = np.delete(np.arange(max(0, place - 3), min(len(steps), place + 4)), min(place, 3))
-        beside = beside[np.abs(log.time[rows[beside]] - log.time[row]) <= 3.5 * period]  # it may not move for longer
+        # An angle that is held has no steps.
+        beside = beside[np.abs(log.time[rows[beside]] - log.time[row]) <= 3.5 * period]
         neighbours = np.abs(steps[beside])
         if row < back or {row, row - 1} & spikes:
             continue

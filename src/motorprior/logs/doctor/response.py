@@ -99,7 +99,6 @@ def frozen_angle(log: MotorLog) -> Iterator[Finding]:
                 break
 
 
-FOLLOWS_OTHER = "follows the command of"
 COMPARE = "compare sign and order of the joints, and the clocks of command and angle"
 OTHER_SIGN = (
     f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or [joints.….position_target]"
@@ -197,7 +196,7 @@ def wrong_joint_finding(finding: Finding, other: str, correlation: float, other_
     is_reverse = finding.severity == "error" and -finding.value > correlation - 0.1
     if is_reverse and other_follows:
         return finding
-    message = f"{finding.joint} {FOLLOWS_OTHER} {other}, correlation {correlation:.2f}; {finding.message}"
+    message = f"{finding.joint} follows the command of {other}, correlation {correlation:.2f}; {finding.message}"
     if is_reverse or other_follows:
         return replace(finding, severity="warning", message=message, remedy="")
     return replace(finding, severity="error", message=message, remedy=OTHER_ORDER)
