@@ -38,9 +38,9 @@ from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
-from motorprior.identification.adapt import advice_on_weak_motors
-from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.command import Commands
+from motorprior.priors.adapt import advice_on_weak_motors
+from motorprior.priors.prior_file import load_prior
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

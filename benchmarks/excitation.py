@@ -28,15 +28,15 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bench.recording import BENCH_PRESETS, BenchPreset, bench_preset, record, training_motors
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.adapt import adapt_to
-from motorprior.identification.excitation.fit_excitation import fit_excitation
-from motorprior.identification.excitation.plan import plan_excitation
-from motorprior.identification.fit_prior import fit_recipe
+from motorprior.excitation.fit_excitation import fit_excitation
+from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.read_log import load_log
+from motorprior.priors.adapt import adapt_to
+from motorprior.priors.fit_prior import fit_recipe
 from motorprior.progress import Lines
 from motorprior.report.plots_style import png_bytes
 from motorprior.results import Results

@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.bench.recording import BENCH_PRESETS
-from motorprior.identification.held_out import standardise, two_sample_auc
+from motorprior.priors.held_out import standardise, two_sample_auc
 from motorprior.results import Result, Results
 
 BANDS = (0.0, 2.0, 5.0, 10.0, 50.0)  # of the target's spectrum [Hz]

@@ -19,8 +19,8 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate import Validate, run_validate
-from motorprior.identification.fit_prior import PRIOR
 from motorprior.identification.presets import network_steps
+from motorprior.priors.fit_prior import PRIOR
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.stage import FIGURES, MARKER, write_results

@@ -19,13 +19,13 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import record_bench
+from motorprior.evaluation.bench_truth import log_coverage
+from motorprior.evaluation.free_runs import free_run_errors
 from motorprior.exports.cards import write_card
-from motorprior.identification.evaluation.bench_truth import log_coverage
-from motorprior.identification.evaluation.free_runs import free_run_errors
-from motorprior.identification.fit_prior import fit_prior
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.priors.fit_prior import fit_prior
 from real_logs import (
     FACTOR,
     PROGRESS,

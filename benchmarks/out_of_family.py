@@ -27,17 +27,17 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.identification.evaluation.bench_truth import (
+from motorprior.evaluation.bench_truth import (
     HELD_OUT,
     MAX_WORK,
     ModelOfMotors,
     bench_coverage,
     bench_errors,
 )
-from motorprior.identification.fit_prior import PRIOR
-from motorprior.identification.held_out import adapt_all, adapted_models, distribution, held_out_motors
+from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
 from motorprior.identification.presets import network_steps
+from motorprior.priors.fit_prior import PRIOR
+from motorprior.priors.held_out import adapt_all, adapted_models, distribution, held_out_motors
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

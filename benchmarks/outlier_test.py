@@ -16,8 +16,8 @@ import tyro
 from figures import markdown
 from motorprior.bench.recording import bench_preset, record
 from motorprior.commands.validate import load_priors
-from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.identification.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
+from motorprior.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
+from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 

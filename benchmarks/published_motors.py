@@ -21,9 +21,9 @@ import motorprior as mp
 from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.evaluation.bench_truth import log_coverage
+from motorprior.evaluation.free_runs import free_run_errors
 from motorprior.exports.bam import motors_of, rigid_gear
-from motorprior.identification.evaluation.bench_truth import log_coverage
-from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet

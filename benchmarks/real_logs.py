@@ -35,22 +35,22 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.identification.adapt import adapt_to
+from motorprior.evaluation.bench_truth import log_coverage, zero_shot
+from motorprior.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
-from motorprior.identification.evaluation.free_runs import MotorModel, free_run_errors
-from motorprior.identification.fit_prior import fit_prior, fit_recipe
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import PRESETS, Preset, recipe_of
-from motorprior.identification.validate import baseline_recipes, fitted_baselines
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.operations import drop_repeats, excited_joints, joined, resample
 from motorprior.logs.read_log import read_log, short_name
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.logs.splits import first_and_rest, train_test_halves, window
+from motorprior.priors.adapt import adapt_to
+from motorprior.priors.fit_prior import fit_prior, fit_recipe
+from motorprior.priors.validate import baseline_recipes, fitted_baselines
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES, description, is_finished, working

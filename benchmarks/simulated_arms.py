@@ -24,11 +24,11 @@ import numpy as np
 import tyro
 
 from figures import report
-from motorprior.identification.fit_prior import fit_prior
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.loads import with_loads
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid
+from motorprior.priors.fit_prior import fit_prior
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
 from motorprior.stage import FIGURES

@@ -18,10 +18,10 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
-from motorprior.identification.prior_file import load_prior
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import command_step, follow_command, new_gait
+from motorprior.priors.prior_file import load_prior
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT

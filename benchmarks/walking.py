@@ -29,10 +29,10 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import record_bench
 from motorprior.bench.fleet import Fleet, load_robot_fleet
-from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import make_executor
 from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.priors.fit_prior import PRIOR, fit_prior
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

@@ -16,15 +16,35 @@ WORDS = {
     *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
 }
 ORDER = [
-    *("words", "robots", "logs", "actuator", "bench", "identification", "locomotion", "simulation", "studies"),
+    *(
+        "words",
+        "robots",
+        "logs",
+        "actuator",
+        "bench",
+        "identification",
+        "evaluation",
+        "priors",
+        "excitation",
+        "locomotion",
+        "simulation",
+        "studies",
+    ),
     *("exports", "environments", "report", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
-    "hardware": {"simulation", "actuator", "identification"},  # what the robot's computer does not install
+    "hardware": {
+        "simulation",
+        "actuator",
+        "identification",
+        "evaluation",
+        "priors",
+        "excitation",
+    },  # what the robot's computer does not install
     "locomotion": {"simulation"},  # gets a backend handed in
 }
 FOLDERS = {
-    **dict.fromkeys(["jax", "optax"], "identification/"),
+    **dict.fromkeys(["jax", "optax"], "identification/networks/"),
     **dict.fromkeys(["warp", "torch", "mjlab", "mujoco_warp", "newton"], "exports/"),
     "mujoco": ("simulation/", "exports/", "robots/user_model", "robots/build_model", "logs/loads"),
     "pybullet": "simulation/",
@@ -111,7 +131,7 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     assert found == ([breach] if breach else [])
 
 
-@pytest.mark.parametrize(("name", "min_modules"), [("commands", 5), ("identification", 8), ("logs", 2)])
+@pytest.mark.parametrize(("name", "min_modules"), [("commands", 5), ("identification", 6), ("priors", 6), ("logs", 2)])
 def test_modules_of_a_folder_import_one_way(name: str, min_modules: int):
     """Each folder and module of it counts as one."""
     folder, needs = SOURCE / name, {}
@@ -144,7 +164,7 @@ def test_files_are_short():
 ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
     "bench/excitation.py": "sines of a multisine",
-    "identification/held_out.py": "the variance of a rank sum",
+    "priors/held_out.py": "the variance of a rank sum",
     "studies/robot_fidelity.py": "draws of motors",
 }
 """Where the number 12 is not the joints of some robot."""

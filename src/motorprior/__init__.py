@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from motorprior.exceptions import LogError as LogError
     from motorprior.exceptions import MotorPriorError as MotorPriorError
     from motorprior.exceptions import SimulationFault as SimulationFault
+    from motorprior.excitation.fit_excitation import fit_excitation as fit_excitation
     from motorprior.exports.bam import read_motor as read_motor
     from motorprior.exports.cards import from_pretrained as from_pretrained
     from motorprior.exports.registry import export as export
-    from motorprior.identification.adapt import adapt as adapt
-    from motorprior.identification.excitation.fit_excitation import fit_excitation as fit_excitation
-    from motorprior.identification.fit_prior import fit_prior as fit_prior
-    from motorprior.identification.validate import validate as validate
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.motor_log import MotorLog as MotorLog
     from motorprior.logs.read_log import load_log as load_log
     from motorprior.logs.read_log import read_log as read_log
     from motorprior.logs.readers.motor_log_file import write_log as write_log
+    from motorprior.priors.adapt import adapt as adapt
+    from motorprior.priors.fit_prior import fit_prior as fit_prior
+    from motorprior.priors.validate import validate as validate
     from motorprior.progress import Lines as Lines
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot

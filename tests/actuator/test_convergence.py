@@ -13,7 +13,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_trial
-from motorprior.identification.evaluation.bench_truth import HELD_OUT
+from motorprior.evaluation.bench_truth import HELD_OUT
 from motorprior.signals import rms
 
 MOTORS = 16

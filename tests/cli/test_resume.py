@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.bench.fleet import fleet_path
-from motorprior.identification.fit_prior import CHECKPOINT, PRIOR
+from motorprior.priors.fit_prior import CHECKPOINT, PRIOR
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")

@@ -13,7 +13,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report
-from motorprior.identification.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
+from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.page import page

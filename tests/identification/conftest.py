@@ -11,7 +11,7 @@ from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import BENCH_PRESETS, bench_trial
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.windows import Measured, TrainingData
 
 BENCH = BENCH_PRESETS["rollout"]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}

@@ -7,11 +7,11 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification.adapt import adapt_to
-from motorprior.identification.evaluation.reference import LEVELS, SPEEDS, residual_scale
+from motorprior.evaluation.reference import LEVELS, SPEEDS, residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved
+from motorprior.priors.adapt import adapt_to
 
 METRICS = {f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45 for level in LEVELS for speed in SPEEDS}
 

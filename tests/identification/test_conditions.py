@@ -10,7 +10,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.physics.term_selection import same_conditions
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 Networks = Callable[..., GreyBox]
 Data = Callable[..., TrainingData]

@@ -10,8 +10,8 @@ import pytest
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.excitation.fit_excitation import fit_excitation, windows_of
-from motorprior.identification.excitation.plan import plan_excitation
+from motorprior.excitation.fit_excitation import fit_excitation, windows_of
+from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog

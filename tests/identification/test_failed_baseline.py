@@ -8,8 +8,8 @@ import pytest
 
 from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.validate import fitted_baselines
 from motorprior.logs.motor_log import MotorLog
+from motorprior.priors.validate import fitted_baselines
 from motorprior.progress import SILENT, Lines
 
 

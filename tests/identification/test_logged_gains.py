@@ -12,7 +12,7 @@ from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData, training_data
+from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 Networks = Callable[..., GreyBox]

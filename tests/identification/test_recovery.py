@@ -13,9 +13,9 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
-from motorprior.identification.train import TrainingResult, identify
-from motorprior.identification.training_data.windows import training_data
+from motorprior.identification.windows import training_data
 from motorprior.logs.motor_log import MotorLog
+from motorprior.priors.train import TrainingResult, identify
 
 pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")

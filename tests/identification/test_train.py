@@ -12,9 +12,9 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.train import identify
-from motorprior.identification.training_data.windows import TrainingData, training_data
+from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
+from motorprior.priors.train import identify
 
 PERIOD, FINE = 0.002, 8
 SMALL = replace(

@@ -11,10 +11,10 @@ import pytest
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
-from motorprior.identification import validate
-from motorprior.identification.fit_prior import fit_prior, trained_on
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
+from motorprior.priors import validate
+from motorprior.priors.fit_prior import fit_prior, trained_on
 from motorprior.progress import SILENT, Lines
 
 

@@ -7,7 +7,7 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.identification.adapt import advice_on_weak_motors, weak_below
+from motorprior.priors.adapt import advice_on_weak_motors, weak_below
 
 NAMES = ("hip", "knee", "ankle")
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from swinging_load import swinging_load
 
-from motorprior.identification.evaluation.free_runs import Trace
+from motorprior.evaluation.free_runs import Trace
 from motorprior.report.plots import draw_errors_by_joint, draw_traces, excitation_and_response, learning_curves
 from motorprior.report.plots_style import png_bytes
 

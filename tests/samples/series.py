@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.identification.training_data.windows import CHANNELS, KD, KP, POS, READING, SUPPLY
+from motorprior.identification.windows import CHANNELS, KD, KP, POS, READING, SUPPLY
 
 
 def complete(series: np.ndarray) -> np.ndarray:

@@ -21,13 +21,13 @@ from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
+from motorprior.evaluation import errors as log_errors
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.read_log import read_log
+from motorprior.priors.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.identification.adapt import adapt
-from motorprior.identification.prior_file import load_prior
 from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.priors.adapt import adapt
+from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 

@@ -10,8 +10,8 @@ import numpy as np
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import read_logs
-from motorprior.identification.evaluation.bench_truth import band
-from motorprior.identification.evaluation.free_runs import Trace
+from motorprior.evaluation.bench_truth import band
+from motorprior.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

@@ -14,8 +14,8 @@ from motorprior import stage
 from motorprior.artifacts import write_text
 from motorprior.bench.fleet import load_robot_fleet
 from motorprior.commands.quick_report import QuickReport, run_quick_report
+from motorprior.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

@@ -15,8 +15,8 @@ from motorprior.bench.excitation import Streams
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.identification.excitation.fit_excitation import STEPS, fit_excitation
-from motorprior.identification.excitation.plan import plan_excitation
+from motorprior.excitation.fit_excitation import STEPS, fit_excitation
+from motorprior.excitation.plan import plan_excitation
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import load_log

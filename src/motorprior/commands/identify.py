@@ -11,11 +11,11 @@ from motorprior.bench.bench_folder import BENCH_JSON, LOG, read_bench
 from motorprior.bench.dynamometer import BENCH
 from motorprior.bounds import require_seed
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.identification.fit_prior import fit_recipe, provenance_of
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.priors.fit_prior import fit_recipe, provenance_of
 from motorprior.progress import SILENT, Progress
 
 

@@ -72,7 +72,7 @@ def read_logs_of(config: QuickReport) -> LogFolder:
 
 
 def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress: Progress) -> None:
-    from motorprior.identification.quick_report import report_with_loads, report_without_loads
+    from motorprior.priors.quick_report import report_with_loads, report_without_loads
     from motorprior.report.sections import write_validation  # here: it imports matplotlib
 
     first = next(iter(folder.logs.values()))

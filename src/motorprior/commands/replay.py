@@ -13,8 +13,8 @@ from motorprior.actuator.motor_prior import MotorPrior, robot_gains
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
-from motorprior.identification.prior_file import load_prior
 from motorprior.logs.read_log import LogFolder, read_log_folder
+from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot

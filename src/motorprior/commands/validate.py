@@ -12,11 +12,11 @@ from motorprior.bench.bench_folder import BenchSettings, bench_from_json
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
+from motorprior.evaluation.bench_truth import ModelOfMotors
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.identification.evaluation.bench_truth import ModelOfMotors
-from motorprior.identification.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
-from motorprior.identification.prior_file import load_prior
+from motorprior.priors.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
+from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_text
-from motorprior.identification.adapt import note_training_log
-from motorprior.identification.evaluation.free_runs import Validation
-from motorprior.identification.prior_file import load_prior
-from motorprior.identification.validate import validate
+from motorprior.evaluation.free_runs import Validation
 from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.priors.adapt import note_training_log
+from motorprior.priors.prior_file import load_prior
+from motorprior.priors.validate import validate
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.stage import PAGE, description, is_finished, read_results, working

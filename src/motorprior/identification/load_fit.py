@@ -23,13 +23,13 @@ from motorprior.actuator.geared_motor_step import PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
+from motorprior.identification import windows
 from motorprior.identification.latents.latent_fit import inverse_precision
 from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants, grey_box, initial_center
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
-from motorprior.identification.training_data import windows
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
 from motorprior.logs.operations import static_joints
 from motorprior.signals import rms

@@ -14,7 +14,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.artifacts import read_json
 from motorprior.bench.class_behaviour import ClassBehaviour
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.identification.evaluation.free_runs import Trace
+from motorprior.evaluation.free_runs import Trace
 from motorprior.logs.motor_log import MotorLog
 from motorprior.report.plots_style import (
     INK,

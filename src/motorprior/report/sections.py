@@ -13,9 +13,9 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOAD, class_behaviours
 from motorprior.bench.families import FAMILIES
+from motorprior.evaluation import errors as log_errors
+from motorprior.evaluation.free_runs import Validation
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation import errors as log_errors
-from motorprior.identification.evaluation.free_runs import Validation
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture

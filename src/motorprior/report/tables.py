@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from motorprior.identification.evaluation.errors import MAX_ERROR
+from motorprior.evaluation.errors import MAX_ERROR
 from motorprior.results import Results
 from motorprior.studies.robot_fidelity import DIVERGED
 

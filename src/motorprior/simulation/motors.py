@@ -27,7 +27,7 @@ from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.identification.prior_file import load_prior
+from motorprior.priors.prior_file import load_prior
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 from motorprior.stage import digest

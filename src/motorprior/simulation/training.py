@@ -18,13 +18,13 @@ from motorprior.artifacts import read_tensors, write_json, write_tensors, write_
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
-from motorprior.identification.prior_file import prior_notes
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot

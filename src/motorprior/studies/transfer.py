@@ -27,15 +27,15 @@ from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
 from motorprior.exceptions import ConfigError
-from motorprior.identification.adapt import adapt
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, fit_pd
-from motorprior.identification.fit_prior import PRIOR, fit_prior
 from motorprior.identification.presets import network_steps
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.executor import make_executor, ray_cluster
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+from motorprior.priors.adapt import adapt
+from motorprior.priors.fit_prior import PRIOR, fit_prior
 from motorprior.progress import SILENT, Progress, Task, in_parallel, usable_threads
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from series import complete
 
+from motorprior.evaluation.free_runs import free_run_errors
 from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, fit_responses
-from motorprior.identification.evaluation.free_runs import free_run_errors
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import (
+from motorprior.identification.windows import (
     EXTERNAL,
     INERTIA,
     POS,

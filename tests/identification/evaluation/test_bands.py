@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.evaluation.bench_truth import log_coverage
-from motorprior.identification.evaluation.reference import LEVELS, SPEEDS
+from motorprior.evaluation.bench_truth import log_coverage
+from motorprior.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.evaluation.bench_truth import bench_errors
+from motorprior.evaluation.bench_truth import bench_errors
 
 
 def test_a_model_that_diverges_is_one_turn_off():

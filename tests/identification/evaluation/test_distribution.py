@@ -9,7 +9,7 @@ from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.identification.held_out import area_under_curve, two_sample_auc
+from motorprior.priors.held_out import area_under_curve, two_sample_auc
 
 COUNT = 64
 

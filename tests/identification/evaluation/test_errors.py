@@ -10,8 +10,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.evaluation.errors import (
+from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
     capped,
@@ -20,7 +19,8 @@ from motorprior.identification.evaluation.errors import (
     log_warnings,
     replay_errors,
 )
-from motorprior.identification.evaluation.free_runs import FREE_RUN, WHOLE_RUN, Validation, free_run_errors, free_runs
+from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, Validation, free_run_errors, free_runs
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog

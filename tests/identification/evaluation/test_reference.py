@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.identification.evaluation.reference import loss_metrics, loss_p_value, num_blocks
+from motorprior.evaluation.reference import loss_metrics, loss_p_value, num_blocks
 from motorprior.identification.presets import identification_preset
 
 RECIPE = identification_preset("rollout")

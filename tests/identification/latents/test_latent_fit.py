@@ -10,7 +10,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance, latent_search
 from motorprior.identification.networks.objectives import export, initial_parameters
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
+from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
 
 RECIPE = replace(PRESETS["paper"], taps=(0, 1), num_neurons=8, num_latents=2)
 SCALES = {"error_scale": 0.4, "velocity_scale": 0.4, "torque_scale": 0.5, "torque_limit": 50.0}

@@ -19,7 +19,7 @@ from motorprior.identification.networks.objectives import (
     torque_objective,
 )
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import Measured
+from motorprior.identification.windows import Measured
 
 TAPS = (0, 1, 3)
 NETWORK = replace(PRESETS["latent_network"], taps=TAPS, num_neurons=8, num_latents=2, window=40)

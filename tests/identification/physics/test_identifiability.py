@@ -18,7 +18,7 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import POS, VEL, Measured, TrainingData
+from motorprior.identification.windows import POS, VEL, Measured, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 PRESET = replace(PRESETS["per_motor"], warm_up=60)

@@ -13,7 +13,7 @@ from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)

@@ -11,7 +11,7 @@ from motorprior.identification.physics.motor_fit import longer_runs, refined
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
 KP, LOAD_FRICTION = PARAMETERS.index("kp"), PARAMETERS.index("load_friction")

@@ -13,7 +13,7 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.windows import Measured, TrainingData
 
 PRESET = replace(PRESETS["rollout"], window=100)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}

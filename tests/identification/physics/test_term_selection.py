@@ -11,7 +11,7 @@ from motorprior.identification.physics.motor_problem import encoded, grey_box, i
 from motorprior.identification.physics.term_selection import select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import POS, TORQUE, VEL, TrainingData
+from motorprior.identification.windows import POS, TORQUE, VEL, TrainingData
 
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)

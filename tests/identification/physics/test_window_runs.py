@@ -11,7 +11,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.physics.window_runs import WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 Networks = Callable[..., GreyBox]
 Data = Callable[..., TrainingData]

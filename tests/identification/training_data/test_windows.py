@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.training_data.windows import (
+from motorprior.identification.windows import (
     INERTIA,
     MEANS,
     POS,

@@ -30,7 +30,7 @@ from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
-from motorprior.identification.training_data.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
+from motorprior.identification.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress

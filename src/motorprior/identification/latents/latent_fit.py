@@ -35,7 +35,7 @@ from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 CANDIDATES, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences

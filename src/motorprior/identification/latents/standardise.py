@@ -48,7 +48,7 @@ from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import Search
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
 MIN_MOTORS = 8  # minimum for quantiles and correlations; with fewer these are mostly sampling error

@@ -14,7 +14,7 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks import objectives
 from motorprior.identification.networks.objectives import Parameters
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 from motorprior.progress import ReportProgress
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported

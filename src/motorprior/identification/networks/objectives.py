@@ -18,11 +18,11 @@ import numpy as np
 from motorprior.actuator import copula
 from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, first_bias, log_armature, scaled_torque
 from motorprior.bench.dynamometer import next_velocity
+from motorprior.identification import windows as channel
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import huber
-from motorprior.identification.training_data import windows as channel
-from motorprior.identification.training_data.windows import Measured, TrainingData
+from motorprior.identification.windows import Measured, TrainingData
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002  # [kg·m²]

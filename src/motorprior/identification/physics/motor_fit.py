@@ -47,7 +47,7 @@ from motorprior.identification.physics.motor_problem import (
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, Steps
-from motorprior.identification.training_data.windows import TrainingData
+from motorprior.identification.windows import TrainingData
 
 RIGID_STARTS, RIGID_CANDIDATES, RIGID_RADIUS = 2, 256, 1.5
 RESTARTS, CANDIDATES = 48, 256  # maximum number of restarts, and candidates of each

@@ -31,9 +31,9 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator, without_r
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
+from motorprior.identification import windows as channel
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data import windows as channel
-from motorprior.identification.training_data.windows import TrainingData, training_data
+from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
 # errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]

@@ -22,7 +22,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.identification.physics.motor_problem import motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import recipe_of
-from motorprior.identification.training_data.windows import training_data, with_window_that_fits
+from motorprior.identification.windows import training_data, with_window_that_fits
 
 CANDIDATES = 64  # windows of each class to choose from
 IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant

@@ -18,11 +18,11 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_trial
-from motorprior.identification.evaluation.errors import capped
-from motorprior.identification.evaluation.reference import sample_residual_scale, sample_residuals
+from motorprior.evaluation.errors import capped
+from motorprior.evaluation.reference import sample_residual_scale, sample_residuals
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
-from motorprior.identification.training_data.windows import VEL
+from motorprior.identification.windows import VEL
 from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Result, Results
 from motorprior.signals import rmse

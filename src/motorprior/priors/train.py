@@ -33,7 +33,7 @@ from motorprior.identification.physics.motor_fit import (
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData, subsampled
+from motorprior.identification.windows import TrainingData, subsampled
 from motorprior.progress import ReportProgress
 
 WORK = 100  # progress units per stage of a grey-box fit, in Adam steps

@@ -11,8 +11,7 @@ from motorprior.bench.behaviour import behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import bench_preset, preset_of_period, record
-from motorprior.identification.adapt import FALSE_ALARMS, adapt_to, outlier_test
-from motorprior.identification.evaluation.bench_truth import (
+from motorprior.evaluation.bench_truth import (
     HELD_OUT,
     HELD_OUT_SEED,
     MAX_WORK,
@@ -22,6 +21,7 @@ from motorprior.identification.evaluation.bench_truth import (
 )
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.logs.motor_log import MotorLog
+from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 

@@ -12,10 +12,10 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.identification.evaluation.errors import replay_errors
+from motorprior.evaluation.errors import replay_errors
 from motorprior.identification.latents.latent_fit import fit_posterior, latent_search
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
+from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved
 from motorprior.logs.splits import train_test_halves

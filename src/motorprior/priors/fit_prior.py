@@ -18,16 +18,16 @@ from motorprior.actuator.motor_prior import SPREAD, MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
+from motorprior.evaluation import reference
+from motorprior.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
 from motorprior.exceptions import ConfigError
-from motorprior.identification.evaluation import reference
-from motorprior.identification.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
-from motorprior.identification.train import Arrays, Checkpoint, identify, work_of
-from motorprior.identification.training_data.windows import TrainingData, training_data, used_seconds_text
+from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest
 from motorprior.logs.operations import joined
+from motorprior.priors.train import Arrays, Checkpoint, identify, work_of
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 

@@ -8,20 +8,20 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
+from motorprior.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
+from motorprior.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.identification import presets
-from motorprior.identification.adapt import adapt_to, note_training_log
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
-from motorprior.identification.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
-from motorprior.identification.fit_prior import fit_recipe, trained_on
 from motorprior.identification.presets import Preset, recipe_of
-from motorprior.identification.prior_file import require_adaptable
-from motorprior.identification.training_data.windows import window_starts, with_window_that_fits
+from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import first_and_rest, train_test_halves
+from motorprior.priors.adapt import adapt_to, note_training_log
+from motorprior.priors.fit_prior import fit_recipe, trained_on
+from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SHOWN, SILENT, WARNING, NoteProgress, Progress
 from motorprior.results import Result, Results
 
@@ -72,7 +72,7 @@ def validate(
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
         ArtifactError, ConfigError: a prior of another robot or without latents, or a number out of range.
     """
-    from motorprior.identification.evaluation.bench_truth import log_coverage, zero_shot
+    from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 
     require_seed(seed)
     if adam_steps is not None:

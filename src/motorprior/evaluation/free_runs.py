@@ -9,8 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.constants import Constants
-from motorprior.identification.baselines.response_fit import ResponseMotors
-from motorprior.identification.evaluation.errors import (
+from motorprior.evaluation.errors import (
     MAX_ERROR,
     MEAN,
     TUNED_PD,
@@ -20,6 +19,7 @@ from motorprior.identification.evaluation.errors import (
     error_results,
     error_table,
 )
+from motorprior.identification.baselines.response_fit import ResponseMotors
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
     MotorsOnLoads,
@@ -28,7 +28,7 @@ from motorprior.identification.physics.window_runs import (
     with_gains_of,
 )
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import POS, SECONDS, TARGET, training_data
+from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.results import Results
 from motorprior.signals import rms

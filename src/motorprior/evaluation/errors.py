@@ -27,7 +27,7 @@ from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
-from motorprior.identification.training_data.windows import relative_conditions, seconds_since_cold
+from motorprior.identification.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import excited_joints, static_joints
 from motorprior.progress import Progress

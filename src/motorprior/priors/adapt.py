@@ -11,16 +11,16 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
+from motorprior.evaluation.errors import evaluate_replay, log_warnings, replay_errors
+from motorprior.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
 from motorprior.exceptions import LogError, listed
-from motorprior.identification.evaluation.errors import evaluate_replay, log_warnings, replay_errors
-from motorprior.identification.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
-from motorprior.identification.fit_prior import trained_on
 from motorprior.identification.latents.latent_fit import LatentPosterior, Outliers, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
-from motorprior.identification.prior_file import require_adaptable
-from motorprior.identification.training_data.windows import TrainingData, training_data, with_window_that_fits
+from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
+from motorprior.priors.fit_prior import trained_on
+from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SILENT, WARNED, WARNING, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects

@@ -72,7 +72,7 @@ def fit_excitation(
     origin = {"trained_on": trained_on, "commands": list(commands), "period": period, "windows_sha256": digest}
     if method == "generated":
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
-        from motorprior.identification.excitation.adversarial import train_generator  # here: it imports JAX
+        from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
         finished = None if out is None or not Path(out).exists() else LearnedExcitation.load(out)
