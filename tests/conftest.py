@@ -41,7 +41,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LONGEST_FIRST = (
     "commands/test_demo.py", "cli/test_adapt.py",
     "identification/test_train.py", "cli/test_documented_commands.py", "identification/test_recovery.py",
-    "evaluation/test_reference.py", "identification/latents/test_latent_fit.py",
+    "identification/evaluation/test_reference.py", "identification/latents/test_latent_fit.py",
     "identification/physics/test_motor_fit.py", "contracts/test_executors.py",
     "identification/networks/test_objectives.py", "cli/test_resume.py", "cli/test_walk_engines.py",
 )  # fmt: skip
