@@ -30,7 +30,7 @@ ORDER = [
         "simulation",
         "studies",
     ),
-    *("exports", "environments", "report", "hardware", "commands", "public", "cli"),
+    *("report", "exports", "environments", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
     "hardware": {

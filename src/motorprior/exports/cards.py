@@ -8,8 +8,11 @@ from pathlib import Path
 from motorprior.actuator.constants import COLUMNS
 from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
+from motorprior.bench.class_behaviour import class_behaviours
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.exporter import Exporter, Request
+
+PICTURE = "behaviour.png"
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
@@ -26,10 +29,14 @@ def from_pretrained(name: str | Path) -> MotorPrior:
 
 
 def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
-    """Write prior.safetensors and README.md; ``about`` are more lines of the front matter, such as the licence."""
+    """Write prior, page and picture; ``about`` are more lines of the front matter, such as the licence."""
+    from motorprior.report.plots import draw_class_behaviours  # here: it imports matplotlib
+    from motorprior.report.plots_style import png_bytes
+
     prior.save(folder / CARD_PRIOR)
     write_text(folder / "README.md", _page(prior, folder.name, about or {}))
-    return [folder / CARD_PRIOR, folder / "README.md"]
+    (folder / PICTURE).write_bytes(png_bytes(draw_class_behaviours(class_behaviours(prior)), dpi=70))
+    return [folder / CARD_PRIOR, folder / "README.md", folder / PICTURE]
 
 
 def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:
@@ -41,6 +48,7 @@ def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str
     }  # fmt: skip
     lines = ["---", *(f"{name}: {_yaml(value)}" for name, value in front.items()), "---", "", f"# {prior.motor}", ""]
     lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
+    lines += [f"![Step, chirp and friction of samples and training motors]({PICTURE})", ""]
     lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
     for each in prior.classes.names:
         rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(each).cells]

@@ -16,6 +16,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
 from motorprior.exceptions import ConfigError
+from motorprior.exports.mjcf import Mjcf
 
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
@@ -32,7 +33,7 @@ class Request:
     seed: int
     constants: ConstantArrays  # (K, J), and `registry.carried`
     out: Path
-    model: Path | None  # the user's MJCF
+    model: Mjcf | None  # the user's
     losses: Mapping[str, float]  # `registry.losses` by load [rad]
     not_expressed: Mapping[str, float]  # median value by constant
 

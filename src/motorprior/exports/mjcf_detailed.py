@@ -18,15 +18,17 @@ as in the format mjcf.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import mujoco
+import numpy as np
 
-from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import Exporter
-from motorprior.exports.plain_joint import Mjcf, drive, friction, number, replayed, servo, write_plain, write_variants
+from motorprior.exports.mjcf import Mjcf, number
+from motorprior.exports.plain_joint import drive, friction, replayed, servo, write_plain, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
@@ -45,9 +47,6 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     if too_stiff(values, option.timestep):
         write_plain(mjcf, joint, values)
         return
-    if mjcf.compiled.nkey:
-        problem, remedy = "rotors would shift the positions of its keyframes", "delete the keyframes"
-        raise ConfigError(problem, where=mjcf.path, remedy=remedy, argument="model")
     tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
     for name in ("armature", "damping", "frictionloss"):
         tag.setAttribute(name, "0")
@@ -66,6 +65,7 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
         last, "dcmotor", name=f"{joint}_brake", joint=rotor, input="none", motorconst="1",
         resistance=number(1.0 / values["kd"]), inductance=number(0.0, values["velocity_filter"]),
     )  # fmt: skip
+    mjcf.insert_in_keyframes("act", sys.maxsize, np.zeros(mjcf.compiled.nkey))  # of the brake, the last actuator
     if option.integrator not in IMPLICIT:
         mjcf.section("option").setAttribute("integrator", "implicitfast")
 
@@ -86,6 +86,13 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
         limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
+    model = mjcf.compiled
+    first = int(model.body_jntadr[found.bodyid[0]])
+    before = sum(other <= first for other in mjcf.rotors)  # rotors of the same body stand in the order of their writing
+    angles = model.key_qpos[:, found.qposadr[0]] + values["encoder_zero"]
+    mjcf.insert_in_keyframes("qpos", int(model.jnt_qposadr[first]) + before, angles)
+    mjcf.insert_in_keyframes("qvel", int(model.jnt_dofadr[first]) + before, np.zeros(model.nkey))
+    mjcf.rotors += (first,)
 
 
 DETAILED = Exporter(

@@ -1,30 +1,27 @@
-"""A motor as what every engine has: armature, damping, dry friction and a position servo with delay and force limit.
-
-It is written into the user's MJCF, of which comments and the order of elements stay.
-"""
+"""A motor as what every engine has: armature, damping, dry friction and a position servo with delay and force limit."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 from xml.dom import minidom
-from xml.parsers.expat import ExpatError
 
 import mujoco
 import numpy as np
 
-from motorprior.artifacts import read_text, write_json, write_text
+from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
-from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
+from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
 
 _NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -33,77 +30,6 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
-Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
-
-
-@dataclass
-class Mjcf:
-    """A document, and the model that it was before any change."""
-
-    document: Any  # minidom document
-    compiled: mujoco.MjModel
-    path: Path | None = None
-    in_degrees: bool = False  # unit of its angles
-
-    @classmethod
-    def load(cls, path: Path) -> Mjcf:
-        """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
-        text = read_text(path)
-        try:
-            spec = mujoco.MjSpec.from_file(str(path))
-            return cls(minidom.parseString(text.encode()), spec.compile(), path, spec.compiler.degree)
-        except (ExpatError, ValueError) as error:
-            reason = " ".join(str(error).split())[:300]
-            raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
-
-    def joint(self, name: str) -> Element:
-        """The joint of this name in the bodies; raises ConfigError if this file has none."""
-        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
-        if name not in joints:
-            remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
-            raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
-        return joints[name]
-
-    def actuator_of(self, joint: str) -> Element | None:
-        """The actuator that names the joint, None without any; ConfigError for several, or for one in another file."""
-        every = self._inside("actuator", "*")
-        found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
-        model = self.compiled
-        on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-        count = np.count_nonzero(on_joint & (model.actuator_trnid[:, 0] == model.joint(joint).id))
-        if count > 1 or count > len(found):
-            problem = f"joint {joint!r} has {count} actuators, {len(found)} of them in this file"
-            remedy = "leave one, in this file: the motor takes its place"
-            raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
-        return found[0] if found else None
-
-    def _inside(self, section: str, element: str) -> list[Element]:
-        sections = self.document.getElementsByTagName(section)
-        return [found for each in sections for found in each.getElementsByTagName(element)]
-
-    def section(self, name: str) -> Element:
-        """The first section of this name, which is added if there is none."""
-        root = self.document.documentElement
-        return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
-
-    def element(self, tag: str, /, **attributes: str) -> Element:
-        """A new element, not yet in the document."""
-        made = self.document.createElement(tag)
-        for key, value in attributes.items():
-            made.setAttribute(key, value)
-        return made
-
-    def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
-        """Add an element to another, before one of its children or at its end."""
-        made = parent.insertBefore(self.element(tag, **attributes), before)
-        parent.insertBefore(self.document.createTextNode("\n"), before)
-        return made
-
-    def text(self) -> str:
-        """The document as text."""
-        return "\n".join(each.toxml() for each in self.document.childNodes)
-
-
 # writes one motor, of its constants by name, at a joint
 WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 
@@ -139,11 +65,6 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
     return law | bounded | {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
 
 
-def number(*values: float) -> str:
-    """Numbers of an attribute."""
-    return " ".join(f"{value:.6g}" for value in values)
-
-
 def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
     found, tag = plain(values), mjcf.joint(joint)
@@ -156,6 +77,9 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one."""
     if (old := mjcf.actuator_of(joint)) is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
+        angle = mjcf.compiled.key_qpos[:, mjcf.compiled.joint(joint).qposadr[0]]
+        mjcf.insert_in_keyframes("ctrl", mjcf.compiled.nu + mjcf.servos, angle)
+        mjcf.servos += 1
     else:
         name = old.getAttribute("name") or joint
         if old.nodeName == "position" and old.getAttribute("ctrlrange"):
@@ -199,24 +123,26 @@ def replayed(values: ConstantArrays, given: Trial, write: WriteMotor) -> np.ndar
 
 
 def write_variants(request: Request, write: WriteMotor) -> list[Path]:
-    """K variants of the user's MJCF, with copies of the files that it names, and motors.json."""
-    assert request.model is not None
-    model = request.model.resolve()
-    for file in model_files(model)[1:]:
-        if not file.is_relative_to(model.parent):
-            problem = f"it names {file}, outside its folder"
-            raise ArtifactError(problem, where=model, remedy="give an MJCF whose files are in its folder")
-        target = request.out / file.relative_to(model.parent)
+    """K variants of the user's MJCF, with copies of the files that it names, and motors.json.
+
+    Files keep their positions relative to each other: of a model in scene/ with meshes in ../assets, both folders.
+    """
+    original = request.model
+    assert original is not None and original.path is not None
+    model, *others = model_files(original.path)
+    root = Path(os.path.commonpath([file.parent for file in (model, *others)]))
+    for file in others:
+        target = request.out / file.relative_to(root)
         if target.resolve() != file:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
-    original = Mjcf.load(model)
     variants = [replace(original, document=original.document.cloneNode(True)) for _ in request.constants["kp"]]
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
     loss = described_loss(request.losses, request.not_expressed)
     about = re.sub("-{2,}", "-", f"motors of {request.prior.motor}, seed {request.seed}; {loss}")  # no -- in comments
-    files = [request.out / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
+    folder = request.out / model.parent.relative_to(root)
+    files = [folder / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
         write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
     return [*files, *write_table(request)]

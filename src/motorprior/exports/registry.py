@@ -25,8 +25,9 @@ from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
 from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, prior_of, sampled, with_kd
+from motorprior.exports.mjcf import Mjcf
 from motorprior.exports.mjcf_detailed import DETAILED
-from motorprior.exports.plain_joint import PLAIN, TABLE, Mjcf
+from motorprior.exports.plain_joint import PLAIN, TABLE
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import resample
 from motorprior.signals import rmse
@@ -123,10 +124,9 @@ def export(
         recorded = None if log is None else log_trial(log, joints, motors, step)
         errors = losses(exporter.replay, bank, step, recorded)
     table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}
-    changed, plain = None if model is None else Path(model), 0.0
+    changed, plain = Mjcf.load(Path(model)) if exporter.needs_model and model is not None else None, 0.0
     if changed is not None and exporter.becomes_plain is not None:
-        timestep = Mjcf.load(changed).compiled.opt.timestep
-        plain = float(np.mean(exporter.becomes_plain(values, timestep)))
+        plain = float(np.mean(exporter.becomes_plain(values, changed.compiled.opt.timestep)))
     request = Request(source, joints, seed, table, Path(out), changed, errors, not_expressed)
     logged = None if bank.gains is None else (float(np.median(bank.gains[0])), float(np.median(bank.gains[1])))
     return Exported(tuple(exporter.write(request)), errors, not_expressed, logged, plain)

@@ -1,0 +1,106 @@
+"""The user's MJCF, of which comments and the order of elements stay."""
+
+# pyright: reportAttributeAccessIssue=false
+# MuJoCo ships no type stubs.
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+from xml.dom import minidom
+from xml.parsers.expat import ExpatError
+
+import mujoco
+import numpy as np
+
+from motorprior.artifacts import read_text
+from motorprior.exceptions import ArtifactError, ConfigError
+
+Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
+
+
+@dataclass
+class Mjcf:
+    """A document, and the model that it was before any change."""
+
+    document: Any  # minidom document
+    compiled: mujoco.MjModel
+    path: Path | None = None
+    in_degrees: bool = False  # unit of its angles
+    servos: int = 0  # actuators that were added after those of the model
+    rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
+
+    @classmethod
+    def load(cls, path: Path) -> Mjcf:
+        """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
+        text = read_text(path)
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+            return cls(minidom.parseString(text.encode()), spec.compile(), path, spec.compiler.degree)
+        except (ExpatError, ValueError) as error:
+            reason = " ".join(str(error).split())[:300]
+            raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
+
+    def joint(self, name: str) -> Element:
+        """The joint of this name in the bodies; raises ConfigError if this file has none."""
+        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
+        if name not in joints:
+            remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
+            raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
+        return joints[name]
+
+    def actuator_of(self, joint: str) -> Element | None:
+        """The actuator that names the joint, None without any; ConfigError for several, or for one in another file."""
+        every = self._inside("actuator", "*")
+        found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
+        model = self.compiled
+        on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+        count = np.count_nonzero(on_joint & (model.actuator_trnid[:, 0] == model.joint(joint).id))
+        if count > 1 or count > len(found):
+            problem = f"joint {joint!r} has {count} actuators, {len(found)} of them in this file"
+            remedy = "leave one, in this file: the motor takes its place"
+            raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
+        return found[0] if found else None
+
+    def _inside(self, section: str, element: str) -> list[Element]:
+        sections = self.document.getElementsByTagName(section)
+        return [found for each in sections for found in each.getElementsByTagName(element)]
+
+    def section(self, name: str) -> Element:
+        """The first section of this name, which is added if there is none."""
+        root = self.document.documentElement
+        return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
+
+    def element(self, tag: str, /, **attributes: str) -> Element:
+        """A new element, not yet in the document."""
+        made = self.document.createElement(tag)
+        for key, value in attributes.items():
+            made.setAttribute(key, value)
+        return made
+
+    def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
+        """Add an element to another, before one of its children or at its end."""
+        made = parent.insertBefore(self.element(tag, **attributes), before)
+        parent.insertBefore(self.document.createTextNode("\n"), before)
+        return made
+
+    def insert_in_keyframes(self, name: str, index: int, values: Iterable[float]) -> None:
+        """Insert a value per keyframe where it has this attribute; ConfigError for keyframes in another file."""
+        keys = self.document.getElementsByTagName("key")
+        if len(keys) != self.compiled.nkey:
+            remedy = "move them into this file"
+            raise ConfigError("keyframes in an included file", where=self.path, remedy=remedy, argument="model")
+        for key, value in zip(keys, values, strict=True):
+            if words := key.getAttribute(name).split():
+                words.insert(index, number(value))
+                key.setAttribute(name, " ".join(words))
+
+    def text(self) -> str:
+        """The document as text."""
+        return "\n".join(each.toxml() for each in self.document.childNodes)
+
+
+def number(*values: float) -> str:
+    """Numbers of an attribute."""
+    return " ".join(f"{value:.6g}" for value in values)
