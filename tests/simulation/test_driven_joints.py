@@ -14,15 +14,16 @@ from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.simulation.driven_joints import DrivenJoints
 
-HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body name="palm">
-<joint name="wrist" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
+HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><site name="out" pos=".1 0 0"/><body name="palm">
+<joint name="wrist" axis="0 1 0"/><site name="in" pos=".02 0 -.05"/><geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
 <body pos="0 0 -.12"><joint name="finger_l" axis="0 1 0"/>
   <geom type="capsule" fromto="0 0 0 .02 0 -.05" size=".006" mass=".02" contype="0"/></body>
 <body pos="0 0 -.12"><joint name="finger_r" axis="0 -1 0"/>
   <geom type="capsule" fromto="0 0 0 -.02 0 -.05" size=".006" mass=".02" contype="0"/></body>
 <body pos="0 0 -.2"><joint name="slide" type="slide"/><geom size=".01" mass=".1" contype="0"/></body>
 </body></worldbody>
-<tendon><fixed name="pull"><joint joint="finger_r" coef="1"/></fixed></tendon>
+<tendon><fixed name="pull"><joint joint="finger_r" coef="1"/></fixed>
+<spatial name="cable"><site site="out"/><site site="in"/></spatial></tendon>
 <equality><joint joint1="finger_r" joint2="finger_l"/></equality></mujoco>"""
 
 
@@ -83,6 +84,7 @@ def test_the_damping_is_the_implicit_one(motors):
         (["wrist"], ("</mujoco>", '<actuator><position name="servo" joint="wrist"/></actuator></mujoco>'), "'servo'"),
         (["wrist"], ("</mujoco>", '<actuator><motor name="m" jointinparent="wrist"/></actuator></mujoco>'), "'m'"),
         (["finger_r"], ("</mujoco>", '<actuator><motor name="t" tendon="pull"/></actuator></mujoco>'), "'t'"),
+        (["wrist"], ("</mujoco>", '<actuator><motor name="c" tendon="cable"/></actuator></mujoco>'), "'c'"),
         (["elbow"], ("", ""), "no joint 'elbow'"),
         (["slide"], ("", ""), "'slide' is no hinge"),
         (["wrist"], ("implicitfast", "RK4"), "RK4"),

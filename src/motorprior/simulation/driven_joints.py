@@ -13,9 +13,8 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 
-# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer
-_OF_JOINTS = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
-_OF_TENDONS, _WRAPS_JOINT = int(mujoco.mjtTrn.mjTRN_TENDON), int(mujoco.mjtWrap.mjWRAP_JOINT)
+# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer; forces on sites and bodies drive no joint
+_ON_BODIES = [int(getattr(mujoco.mjtTrn, f"mjTRN_{name}")) for name in ("SITE", "BODY")]
 _HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
@@ -91,20 +90,21 @@ def _hinge(model: mujoco.MjModel, name: str) -> int:
         raise ConfigError(f"no joint {name!r} in the model", remedy=str(error.args[0])) from error
     if model.jnt_type[joint] != _HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
-    for actuator in range(model.nu):
-        if joint in _joints_of(model, actuator):
-            problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name or actuator!r}"
-            raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
+    for actuator in np.flatnonzero(_arms(model)[:, model.jnt_dofadr[joint]]).tolist():
+        problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name or actuator!r}"
+        raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint
 
 
-def _joints_of(model: mujoco.MjModel, actuator: int) -> list[int]:
-    """Joints that an actuator drives, directly or by a fixed tendon."""
-    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
-    if kind == _OF_TENDONS:
-        parts = slice(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
-        return model.wrap_objid[parts][model.wrap_type[parts] == _WRAPS_JOINT].tolist()
-    return [target] if kind in _OF_JOINTS else []
+def _arms(model: mujoco.MjModel) -> np.ndarray:
+    """(actuators, nv) moment arms of actuators on joints and tendons in the initial pose."""
+    data, arms = mujoco.MjData(model), np.zeros((model.nu, model.nv))
+    mujoco.mj_forward(model, data)
+    if model.nu:
+        rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        mujoco.mju_sparse2dense(arms, data.actuator_moment, *rows)
+    arms[np.isin(model.actuator_trntype, _ON_BODIES)] = 0.0
+    return arms
 
 
 def _require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
