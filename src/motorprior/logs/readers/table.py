@@ -162,12 +162,7 @@ def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> l
         if counted[name] > 1:
             raise LogError(f"more than one column {quoted(name, 80)}", where=path, remedy=CORRECT)
         if not counted[name]:
-            remedy = CORRECT
-            if have and have[0].startswith(("#", "%")):
-                remedy = "its first line is a comment: remove comment lines, and the sign before the names"
-            elif len(have) == 1 and len(have[0].split()) > 1:
-                remedy = "its columns are separated by blanks: separate them by commas, semicolons or tabs"
-            raise missing_column("column", name, have, path, remedy)
+            raise missing_column("column", name, have, path)
     return list(found)
 
 
