@@ -42,7 +42,8 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
     """Findings of PER_JOINT, with their rows in the log."""
-    windows, found = {}, {}
+    windows: dict[int, tuple[slice, MotorLog]] = {}
+    found: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():
         window, joint = response.excited_window(log, column), log.joint_names[column]
         if window is None:
