@@ -1,8 +1,7 @@
-"""Summaries of objects for people: a headline, facts and a table, as text and as HTML of notebooks."""
+"""Summaries of objects for people: a headline, facts and a table."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -20,16 +19,6 @@ def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         return "  ".join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]).rstrip()
 
     return "\n".join([line(cells[0]), "  ".join("-" * width for width in widths), *map(line, cells[1:])])
-
-
-def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """The same as an HTML table."""
-
-    def line(row: Sequence[str], tag: str) -> str:
-        return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><thead>{line(columns, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
 @dataclass(frozen=True)
@@ -54,12 +43,6 @@ class Overview:
     def __str__(self) -> str:
         return "\n".join([*self._lines, *([text_table(self.columns, self.rows)] if self.rows else [])])
 
-    @property
-    def html(self) -> str:
-        """For notebooks."""
-        facts = "<br>".join(map(html.escape, self._lines))
-        return f"<p>{facts}</p>{html_table(self.columns, self.rows) if self.rows else ''}"
-
 
 class Printable:
     """Prints as its `overview`; its ``repr`` is the short form."""
@@ -73,6 +56,3 @@ class Printable:
 
     def __str__(self) -> str:
         return str(self.overview())
-
-    def _repr_html_(self) -> str:
-        return self.overview().html

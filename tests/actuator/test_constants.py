@@ -40,7 +40,7 @@ def test_what_is_printed_is_short_and_has_the_table(prior: MotorPrior):
     posterior = MotorPosterior(prior, np.zeros((1, 3)), np.eye(3)[None], ("pan",), 8.0, (0.4,))
     for each in (prior, posterior, load_fleet("pupper_v2")):
         assert len(repr(each).splitlines()) <= 10 and len(repr(each)) < 1500
-        assert "backlash" in str(each) and "N·m/rad" in str(each) and "<table>" in each._repr_html_()
+        assert "backlash" in str(each) and "N·m/rad" in str(each)
     assert "pan" in str(posterior) and "mrad" in repr(prior) and "pendulum" in repr(prior)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.backend import Backend, BackendState
+from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
@@ -16,7 +16,7 @@ from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 BULLET = WalkConfig(engine="pybullet")
 
 
-def backend_of(draw_motors, walk: WalkConfig | None = None) -> Backend:
+def backend_of(draw_motors, walk: WalkConfig | None = None) -> SimulatedBackend:
     walk = walk or WalkConfig()
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
@@ -34,27 +34,27 @@ def of_grey_boxes(grey_box):
     return lambda rng: GreyBoxActuator(box, rng.standard_normal((PUPPER_V2.num_joints, 3)))
 
 
-def mujoco(_: object) -> Backend:
+def mujoco(_: object) -> SimulatedBackend:
     return backend_of(of_fleet("pupper_v2"))
 
 
-def mujoco_of_grey_boxes(grey_box) -> Backend:
+def mujoco_of_grey_boxes(grey_box) -> SimulatedBackend:
     return backend_of(of_grey_boxes(grey_box))
 
 
-def mujoco_randomized(_: object) -> Backend:
+def mujoco_randomized(_: object) -> SimulatedBackend:
     return backend_of(of_fleet("pupper_v2"), WalkConfig(randomization=EVERYTHING))
 
 
-def pybullet(_: object) -> Backend:
+def pybullet(_: object) -> SimulatedBackend:
     return backend_of(of_fleet("pupper_v2"), BULLET)
 
 
-def pybullet_of_grey_boxes(grey_box) -> Backend:
+def pybullet_of_grey_boxes(grey_box) -> SimulatedBackend:
     return backend_of(of_grey_boxes(grey_box), BULLET)
 
 
-def pybullet_randomized(_: object) -> Backend:
+def pybullet_randomized(_: object) -> SimulatedBackend:
     return backend_of(of_fleet("mixed"), replace(BULLET, randomization=EVERYTHING))
 
 
@@ -74,7 +74,7 @@ def backend(request: pytest.FixtureRequest, grey_box):
     made.close()
 
 
-def walked(backend: Backend, seed: int, steps: int = 20) -> list[BackendState]:
+def walked(backend: SimulatedBackend, seed: int, steps: int = 20) -> list[BackendState]:
     """States of a small motion of all joints."""
     states = [backend.reset(seed)]
     for step in range(steps):
@@ -82,7 +82,7 @@ def walked(backend: Backend, seed: int, steps: int = 20) -> list[BackendState]:
     return states
 
 
-def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
+def test_a_state_has_the_stated_shapes_and_types(backend: SimulatedBackend):
     for state in (backend.reset(0), backend.step(PUPPER_V2.nominal_pose)):
         shapes = [np.shape(value) for value in state]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
@@ -91,7 +91,7 @@ def test_a_state_has_the_stated_shapes_and_types(backend: Backend):
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Backend):
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: SimulatedBackend):
     first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
     assert all(
         np.array_equal(a, b, equal_nan=True)
@@ -101,7 +101,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backen
     assert not np.array_equal(first[-1][4], other[-1][4])
 
 
-def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Backend):
+def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: SimulatedBackend):
     backend.reset(0)
     places = [backend.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
     if np.isnan(places).all():
@@ -110,7 +110,7 @@ def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_
     np.testing.assert_allclose(places[:, 2], PUPPER_V2.legs[0].foot_radius, atol=0.005)
 
 
-def test_a_robot_commanded_to_stand_stands(backend: Backend):
+def test_a_robot_commanded_to_stand_stands(backend: SimulatedBackend):
     state = backend.reset(0)
     for _ in range(100):
         state = backend.step(PUPPER_V2.nominal_pose)
@@ -120,7 +120,7 @@ def test_a_robot_commanded_to_stand_stands(backend: Backend):
     assert state.torque_squared_sum > 0.0
 
 
-def test_a_target_is_followed(backend: Backend):
+def test_a_target_is_followed(backend: SimulatedBackend):
     state = backend.reset(0)
     target = PUPPER_V2.nominal_pose + np.tile([0.0, 0.2, -0.4], 4)
     for _ in range(100):

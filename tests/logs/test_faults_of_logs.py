@@ -11,6 +11,7 @@ from third_party_files import write_bam
 import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
+from motorprior.logs.doctor.response import COMPARE
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import cleaned
 from motorprior.progress import WARNING
@@ -76,14 +77,14 @@ def test_exchanged_joints_are_no_reversed_ones():
     assert not any("sign" in each.remedy for each in found)
 
 
-def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_get_no_remedy():
+def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_are_to_be_compared():
     log = moving((0.5, 0.83))
     (found,) = [each for each in check_log(replace(log, joint_pos=log.joint_pos * [-1, 1], joint_vel=None)).errors]
     assert found.joint == "a" and "sign = -1" in found.remedy
     command = log.position_target[:, [0, 0]] * [1, -1]
     report = check_log(replace(log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None))
     found = of_check(report, "tracking")
-    assert [(each.severity, each.remedy) for each in found] == [("warning", "")] * 2
+    assert [(each.severity, each.remedy) for each in found] == [("error", COMPARE)] * 2
 
 
 def test_findings_of_one_kind_are_one_line():

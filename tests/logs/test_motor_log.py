@@ -22,7 +22,6 @@ def test_time_may_restart_with_a_segment(make_log):
         ({"joint_names": ("a", "a")}, "repeat"),
         ({"joint_pos": np.full((200, 2), -np.inf)}, "row 0, joint_pos/left is -inf"),
         ({"segment": np.zeros(200)}, "segment is not an array of integers"),
-        ({"segment": np.repeat([0, 1, 0], [80, 80, 40])}, "row 160: segment 0 starts again"),
         ({"segment": np.repeat([0, 7], [199, 1])}, "segment 7 has 1 rows"),
         ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4"),
         ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),

@@ -14,7 +14,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
-from motorprior.texts import html_table, text_table
+from motorprior.texts import text_table
 
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
@@ -80,9 +80,6 @@ class Constants:
 
     def __str__(self) -> str:
         return text_table(self.columns, self.cells)
-
-    def _repr_html_(self) -> str:
-        return html_table(self.columns, self.cells)
 
 
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:

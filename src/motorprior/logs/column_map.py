@@ -1,16 +1,5 @@
 """Column maps: short TOML files that state what the columns of a third-party table mean (docs/your-motors.md).
 
-    motor = "Feetech STS3215"
-    time = "t_ms"
-    position_target = "goal_{joint}"        # {joint}: the names of the tables [joints.…]
-    joint_pos = "present_{joint}"
-
-    [units]
-    time = "ms"
-
-    [joints.1]
-    name = "shoulder_pan"                   # of the robot's joint
-
 An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle. An angle
 with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a channel overrides that of its joint, and
 that overrides [units].
@@ -180,7 +169,6 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
 
 
 def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
-    """Check a table of optional entries."""
     Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 

@@ -53,8 +53,8 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     for part in log.segment_slices():
         acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
         for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
-            inertia[row], external[row] = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
-            axis[row], arm[row] = dynamics.axes_and_arms()
+            found = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
+            inertia[row], external[row], axis[row], arm[row] = found
         stiffness[part] = dynamics.gravity_stiffness(axis[part], arm[part])
         mean = inertia[part].mean(axis=0)
         external[part] -= (inertia[part] - mean) * acceleration
@@ -75,7 +75,7 @@ def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
         problem = "no torques, no velocities, or not the joints of the robot"
         raise LogError(problem, where=log.source, remedy="give the log of a robot that records currents")
     at_rest = np.zeros(log.num_joints)
-    inertia, _ = _Dynamics(robot).load(np.median(log.joint_pos, axis=0), at_rest, at_rest)
+    inertia = _Dynamics(robot).load(np.median(log.joint_pos, axis=0), at_rest, at_rest)[0]
     external = np.empty_like(log.joint_pos)
     for part in log.segment_slices():
         external[part] = inertia * np.gradient(log.joint_vel[part], log.time[part], axis=0) - log.joint_torque[part]
@@ -121,13 +121,9 @@ def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path) -> None:
 def _require_level_robot(log: MotorLog, robot: Robot) -> None:
     """Reject a log without all joints of the robot in its order, since each load depends on all; or a tilted base."""
     if log.joint_names != robot.joint_names:
-        missing = [name for name in robot.joint_names if name not in log.joint_names]
-        unknown = [name for name in log.joint_names if name not in robot.joint_names]
         problem = f"joints in the order {', '.join(log.joint_names)}"
-        if missing:
+        if missing := [name for name in robot.joint_names if name not in log.joint_names]:
             problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
-        if unknown:
-            problem += f"; {robot.name} has no joint {', '.join(unknown)}"
         remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only "
         raise LogError(problem, where=log.source, remedy=f"{remedy}these, in the order {', '.join(robot.joint_names)}")
     require_fixed_base(log, robot, log.source)
@@ -152,13 +148,17 @@ class _Dynamics:
         self._data, self._units = mujoco.MjData(self._model), np.eye(self._model.nv)
 
     def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
-        """(joints,) load inertia [kg·m²] and (joints,) external torque [N·m] in one state."""
+        """Load inertia [kg·m²], external torque [N·m], (joints, 3) axis [1] and arm [m] of each joint in one state.
+
+        An arm goes from the joint to the centre of mass of what it carries.
+        """
         bias, (own, column) = self.bias(joint_pos, joint_vel), np.zeros((2, self._model.nv))
         for joint, unit in enumerate(self._units):
             self._mujoco.mj_mulM(self._model, self._data, column, unit)
             own[joint] = column[joint]
         self._mujoco.mj_mulM(self._model, self._data, column, joint_acc)
-        return own, -bias - (column - own * joint_acc)
+        arm = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
+        return own, -bias - (column - own * joint_acc), self._data.xaxis, arm
 
     def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""
@@ -166,10 +166,6 @@ class _Dynamics:
         self._mujoco.mj_fwdPosition(self._model, self._data)
         self._mujoco.mj_fwdVelocity(self._model, self._data)
         return self._data.qfrc_bias.copy()
-
-    def axes_and_arms(self) -> tuple[np.ndarray, np.ndarray]:
-        """(joints, 3) axes [1], and centres of mass of what they carry, from the joints [m], in the state of `load`."""
-        return self._data.xaxis, self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
 
     def gravity_stiffness(self, axis: np.ndarray, arm: np.ndarray) -> np.ndarray:
         """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3)."""

@@ -272,8 +272,8 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
 
     Raises:
         LogError: wrong shape, a value that is not finite or out of its bounds, time that does not increase within a
-            segment, a segment of fewer than 2 rows or in two places, gains that change within a segment, or an unknown
-            encoder, gain unit, posture or register; names ``where`` or the log's source, row, column and value.
+            segment, a segment of fewer than 2 rows, gains that change within a segment, or an unknown encoder, gain
+            unit, posture or register; names ``where`` or the log's source, row, column and value.
     """
     where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
@@ -289,7 +289,8 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     log = replace(_as_arrays(log, where), firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)})
     for name, value in channels(log).items():
         table = value[:, None] if value.ndim == 1 else value
-        columns = [_column_name(name, index, log.joint_names) for index in range(table.shape[1])]
+        parts = log.joint_names if name in JOINT_SERIES else BASE_AXES
+        columns = [name] if value.ndim == 1 else [f"{name}/{part}" for part in parts]
         require_finite(table, columns, where)
         low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))
         if np.any(outside := (table < low) | (table > high)):
@@ -325,31 +326,18 @@ def _check_segments(log: MotorLog, where: Where) -> None:
     """Rows, times and gains within segments."""
     if log.logged_kp is None and log.logged_kd is not None:
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
-    seen: set[int] = set()
     for part in log.segment_slices():
-        index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
         if part.stop - part.start < 2:
+            index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
             problem = f"segment {index} has {part.stop - part.start} rows, at least 2 are needed"
             raise LogError(problem, where=where, remedy="record longer, or drop the segment")
-        if index in seen:
-            problem = f"row {part.start}: segment {index} starts again after it ended"
-            raise LogError(problem, where=where, remedy="give each contiguous recording its own index")
-        seen.add(index)
         require_increasing(log.time[part], where, part.start)
         for name in ("logged_kp", "logged_kd"):
             gains = getattr(log, name)
             if gains is not None and np.any(changed := gains[part] != gains[part.start]):
                 row, column = np.argwhere(changed)[0].tolist()
-                name = _column_name(name, column, log.joint_names)
-                problem = f"row {part.start + row}, {name} changes within a segment"
+                problem = f"row {part.start + row}, {name}/{log.joint_names[column]} changes within a segment"
                 raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
-
-
-def _column_name(channel: str, column: int, joint_names: tuple[str, ...]) -> str:
-    """Display name of a column, e.g. ``joint_pos/FR_hip``."""
-    if channel in JOINT_SERIES:
-        return f"{channel}/{joint_names[column]}"
-    return f"{channel}/{BASE_AXES[column]}" if channel == "base_orientation" else channel
 
 
 def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = "") -> LogError:

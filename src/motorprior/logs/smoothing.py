@@ -56,9 +56,10 @@ def _filter(readings, dt, noise, density):
 
 
 @njit(cache=True, nogil=True)
-def _smooth(readings, dt, noise, density, out):
-    """Fill out (2, steps) with smoothed positions and velocities of (steps,) readings."""
+def _smooth(readings, dt, noise, density):
+    """Smoothed positions and velocities (2, steps) of (steps,) readings."""
     steps = readings.shape[0]
+    out = np.empty((2, steps))
     _, means, covariances, predicted, predicted_covariances = _filter(readings, dt, noise, density)
     move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     x = means[steps - 1].copy()
@@ -67,6 +68,7 @@ def _smooth(readings, dt, noise, density, out):
         gain = covariances[back] @ move.T @ np.linalg.inv(predicted_covariances[back + 1])
         x = means[back] + gain @ (x - predicted[back + 1])
         out[0, back], out[1, back] = x[0], x[1]
+    return out
 
 
 def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
@@ -118,7 +120,5 @@ def smoothed(
     out = np.empty((2, *readings.shape))
     for motor, column in enumerate(readings.T):
         for part in parts:
-            filled = np.empty((2, part.stop - part.start))
-            _smooth(np.ascontiguousarray(column[part], np.float64), dt, noise, density, filled)
-            out[:, part, motor] = filled
+            out[:, part, motor] = _smooth(np.ascontiguousarray(column[part], np.float64), dt, noise, density)
     return out[0], out[1]

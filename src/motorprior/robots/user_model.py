@@ -112,10 +112,8 @@ class UserModel:
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
         body, bound = int(radius.argmax()), max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
         if radius[body] > bound:
-            mass, inertia = model.body_mass[body], model.body_inertia[body].max()
-            problem = (
-                f"link {model.body(body).name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
-            )
+            name, mass, inertia = model.body(body).name, model.body_mass[body], model.body_inertia[body].max()
+            problem = f"link {name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
             problem += f"{radius[body]:.3g} m, above {bound:.3g} m"
             raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
@@ -141,10 +139,7 @@ class UserModel:
         """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
         joint = self._model.joint(name)
         if not self._model.jnt_limited[joint.id]:
-            remedy = (
-                'give it range="LOWER UPPER", in degrees without <compiler angle="radian"/>; in a URDF type="revolute" '
-                'and <limit lower="…" upper="…"/>'
-            )
+            remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
             raise self._error(f"joint {name!r} has no limits", remedy)
         lower, upper = self._model.jnt_range[joint.id]
         return float(lower), float(upper)
@@ -184,8 +179,7 @@ class UserModel:
             if max(abs(forward - expected[0]), abs(-down - expected[1])) > tolerance:
                 where = "in the nominal pose" if moved is None else f"as {moved!r} grows"
                 text = f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; "
-                text += f"with hip and knee about +y and a straight leg at 0, expected {expected[0]:.3f} and "
-                return f"{text}{expected[1]:.3f} m"
+                return f"{text}expected {expected[0]:.3f} and {expected[1]:.3f} m (hip, knee about +y, straight at 0)"
         left = self._at(pose | {abduction: pose[abduction] + step}).geom_xpos[foot]
         if left[1] <= self._at(pose).geom_xpos[foot][1]:
             return f"foot {leg.foot!r} moves right as {abduction!r} grows; an abduction about +x moves it left"

@@ -1,4 +1,4 @@
-"""The walking task as a Gymnasium environment on any backend, simulated, virtual or real, and whole episodes of it."""
+"""The walking task as a Gymnasium environment, and whole episodes of it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from motorprior.backend import Backend, BackendState
+from motorprior.backend import BackendState
 from motorprior.bounds import require_array
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
@@ -35,7 +35,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
 
-    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig | None = None):
+    def __init__(self, robot: Robot, backend: SimulatedBackend, walk: WalkConfig | None = None):
         joints = [4.0 * np.pi] * robot.num_joints
         # |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase
         bounds = np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
@@ -112,12 +112,12 @@ def simulator_of(scene: Scene) -> WalkSimulator | BackendSimulator:
 
 
 class BackendSimulator:
-    """Runs whole episodes on any backend, with the interpreter between control steps; one per thread.
+    """Runs whole episodes with the interpreter between control steps; one per thread.
 
     On MuJoCo the results equal those of the compiled `WalkSimulator` bit for bit.
     """
 
-    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
+    def __init__(self, robot: Robot, backend: SimulatedBackend, walk: WalkConfig):
         self._env = WalkEnv(robot, backend, walk)
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:

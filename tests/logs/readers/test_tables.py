@@ -21,10 +21,10 @@ def written(folder: Path, text: str, name: str = "table.csv") -> Path:
 
 
 @pytest.mark.parametrize(("name", "end"), [("table.csv", "\r\n"), ("table.csv.gz", "\n")])
-@pytest.mark.parametrize(("delimiter", "point"), [(",", "."), (";", "."), (";", ","), ("\t", ",")])
-def test_numbers_come_through(tmp_path: Path, name: str, end: str, delimiter: str, point: str):
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_numbers_come_through(tmp_path: Path, name: str, end: str, delimiter: str):
     lines = [delimiter.join(["\ufeffa", "b"])]
-    lines += [delimiter.join(repr(value).replace(".", point) for value in row) for row in ROWS]
+    lines += [delimiter.join(map(repr, row)) for row in ROWS]
     path = written(tmp_path, end.join(lines) + end, name)
     assert csv_names(path) == ["a", "b"]
     np.testing.assert_array_equal(np.transpose(list(table_columns(path, ["a", "b"]).values())), ROWS)
@@ -48,8 +48,8 @@ def test_a_line_that_was_cut_by_a_crash_does_not_count(tmp_path: Path):
 def test_a_bad_row_is_named(tmp_path: Path, rows: str, problem: str):
     with pytest.raises(LogError, match=problem):
         table_columns(written(tmp_path, "a,b\n" + rows), ["a", "b"])
-    with pytest.raises(LogError, match="row 1, b is 'x'"):
-        table_columns(written(tmp_path, "a;b\n1,5;2,5\n3;x\n"), ["a", "b"])
+    with pytest.raises(LogError, match="row 0, a is '1,5'"):
+        table_columns(written(tmp_path, "a;b\n1,5;2,5\n"), ["a", "b"])
 
 
 @pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])

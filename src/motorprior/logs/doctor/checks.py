@@ -42,7 +42,8 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
     """Findings of PER_JOINT, with their rows in the log."""
-    windows, found = {}, {}
+    windows: dict[int, tuple[slice, MotorLog]] = {}
+    found: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():
         window, joint = response.excited_window(log, column), log.joint_names[column]
         if window is None:
@@ -51,20 +52,18 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
-    ambiguous = False
-    # The first finding is that of `response.tracking`.
-    late = {joint for joint in found if found[joint][0].severity != "info"}
-    for column in sorted(late):
-        rows, grid = windows[column]
-        other, correlation = response.best_matching_command(log.rows(rows), column, grid.period)
-        if other != log.joint_names[column] and correlation > response.CERTAIN_CORRELATION:
-            follows = log.joint_names.index(other) not in late
-            before = found[column][0]
-            found[column][0] = response.wrong_joint_finding(before, other, correlation, follows)
-            ambiguous |= found[column][0] is not before
-    for column in late if ambiguous else ():  # an apparent sign error may be one of order, too
-        if found[column][0].remedy == response.OTHER_SIGN:
-            found[column][0] = replace(found[column][0], remedy=response.COMPARE)
+    # The first finding is that of `response.tracking`. Exchanged joints do not follow their own commands.
+    late = [column for column in found if found[column][0].severity != "info"]
+    followed = {column: response.followed_joint(log, *windows[column], late) for column in late}
+    for column in late if any(followed.values()) else ():
+        finding, other = found[column][0], followed[column]
+        is_order = other and finding.remedy != response.OTHER_SIGN
+        if other:
+            message = f"{finding.joint} follows the command of {other}, not its own; {finding.message}"
+            finding = replace(finding, severity="error", message=message)
+        if is_order or finding.remedy == response.OTHER_SIGN:  # an apparent sign error may be one of order, too
+            finding = replace(finding, remedy=response.OTHER_ORDER if is_order else response.COMPARE)
+        found[column][0] = finding
     for column, findings in found.items():
         rows, grid = windows[column]
         for finding in findings:

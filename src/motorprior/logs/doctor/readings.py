@@ -55,11 +55,9 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
     rows = gap_rows(log)
     if rows.size:
         steps = log.time[rows] - log.time[rows - 1]
-        max_gap = int(np.argmax(steps))
-        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps[max_gap]:.3g} "
-        message += f"ms before row {rows[max_gap]}"
+        message = f"{len(rows)} gaps longer than {GAP_FACTOR:g} median steps, the longest {1e3 * steps.max():.3g} ms"
         remedy = "find out why rows are lost; mp.load_log and `motorprior logs import` begin a segment after each gap"
-        yield Finding("warning", "gaps", float(steps[max_gap]), message, remedy, row=int(rows[0]))
+        yield Finding("warning", "gaps", float(steps.max()), message, remedy, row=int(rows[0]))
 
 
 def repeats(log: MotorLog) -> Iterator[Finding]:
@@ -258,9 +256,8 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
         if fast.any():
             message = f"joint_vel/{joint} is up to {speed[fast].max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
             message += f"{100 * fast.mean():.2g} % of the rows"
-            remedy = f'convert it in the file, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
+            remedy = f'leave joint_vel out, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
             severity = "error" if fast.mean() > 0.02 else "warning"  # failed reads are rare
-            remedy += "; or leave joint_vel out"
             yield Finding(severity, "units", float(speed[fast].max()), message, remedy, joint, int(fast.argmax()))
 
 

@@ -5,7 +5,7 @@ A window is one joint on a uniform grid.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,8 +60,7 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
             continue
         if not RATIOS[0] <= (ratio := float(np.std(angle)) / std) <= RATIOS[1]:
             message = f"{joint} moves {ratio:.3g} times its command, outside {RATIOS[0]:g} to {RATIOS[1]:g}"
-            remedy = "check power, homing, joint order and units; if command and angle have different units, state one "
-            remedy += f'{IN_MAP}: angle = "deg" in [joints.….position_target] or [joints.….joint_pos]'
+            remedy = f'check power, homing, joint order, and units {IN_MAP}: angle = "deg" in [joints.….joint_pos]'
             yield Finding("warning", "excitation", ratio, message, remedy, joint)
         if (count := sum(reversals(angle[part]) for part in log.segment_slices())) < MIN_REVERSALS:
             message = f"{joint}: {count} reversals, fewer than {MIN_REVERSALS}: friction and backlash need reversals"
@@ -100,13 +99,8 @@ def frozen_angle(log: MotorLog) -> Iterator[Finding]:
 
 
 COMPARE = "compare sign and order of the joints, and the clocks of command and angle"
-OTHER_SIGN = (
-    f"reverse one of them in the file, or {IN_MAP}: sign = -1 in [joints.….joint_pos] or [joints.….position_target]"
-)
-OTHER_ORDER = (
-    f"the joints of commands and angles are in different orders: correct it in the file, or {IN_MAP} by the column "
-    "names of [joints.…]"
-)
+OTHER_SIGN = f"reverse one {IN_MAP}: sign = -1 in [joints.….joint_pos] or [joints.….position_target]"
+OTHER_ORDER = f"commands and angles have different orders of joints: correct the column names {IN_MAP}"
 
 
 def correlation_peaks(window: MotorLog) -> tuple[np.ndarray, int, int, int]:
@@ -176,30 +170,14 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
         yield Finding("warning", "offset", offset, message, remedy, joint)
 
 
-def best_matching_command(rows: MotorLog, column: int, period: float) -> tuple[str, float]:
-    """The joint whose command the angle of a joint follows most closely within a servo's lag, and the correlation."""
-    grid, found = resample(rows, period), []
-    for other in excited_joints(grid):
-        window = replace(grid.joint(column), position_target=grid.position_target[:, [other]])
-        r, zero_lag, late, _ = correlation_peaks(window)
-        found.append((float(r[zero_lag + late]) if late * period < MAX_LAG else 0.0, grid.joint_names[other]))
-    correlation, name = max(found)
-    return name, correlation
-
-
-def wrong_joint_finding(finding: Finding, other: str, correlation: float, other_follows: bool) -> Finding:
-    """The finding of `tracking` for a joint that follows the command of another joint.
-
-    Two joints are exchanged only if both follow each other's command. If a sign error explains the angle equally well,
-    no remedy is given.
-    """
-    is_reverse = finding.severity == "error" and -finding.value > correlation - 0.1
-    if is_reverse and other_follows:
-        return finding
-    message = f"{finding.joint} follows the command of {other}, correlation {correlation:.2f}; {finding.message}"
-    if is_reverse or other_follows:
-        return replace(finding, severity="warning", message=message, remedy="")
-    return replace(finding, severity="error", message=message, remedy=OTHER_ORDER)
+def followed_joint(log: MotorLog, rows: slice, window: MotorLog, others: Sequence[int]) -> str:
+    """The joint of ``others`` whose command the angle of a window clearly follows best within a servo's lag; or ""."""
+    grid, best, name = resample(log.rows(rows), window.period), CERTAIN_CORRELATION, ""
+    for other in others:
+        r, zero_lag, late, _ = correlation_peaks(replace(window, position_target=grid.position_target[:, [other]]))
+        if late * window.period < MAX_LAG and r[zero_lag + late] > best:
+            best, name = float(r[zero_lag + late]), log.joint_names[other]
+    return "" if name == window.joint_names[0] else name
 
 
 def saturation(window: MotorLog) -> Iterator[Finding]:
@@ -261,8 +239,7 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
         if VELOCITY_SLOPES[0] <= slope <= VELOCITY_SLOPES[1]:
             yield Finding("info", "velocity", slope, message, joint=joint)
             continue
-        remedy = f"check its joint order, gear, sign and unit; correct it in the file, or {IN_MAP}: sign = -1 in "
-        remedy += '[joints.….joint_vel], velocity = "deg/s" or "rpm"; or leave it out'
+        remedy = f'correct its joint order, gear, sign or unit {IN_MAP} (velocity = "deg/s"), or leave it out'
         message += f", outside {VELOCITY_SLOPES[0]} to {VELOCITY_SLOPES[1]} (correlation {correlation:.2f})"
         wrong = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)  # sign, or deg/s, rpm
         yield Finding("error" if wrong else "warning", "velocity", slope, message, remedy, joint)

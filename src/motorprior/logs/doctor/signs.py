@@ -71,52 +71,40 @@ def _against_load(window: MotorLog) -> Iterator[Finding]:
 
 
 def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
-    """One or two joints that seem reversed or exchanged: gravity then explains the errors of steady motion better.
+    """One or two joints that seem reversed: gravity then explains the errors of steady motion better.
 
     A position-controlled motor in slow, steady motion deflects by its torque over kp. Per joint,
 
         position_target - joint_pos = -gravity/kp + friction·sign(speed) + lag·speed + offset,    kp >= 0
 
-    is fitted for signs and order as given, with one or two joints reversed, and with two exchanged. Where both explain
-    the errors alike, both are reported. Gravity does not act about vertical axes.
-    Nothing is found unless the base was fixed or suspended (`loads.gravity_torque`).
+    is fitted for signs as given, and with one or two joints reversed. Gravity does not act about vertical axes. Nothing
+    is found unless the base was fixed or suspended (`loads.gravity_torque`).
     """
     angle, error, speed, steady = _steady_motion(log)
     gravity = gravity_torque(log, robot)
     if gravity is None or steady.sum(axis=0).max(initial=0) < MIN_ROWS:
         return
 
-    def residual(*joints: int, exchanged: bool = False) -> float:
-        order = np.arange(log.num_joints)
-        sign = np.where(np.isin(order, joints) & (not exchanged), -1.0, 1.0)
-        order[list(joints)] = joints[::-1] if exchanged else joints
-        return _residual(sign * gravity(sign * angle[:, order])[:, order], error, speed, steady)
+    def residual(*joints: int) -> float:
+        sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
+        return _residual(sign * gravity(sign * angle), error, speed, steady)
 
     given = residual()
     if given < MIN_RMS**2:
         return
-    pairs = list(combinations(range(log.num_joints), 2))
-    squares = {joints: residual(*joints) for joints in [*((each,) for each in range(log.num_joints)), *pairs]}
+    some = [joints for count in (1, 2) for joints in combinations(range(log.num_joints), count)]
+    squares = {joints: residual(*joints) for joints in some}
     enough = min(squares.values()) + 0.05 * max(0.0, given - min(squares.values()))
-    joints, square = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
-    others = {pair: residual(*pair, exchanged=True) for pair in pairs}
-    pair = min(others, key=others.__getitem__, default=joints)
-    best = min(square, others.get(pair, np.inf))
+    joints, best = next((joints, square) for joints, square in squares.items() if square <= enough)  # one, or two
     before, after = np.sqrt([given, best])
     if best > (1.0 - MIN_GAIN) * given or before - after < MIN_RMS:
         return
-    explained = ((joints, "reversed", square), (pair, "exchanged", others.get(pair, np.inf)))
-    causes = [
-        (" and ".join(log.joint_names[column] for column in sorted(each)), how)
-        for each, how, found in explained
-        if found <= best + 0.1 * (given - best)
-    ]
+    named = " and ".join(log.joint_names[column] for column in joints)
     message = f"gravity of the robot's model leaves {1e3 * before:.1f} mrad of the errors of steady motion unexplained,"
-    message += f" and {1e3 * after:.1f} mrad with " + ", or with ".join(" ".join(each) for each in causes)
-    named = ", or ".join(names for names, _ in causes)
+    message += f" and {1e3 * after:.1f} mrad with {named} reversed"
     remedy = f"check the base's orientation, and order, axes, signs and zeros of {named}; correct them in the file, "
     remedy += f"{IN_MAP} by names, sign and zero, or in the model"
-    joint = log.joint_names[joints[0]] if len(joints) == len(causes) == 1 and square == best else None
+    joint = named if len(joints) == 1 else None
     yield Finding("warning", "gravity", 1.0 - best / given, message, remedy, joint)
 
 

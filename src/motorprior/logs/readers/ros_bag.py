@@ -45,8 +45,6 @@ def _mcap_file(path: Path) -> Path:
     if path.suffix != ".mcap":
         remedy = f"`ros2 bag convert -i {path.name} -o mcap.yaml`, with the lines output_bags: and "
         remedy += "- {uri: converted, storage_id: mcap, all_topics: true} in mcap.yaml"
-        if path.suffix == ".bag":
-            remedy = "convert this bag of ROS 1 by rosbags-convert (of the Python package rosbags)"
         raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path, remedy=remedy)
     return path
 
@@ -165,18 +163,14 @@ def _number(message: Any, steps: list[tuple[str, str | None]]) -> float:
 
 
 def _index(message: Any, element: str) -> int:
-    """Index of a list element, given by number or by a joint's name."""
+    """Index of a list element, given by a joint's name or by number."""
     names = [name for field in ("name", "joint_names") for name in getattr(message, field, ())]
-    if element.isdecimal() and (element not in names or names.index(element) == int(element)):
-        return int(element)
-    if element.isdecimal() or names.count(element) != 1:
-        raise LookupError(f"the message lists the joints {names[:8]}")
-    return names.index(element)
+    return names.index(element) if element in names else int(element)
 
 
 READER = LogReader(
     "ROS 2 bag",
-    (".mcap", ".db3", ".bag", FOLDER),
+    (".mcap", ".db3", FOLDER),
     # a folder with several files is a folder of logs
     lambda path: path.is_file() or ((path / "metadata.yaml").is_file() and len(_files(path)) == 1),
     read_ros_bag,

@@ -1,8 +1,7 @@
 """Tables of any columns, CSV (plain or gzip) or Parquet, read by a column map; numbers are read with pyarrow.
 
-The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
-or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
-first row.
+The separator of CSV is a comma, semicolon or tab, as in the first line; numbers have a decimal point. ``x[2]`` is
+element 2 of a list column ``x``. Time stamps become time since the first row.
 """
 
 from __future__ import annotations
@@ -97,34 +96,30 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
     body = body[: body.rfind(b"\n") + 1] if may_be_cut else body
     if not body.strip():
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
-    errors = []
-    for decimal_point in "." if delimiter == "," else ".,":
-        try:
-            return pa_csv.read_csv(
-                pa.BufferReader(body),
-                # one block, so that types are inferred from all rows
-                pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
-                pa_csv.ParseOptions(delimiter=delimiter),
-                pa_csv.ConvertOptions(
-                    column_types={name: pa.float64() for name in wanted if name not in inferred},
-                    include_columns=wanted, null_values=[""], strings_can_be_null=True, decimal_point=decimal_point,
-                ),
-            )  # fmt: skip
-        except pa.ArrowException as error:
-            errors.append(error)
-    raise max((_csv_error(error, have, path) for error in errors), key=lambda found: found[0])[1]
+    try:
+        return pa_csv.read_csv(
+            pa.BufferReader(body),
+            # one block, so that types are inferred from all rows
+            pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
+            pa_csv.ParseOptions(delimiter=delimiter),
+            pa_csv.ConvertOptions(
+                column_types={name: pa.float64() for name in wanted if name not in inferred},
+                include_columns=wanted, null_values=[""], strings_can_be_null=True,
+            ),
+        )  # fmt: skip
+    except pa.ArrowException as error:
+        raise _csv_error(error, have, path) from error
 
 
-def _csv_error(error: Exception, names: Sequence[str], path: Path) -> tuple[int, LogError]:
-    """The row of an error of pyarrow, and the error that names its cell or its number of cells."""
+def _csv_error(error: Exception, names: Sequence[str], path: Path) -> LogError:
+    """The error that names the cell or the number of cells of an error of pyarrow."""
     remedy = f"correct the row; {SAVE_AS}"
     if cell := _BAD_CELL.search(str(error)):
-        row = int(cell[2]) - 1
-        return row, bad_value(row, names[int(cell[1])], cell[3], "a number", path, remedy)
+        return bad_value(int(cell[2]) - 1, names[int(cell[1])], cell[3], "a number", path, remedy)
     if count := _BAD_ROW.search(str(error)):
         problem = f"row {int(count[1]) - 1} has {count[3]} cells, expected {count[2]}"
-        return 0, LogError(problem, where=path, remedy=remedy)
-    return -1, unreadable(path, error)
+        return LogError(problem, where=path, remedy=remedy)
+    return unreadable(path, error)
 
 
 def parquet_table(path: Path, names: Sequence[str] | None = None) -> Any:
@@ -162,12 +157,7 @@ def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> l
         if counted[name] > 1:
             raise LogError(f"more than one column {quoted(name, 80)}", where=path, remedy=CORRECT)
         if not counted[name]:
-            remedy = CORRECT
-            if have and have[0].startswith(("#", "%")):
-                remedy = "its first line is a comment: remove comment lines, and the sign before the names"
-            elif len(have) == 1 and len(have[0].split()) > 1:
-                remedy = "its columns are separated by blanks: separate them by commas, semicolons or tabs"
-            raise missing_column("column", name, have, path, remedy)
+            raise missing_column("column", name, have, path)
     return list(found)
 
 
@@ -201,15 +191,8 @@ def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
     return np.array(since, "timedelta64[ns]")
 
 
-_NUMBER = re.compile(r"[-+.,\d]*(e[-+]?\d+)?", re.ASCII | re.IGNORECASE)
-
-
 def _unmapped(path: Path) -> str:
-    names = csv_names(path)
-    found = listed(list(map(ascii, names)), 8)[:200]
-    if all(_NUMBER.fullmatch(name) for name in names):
-        raise LogError(f"no header: its first line is {found}", where=path, remedy="begin it with names")
-    return f"a table of unknown format; its first line is {found}"
+    return f"a table of unknown format; its first line is {listed(list(map(ascii, csv_names(path))), 8)[:200]}"
 
 
 READER = LogReader(
