@@ -1,7 +1,8 @@
-"""Summaries of objects for people: a headline, facts and a table."""
+"""Summaries of objects for people: a headline, facts and a table; notebooks show them as they are printed."""
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -56,3 +57,6 @@ class Printable:
 
     def __str__(self) -> str:
         return str(self.overview())
+
+    def _repr_html_(self) -> str:  # of notebooks
+        return f"<pre>{html.escape(str(self))}</pre>"

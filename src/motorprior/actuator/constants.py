@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -80,6 +81,9 @@ class Constants:
 
     def __str__(self) -> str:
         return text_table(self.columns, self.cells)
+
+    def _repr_html_(self) -> str:  # of notebooks
+        return f"<pre>{html.escape(str(self))}</pre>"
 
 
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
