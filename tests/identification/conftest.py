@@ -57,7 +57,6 @@ def decoder_data() -> Callable[..., TrainingData]:
             parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
             scales=SCALES,
             measured=Measured(True),
-            gain_unit=box.gain_unit,
         )
 
     return make

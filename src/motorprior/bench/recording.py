@@ -70,8 +70,8 @@ def bench_preset(name: str) -> BenchPreset:
 
 
 def preset_of_period(period: float) -> BenchPreset:
-    """The preset with this sample period [s]; raises `ConfigError` if there is none."""
-    for preset in BENCH_PRESETS.values():
+    """A preset with this sample period [s], adapt if it has it; raises `ConfigError` if there is none."""
+    for preset in (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values()):
         if preset.period == period:
             return preset
     raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")

@@ -83,13 +83,9 @@ class GaussianPrior:
 
     def energy(self, x: np.ndarray) -> np.ndarray:
         """(M, ...) ½·Σ precision·(x - mean)² of x (M, ..., K)."""
-        mean, precision = (_broadcast(values, x) for values in (self.mean, self.precision))
-        return 0.5 * np.sum(precision * (x - mean) ** 2, axis=-1)
-
-
-def _broadcast(values: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Values (K,) or (M, K) in a shape that broadcasts with x (M, ..., K)."""
-    return values if values.ndim == 1 else values.reshape(len(values), *[1] * (x.ndim - 2), -1)
+        mean, precision = (np.atleast_2d(values)[:, None] for values in (self.mean, self.precision))
+        away = x.reshape(len(x), -1, x.shape[-1]) - mean
+        return 0.5 * np.sum(precision * away**2, axis=-1).reshape(x.shape[:-1])
 
 
 @dataclass(frozen=True)
@@ -174,7 +170,7 @@ class Search:
         """(m, K) candidate with the lowest energy for each problem; candidates (m, C, K) are raised to the bounds."""
         which = self.all_problems if which is None else which
         if self._lower is not None:
-            candidates = np.maximum(candidates, _broadcast(self._lower[which], candidates))
+            candidates = np.maximum(candidates, self._lower[which][:, None])
         energy = self.losses(candidates, which) + prior.subset(which).energy(candidates)
         return candidates[np.arange(len(which)), energy.argmin(axis=1)]
 

@@ -55,5 +55,5 @@ def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_loa
     series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
     data = replace(data, series=series)
     assert unknown_torque_scale(box, WindowRuns(data, PRESET), z).tolist() == [hidden]
-    stated = replace(box, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
-    assert not unknown_torque_scale(stated[0], WindowRuns(stated[1], PRESET), z).any(), "gains in N·m/rad set the scale"
+    stated = WindowRuns(data, replace(PRESET, gain_unit=PHYSICAL_GAINS))
+    assert not unknown_torque_scale(replace(box, gain_unit=PHYSICAL_GAINS), stated, z).any(), "gains set the scale"

@@ -105,9 +105,11 @@ def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
 
 
-def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
-    """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
-    return inverse_precision(_precision(search, z, temperature), np.ones(z.shape))
+def laplace_variance(model: Decoder, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
+    """(M, Z) diagonal of the Laplace covariance at known modes z (M, Z); the temperature is the motors' mean loss."""
+    search = latent_search(model, data, preset)
+    precision = _precision(search, z, float(search.losses(z).mean()))
+    return np.diagonal(inverse_precision(precision, np.ones(z.shape)), axis1=1, axis2=2)
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ def _attempt(
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
-    objective = objectives.OBJECTIVES[preset.objective](preset, data.scales, data.measured)
+    objective = objectives.objective_of(preset, data.scales, data.measured)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
     def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
@@ -78,8 +78,9 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
         spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
-        kl = jnp.mean(objectives.kl_to_standard_normal(mean, spread))
-        return objective.loss(network, windows, z) + preset.kl_weight * kl
+        # KL(N(mean, exp(log_var)) ‖ N(0, I))
+        kl = 0.5 * jnp.sum(jnp.exp(spread) + mean**2 - 1.0 - spread, axis=-1)
+        return objective.loss(network, windows, z) + preset.kl_weight * jnp.mean(kl)
 
     def step(state, inputs):
         trainable, optimiser_state = state

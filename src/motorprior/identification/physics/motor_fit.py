@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -88,8 +89,7 @@ class MotorFits:
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> MotorFits:
         """From `arrays`."""
-        terms = tuple(name for name, yes in zip(TERMS, arrays["has"], strict=True) if yes)
-        return cls(arrays["center"], arrays["offsets"], arrays["loss"], terms)
+        return cls(arrays["center"], arrays["offsets"], arrays["loss"], tuple(compress(TERMS, arrays["has"])))
 
 
 def fit_motors(

@@ -158,7 +158,7 @@ class WindowRuns:
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
+        self.preset, self.segments = preset, []
         self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
         self._velocity_steps = data.velocity_steps
         for part in data.parts:
