@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -36,10 +35,6 @@ class BenchPreset:
     kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS` or files, cycled over the segments
     hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
-
-    def with_excitation(self, file: Path | None) -> BenchPreset:
-        """The preset with the excitation of a file in every segment; unchanged without a file."""
-        return self if file is None else replace(self, kinds=(str(file),))
 
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
@@ -67,14 +62,6 @@ def bench_preset(name: str) -> BenchPreset:
     if name not in BENCH_PRESETS:
         raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}")
     return BENCH_PRESETS[name]
-
-
-def preset_of_period(period: float) -> BenchPreset:
-    """A preset with this sample period [s], adapt if it has it; raises `ConfigError` if there is none."""
-    for preset in (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values()):
-        if preset.period == period:
-            return preset
-    raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")
 
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:

@@ -16,19 +16,6 @@ from motorprior.signals import rms
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Which channels of a log were measured, and where."""
-
-    torque: bool  # whether the log has joint_torque
-    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
-
-    @property
-    def channels(self) -> int:
-        """Number of errors per sample of a rollout: of position, velocity and, if measured, torque."""
-        return 3 if self.torque else 2
-
-
-@dataclass(frozen=True)
 class TrainingData:
     """Logs of M motors with R rows each."""
 
@@ -38,7 +25,8 @@ class TrainingData:
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
     scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
-    measured: Measured
+    has_torque: bool  # whether the log has joint_torque
+    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
     # steps over which changes of the joint_reading error are velocity errors; 0: velocities are compared
@@ -100,7 +88,8 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
         velocity_steps=_velocity_steps(log),
-        measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
+        has_torque=log.joint_torque is not None,
+        at_rotor=log.encoder == "rotor",
     )
 
 

@@ -10,7 +10,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.recording import preset_of_period, record
+from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.evaluation.bench_truth import (
     HELD_OUT,
     HELD_OUT_SEED,
@@ -40,8 +40,9 @@ def held_out_motors(bench: BenchSettings) -> TrueMotors:
 
 def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    preset = preset_of_period(prior.model.period).for_robot(robot)
-    steps = round(seconds / prior.model.period)
+    presets = (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values())
+    preset = next(preset for preset in presets if preset.period == prior.model.period).for_robot(robot)
+    steps = round(seconds / preset.period)
     return record(held_out_motors(bench), preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
@@ -91,7 +92,7 @@ def adaptation(
     for length in sorted(seconds):
         log = _held_out_log(robot, prior, bench, length)
         found = adapted if length == ADAPTED_SECONDS else adapt_to(prior, log)
-        p_value = outlier_test(prior, log, found).p_value
+        p_value = outlier_test(prior, log, found)[0]
         model = adapted_models({"prior": prior}, {"prior": found}, len(motors))
         error = bench_errors(motors, model, seed, preset)["impacts"]["prior"]
         measured = {

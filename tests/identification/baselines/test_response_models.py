@@ -19,7 +19,6 @@ from motorprior.identification.windows import (
     STIFFNESS,
     TARGET,
     VEL,
-    Measured,
     TrainingData,
 )
 
@@ -48,7 +47,7 @@ def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: 
     series = complete(np.zeros((1, rows, 1), np.float32))
     series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
     series[0, 1:, VEL], series[0, :, INERTIA], series[0, :, READING] = np.diff(pos) / DT, 0.01, pos
-    data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))
+    data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, False)
     return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
 
 

@@ -18,7 +18,6 @@ from motorprior.identification.networks.objectives import (
     objective_of,
 )
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import Measured
 
 TAPS = (0, 1, 3)
 NETWORK = replace(PRESETS["latent_network"], taps=TAPS, num_neurons=8, num_latents=2, window=40)
@@ -57,7 +56,7 @@ def recorded(given: Parameters, preset=NETWORK):
 
 @cache
 def compiled(preset, has_torque: bool):
-    return jax.jit(objective_of(preset, SCALES, Measured(has_torque)).loss)
+    return jax.jit(objective_of(preset, SCALES, has_torque).loss)
 
 
 def loss(given: Parameters, windows, preset=NETWORK, has_torque=False) -> float:

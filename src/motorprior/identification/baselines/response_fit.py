@@ -18,9 +18,7 @@ reaches would bind in other motions. Logged firmware registers are not searched.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -29,7 +27,7 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, THREADS, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
@@ -199,7 +197,6 @@ class _ResponseProblem:
         self.count, self._free = runs[0].num_motors, free
         self._joints = [[JointRuns(each, joint) for each in runs] for joint in range(self.count)]
         self._base, self._every = base, 1 + sum(each.windows * each.preset.window for each in runs) // MAX_SAMPLES
-        self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
         low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
         high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
         away = centres[:, None] / UNITS["offset"] * (np.array(free) == "offset")
@@ -231,7 +228,7 @@ class _ResponseProblem:
             found = [runs.errors(constants).ravel() for runs in self._joints[joint]]
             return (np.concatenate(found)[:: self._every] / SCALE).astype(np.float32)
 
-        return np.stack(list(self._threads.map(errors, self.constants(x, which), which)))
+        return np.stack(list(THREADS.map(errors, self.constants(x, which), which)))
 
 
 def _searched(

@@ -22,7 +22,7 @@ from motorprior.identification import windows as channel
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import huber
-from motorprior.identification.windows import Measured, TrainingData
+from motorprior.identification.windows import TrainingData
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002  # [kg·m²]
@@ -34,7 +34,7 @@ def _pushed(row: jnp.ndarray, history: jnp.ndarray) -> jnp.ndarray:
     return jnp.concatenate([row[:, None], history[:, :-1]], axis=1)
 
 
-def _rollout_residuals(preset: Preset, scales: dict[str, float], measured: Measured) -> Residuals:
+def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: bool) -> Residuals:
     """Simulated minus recorded positions, velocities and, if measured, torques over the free rows, over SCALES.
 
     Positions and velocities are those of all rows but the first, torques those that lead to them.
@@ -73,7 +73,7 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], measured: Measu
         _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
         recorded = free[1:, :, channel.READING], free[1:, :, channel.VEL], free[:-1, :, channel.TORQUE]
         scaled = [(own - log) / s for own, log, s in zip((pos, vel, torque), recorded, SCALES, strict=True)]
-        return jnp.concatenate(scaled[: measured.channels])
+        return jnp.concatenate(scaled if has_torque else scaled[:2])
 
     return residuals
 
@@ -106,11 +106,11 @@ class Objective:
         return self.weight * jnp.mean(self.penalty(self.residuals(parameters, windows, z)))
 
 
-def objective_of(preset: Preset, scales: dict[str, float], measured: Measured) -> Objective:
+def objective_of(preset: Preset, scales: dict[str, float], has_torque: bool) -> Objective:
     """The paper's loss, the mean squared one-step error of the torque over torque_scale², or that of the rollout."""
     if preset.objective == "torque":
         return Objective(_torque_residuals(preset, scales), jnp.square, 1.0)
-    return Objective(_rollout_residuals(preset, scales, measured), huber, float(measured.channels))
+    return Objective(_rollout_residuals(preset, scales, has_torque), huber, 3.0 if has_torque else 2.0)
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -158,7 +158,7 @@ class NetworkProblem:
 
     def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
-        self._residuals, self.weight = _compiled(preset, scales, data.measured)
+        self._residuals, self.weight = _compiled(preset, scales, data.has_torque)
         self._parameters, self._windows = _parameters_of(network), jnp.asarray(_tiled_windows(data, preset))
         self.count, self.observations = self._windows.shape[:2]
 
@@ -182,9 +182,9 @@ def _tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> tuple[Any, float]:
+def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> tuple[Any, float]:
     """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
-    objective = objective_of(preset, dict(zip(NETWORK_SCALES, scales, strict=True)), measured)
+    objective = objective_of(preset, dict(zip(NETWORK_SCALES, scales, strict=True)), has_torque)
 
     def one(parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray) -> jnp.ndarray:
         own = windows[motor]
