@@ -2,15 +2,7 @@
 
 Every trial runs on the virtual dynamometer (`dynamometer.run`) with the sample period PERIOD. By default the load is
 LOAD_INERTIA with an external torque of -PRELOAD, which presses the gear to one side: motion within the backlash is
-chaotic, so models could not be compared. Features, in this order:
-
-    gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
-    rise time     10 → 90 % of the final displacement after a step of STEP [s]
-    overshoot     (maximum - final joint_pos) / STEP with HEAVY_INERTIA [-]
-    dead band     half-width of the hysteresis of joint_pos for a slow triangular target [rad]
-    breakaway     external torque that moves a joint with a constant target by BREAKAWAY_ANGLE [N·m], mean of both signs
-    stall torque  steady torque on a blocked joint with a position error of STALL_ERROR [N·m]
-    peak speed    maximum speed after a step of FAST_STEP with a nearly bare joint [rad/s]
+chaotic, so models could not be compared.
 
 A motor that fails a trial gets the limit value of that trial, never NaN. Values are rounded to RESOLUTION, that of a
 good physical bench, so that a two-sample test does not separate an overshoot of 0 from one of 0.0003.
@@ -47,9 +39,10 @@ RESOLUTION = {
 
 
 def behaviours(actuator: Actuator) -> np.ndarray:
-    """(n, F) features of n motors, finite multiples of RESOLUTION in the order and units of the module docstring.
+    """(n, F) features of n motors, finite multiples of RESOLUTION; see the functions below for formulas and units.
 
-    Deterministic; 52 s of bench time, 1 to 4 s for 256 physical motors.
+    Gains and lags at FREQUENCIES, rise time, overshoot, dead band, breakaway, stall torque, peak speed. Deterministic;
+    52 s of bench time, 1 to 4 s for 256 physical motors.
     """
     gains, lags = zip(*(frequency_response(actuator, frequency) for frequency in FREQUENCIES), strict=True)
     features = {

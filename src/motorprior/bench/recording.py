@@ -1,10 +1,4 @@
-"""Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log.
-
-Presets. ``paper``: sinusoids of varying frequency and amplitude on one inertia without external torque, sampled every
-0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to stall, on loads from a bare
-shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in segments of
-1 s, so that a few seconds contain many loads. ``narrow``: excitation and load of ``paper`` at the rate of ``rollout``.
-"""
+"""Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log."""
 
 from __future__ import annotations
 
@@ -48,6 +42,9 @@ MOTORS_STREAM, EXCITATION_STREAM, INSTRUMENTS_STREAM = 11, 13, 47  # tags of ran
 MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
 MAX_HALVINGS = 4
 MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
+# rollout: loads from a bare shank to a standing robot; half of the commands are held at 100 Hz
+# adapt: the same in segments of 1 s, so that a few seconds contain many loads
+# narrow: excitation and load of paper at the rate of rollout
 _ROLLOUT = BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "steps", "gait", "impacts", "creep"), 5)
 BENCH_PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),

@@ -99,16 +99,11 @@ def validation_of(
     statistics: Statistics = MEAN,
     failed: Collection[str] = (),
 ) -> Validation:
-    """Errors of models in free runs over logs.
+    """Errors of models of the motors of some joints in free runs over their test logs.
 
-    Args:
-        logs: test logs of the same joints, by name.
-        runs: quantity -> log -> its free runs; the last quantity is that of whole segments.
-        models: of the motors of the joints.
-        main_model: the model that warnings are about, if there is a tuned PD.
-        plotted: models of the traces, of the joints with its median and maximum error.
-        statistics: of the errors over joints and logs.
-        failed: names of models that could not be fitted; their errors are MAX_ERROR.
+    ``runs`` are by quantity and log; the last quantity is that of whole segments. Warnings are about ``main_model``, if
+    there is a tuned PD; traces are of the joints with its median and maximum error, and of the ``plotted`` models. The
+    ``statistics`` are over joints and logs. The errors of ``failed`` models, which were not fitted, are MAX_ERROR.
     """
     errors = {}
     for quantity, of_logs in runs.items():

@@ -115,12 +115,7 @@ def residual_scale(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: 
 
 
 def residual_growth(
-    model: GreyBox,
-    mean: np.ndarray,
-    classes: JointClasses,
-    log: MotorLog,
-    preset: Preset,
-    metrics: Mapping[str, float],
+    model: GreyBox, mean: np.ndarray, classes: JointClasses, log: MotorLog, preset: Preset, metrics: Mapping[str, float]
 ) -> dict[str, float]:
     """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.
 
