@@ -92,20 +92,22 @@ def fit_recipe(
     compare with; it is tuned here if not given.
     """
     recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
-    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress)
-    if out is None:
-        return fitted(_data(log, recipe), lambda name, compute: compute())
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
     wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
-    if is_finished(out, wanted):
+    if out is not None and is_finished(out, wanted):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
-    with locked(out):
-        data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
-        with working(out, wanted):
-            fitted(data, partial(_checkpoint, out, wanted)).save(out / PRIOR)
-            for path in out.glob(CHECKPOINT.format("*")):
-                path.unlink()
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
+    if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
+        check_gain_units(log.gains, log.source)
+    data = training_data(log, recipe, log.source)  # an error in the log leaves an earlier prior in the folder
+    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
+    if out is None:
+        return fitted(lambda name, compute: compute())
+    with locked(out), working(out, wanted):
+        fitted(partial(_checkpoint, out, wanted)).save(out / PRIOR)
+        for path in out.glob(CHECKPOINT.format("*")):
+            path.unlink()
     return MotorPrior.load(out / PRIOR)
 
 
@@ -117,14 +119,6 @@ def _checkpoint(folder: Path, wanted: dict[str, Any], name: str, compute: Callab
     found = compute()
     write_tensors(path, found, wanted)
     return found
-
-
-def _data(log: MotorLog, recipe: Preset) -> TrainingData:
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
-    gains = log.gains
-    if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
-        check_gain_units(gains, log.source)
-    return training_data(log, recipe, log.source)
 
 
 def _fitted(

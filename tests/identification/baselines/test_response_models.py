@@ -63,7 +63,7 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     """The motion of a joint with these constants, from rest."""
     target, external = command(seed), 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
     pos = np.zeros(ROWS)
-    pos[1:] = ResponseMotors("servo_limits", truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
+    pos[1:] = ResponseMotors(truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
     return [runs_of(target, pos, external)]
 
 
@@ -71,7 +71,7 @@ def test_limits_of_speed_and_acceleration_and_a_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
     limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, compliance=-0.2)
-    answer = ResponseMotors("servo_limits", limited).errors(runs)[0, 0]
+    answer = ResponseMotors(limited).errors(runs)[0, 0]
     speed = np.diff(answer) / DT
     assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)
     assert np.max(np.abs(np.diff(speed))) / DT == pytest.approx(10.0, abs=1e-6)

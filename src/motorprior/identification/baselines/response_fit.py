@@ -106,7 +106,6 @@ def _respond(rows, first, constants, dt, out):
 class ResponseMotors:
     """One response model per joint."""
 
-    name: str  # name in MODELS
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
@@ -158,7 +157,7 @@ def fit_responses(
         for dropped in optional:
             fit, prior = _without(problem, fit, prior, np.isin(free, dropped))
         simpler = problem.constants(fit.x, np.arange(problem.count))
-        found[name] = ResponseMotors(name, simpler)
+        found[name] = ResponseMotors(simpler)
     return found
 
 

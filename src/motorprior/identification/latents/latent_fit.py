@@ -170,14 +170,9 @@ def outliers(
     away = PRIOR_SCALE * (refit.mean - center)
     t = away / np.sqrt(1.0 + 1.0 / count + variance)
     p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), freedom), 1.0)
-    worst, rows, names = p_values.argmin(axis=1), np.arange(len(t)), _latent_names(model)
+    worst, rows = p_values.argmin(axis=1), np.arange(len(t))
     p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
-    named = tuple(names[index] for index in worst)
-    return Outliers(p_value, named, t[rows, worst], (away * std)[rows, worst])
-
-
-def _latent_names(model: Decoder) -> tuple[str, ...]:
-    """Names of the decoder's latents: those of the constants where each constant has its own latent."""
-    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:
-        return parameters_of(model.motor.terms)
-    return tuple(f"latent {index}" for index in range(model.num_latents))
+    names = [f"latent {index}" for index in range(model.num_latents)]
+    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:  # one latent per constant
+        names = parameters_of(model.motor.terms)
+    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst], (away * std)[rows, worst])

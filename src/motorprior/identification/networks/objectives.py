@@ -154,12 +154,16 @@ _LANES = 8  # simulated at a time
 
 
 class NetworkProblem:
-    """Residuals of a trained network's objective on windows of M motors that do not overlap."""
+    """Residuals of a trained network's objective on windows of M motors whose free parts do not overlap."""
 
     def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
         self._residuals, self.weight = _compiled(preset, scales, data.has_torque)
-        self._parameters, self._windows = _parameters_of(network), jnp.asarray(_tiled_windows(data, preset))
+        self._parameters = _parameters_of(network)
+        length, ahead = preset.history + preset.window, preset.objective == "rollout"
+        ranges = [range(part.start, part.stop - length - ahead + 1, preset.window) for part in data.parts]
+        windows = [data.series[:, start : start + length] for starts in ranges for start in starts]
+        self._windows = jnp.asarray(np.stack(windows, axis=1))
         self.count, self.observations = self._windows.shape[:2]
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -170,15 +174,6 @@ class NetworkProblem:
             some = slice(first, first + _LANES)
             found.append(np.asarray(self._residuals(self._parameters, self._windows, rows[some], motors[some])))
         return np.concatenate(found)[: len(x)].reshape(len(x), -1)
-
-
-def _tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
-    """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
-    length, ahead = preset.history + preset.window, preset.objective == "rollout"
-    starts = [
-        start for part in data.parts for start in range(part.start, part.stop - length - ahead + 1, preset.window)
-    ]
-    return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
 
 
 @lru_cache(maxsize=4)

@@ -126,20 +126,13 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
         best, rigid = passed[chosen], fits.simplest_with(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
-    return Selection(*_drop_unneeded(fits, best, given, saved, report))
-
-
-def _drop_unneeded(
-    fits: _TermEvaluation, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
-) -> tuple[tuple[str, ...], dict[str, float]]:
-    """The terms that are needed, and ``saved`` with what they save."""
     for name in [name for name in best.terms if name not in given]:
         less = fits.without(best, name)
         saved[name] = _saved(less, best)
         if not _saves_enough(less, best, _LEVEL):
             best = less
         report(f"{name}: saves {100 * saved[name]:.0f} %")
-    return best.terms, saved
+    return Selection(best.terms, saved)
 
 
 def min_difference(condition: str, nominal: float) -> float:
@@ -159,10 +152,7 @@ def _saved(before: _State, after: _State) -> float:
 
 
 def _saves_enough(before: _State, after: _State, level: float) -> bool:
-    """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``.
-
-    The signed-rank test is over the gains of all motors or, for fewer than _MIN_RANKS motors, over their parts.
-    """
+    """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``."""
     from scipy.stats import wilcoxon  # here: it takes half a second to import
 
     if len(before.held_out) >= _MIN_RANKS:
