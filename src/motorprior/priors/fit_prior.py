@@ -133,7 +133,14 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
-    for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
+    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
+        deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
+        progress.note(
+            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
+            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
+            f"{RELIABLE_MOTORS} or more)"
+        )
+    for line in (used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
         found = identify(data, recipe, seed, task.advance, checkpoint)
@@ -164,17 +171,6 @@ def _fitted(
         model, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
         log.gains if model.gain_unit else None, classes, misfit,
     )  # fmt: skip
-
-
-def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-    if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
-        return []
-    deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
-    return [
-        f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
-        f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "
-        "or more)"
-    ]
 
 
 def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:
