@@ -140,8 +140,8 @@ def standardised(
     if latents == 0 or len(names) == 1:
         return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
     row = np.array([names.index(name) for name in of_motors])
-    assumed = mean.std(axis=0) if assumed is None else assumed
-    middle, center, units, unseen = class_moments(mean, row, assumed, variance)
+    prior_std = mean.std(axis=0) if assumed is None else assumed
+    middle, center, units, unseen = class_moments(mean, row, prior_std, variance)
     std = np.sqrt(np.diag(units)) + _RISE
     mixing = np.linalg.cholesky(units / np.outer(std, std) + _RISE * np.eye(latents)).T
 
