@@ -146,7 +146,7 @@ def bench_of(settings: Settings, robot: Robot, loss: str, kind: str) -> BenchPre
     """Clock of the loss; excitation and loads of the kind."""
     base = bench_preset("narrow" if kind == "sinusoid" else "rollout").for_robot(robot)
     if kind not in ("sinusoid", "rollout"):
-        base = base.with_excitation(settings.out / f"{kind}.safetensors")
+        base = replace(base, kinds=(str(settings.out / f"{kind}.safetensors"),))
     if loss == "paper":
         slow = BENCH_PRESETS["paper"].period
         base = replace(base, period=slow, segment_steps=round(base.segment_steps * base.period / slow), hold_steps=1)

@@ -44,7 +44,7 @@ def measure(prior: tyro.conf.Positional[Path]) -> None:
         motors = own.scaled(change)
         log = record(motors, preset, round(SECONDS / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
         found = adapt_to(loaded, log)
-        detected = np.mean(outlier_test(loaded, log, found).p_value < FALSE_ALARMS)
+        detected = np.mean(outlier_test(loaded, log, found)[0] < FALSE_ALARMS)
         model = {"model": lambda index, z=found.mean: loaded.model.motors(z[index])}
         error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
         rows.append([name, f"{detected:.2f}", f"{1e3 * np.median(error):.1f}"])

@@ -11,7 +11,7 @@ from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run
 from motorprior.bench.recording import BENCH_PRESETS, bench_trial
-from motorprior.identification.windows import Measured, TrainingData
+from motorprior.identification.windows import TrainingData
 
 BENCH = BENCH_PRESETS["rollout"]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
@@ -56,8 +56,7 @@ def decoder_data() -> Callable[..., TrainingData]:
             starts=np.arange(segments * rows),
             parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
             scales=SCALES,
-            measured=Measured(True),
-            gain_unit=box.gain_unit,
+            has_torque=True,
         )
 
     return make

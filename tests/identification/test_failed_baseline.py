@@ -46,5 +46,5 @@ def test_the_response_of_a_joint_far_off_its_command_is_found():
 
 def test_constants_at_the_edge_of_the_search_are_marked():
     values = CONSTANTS | {"delay": 1e-4, "rate": 600.0, "band": 0.1, "gain": 1.2}
-    reached = at_bounds(ResponseMotors("servo_limits", np.array([list(values.values())])))
+    reached = at_bounds(ResponseMotors(np.array([list(values.values())])))
     assert [name for name, mask in reached.items() if mask.any()] == ["delay", "rate"]

@@ -2,23 +2,13 @@
 
 Every trial runs on the virtual dynamometer (`dynamometer.run`) with the sample period PERIOD. By default the load is
 LOAD_INERTIA with an external torque of -PRELOAD, which presses the gear to one side: motion within the backlash is
-chaotic, so models could not be compared. Features, in this order:
-
-    gain, lag     at FREQUENCIES: |H| [-] and delay [s] of the first harmonic of joint_pos to AMPLITUDE·sin(2π·f·t)
-    rise time     10 → 90 % of the final displacement after a step of STEP [s]
-    overshoot     (maximum - final joint_pos) / STEP with HEAVY_INERTIA [-]
-    dead band     half-width of the hysteresis of joint_pos for a slow triangular target [rad]
-    breakaway     external torque that moves a joint with a constant target by BREAKAWAY_ANGLE [N·m], mean of both signs
-    stall torque  steady torque on a blocked joint with a position error of STALL_ERROR [N·m]
-    peak speed    maximum speed after a step of FAST_STEP with a nearly bare joint [rad/s]
+chaotic, so models could not be compared.
 
 A motor that fails a trial gets the limit value of that trial, never NaN. Values are rounded to RESOLUTION, that of a
 good physical bench, so that a two-sample test does not separate an overshoot of 0 from one of 0.0003.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,44 +38,38 @@ RESOLUTION = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Behaviours:
-    """F features of n motors."""
+def behaviours(actuator: Actuator) -> np.ndarray:
+    """(n, F) features of n motors, finite multiples of RESOLUTION; see the functions below for formulas and units.
 
-    names: tuple[str, ...]  # F names, units as in the module docstring
-    values: np.ndarray  # (n, F), finite, multiples of RESOLUTION
-
-
-def behaviours(actuator: Actuator) -> Behaviours:
-    """All features of ``actuator``'s motors. Deterministic; 52 s of bench time, 1 to 4 s for 256 physical motors."""
-    waves = [frequency_response(actuator, frequency) for frequency in FREQUENCIES]
-    columns = [
-        *((f"gain {f} Hz", gain) for f, (gain, _) in zip(FREQUENCIES, waves, strict=True)),
-        *((f"lag {f} Hz", lag) for f, (_, lag) in zip(FREQUENCIES, waves, strict=True)),
-        ("rise time", rise_time(actuator)),
-        ("overshoot", overshoot(actuator)),
-        ("dead band", dead_band(actuator)),
-        ("breakaway", breakaway(actuator)),
-        ("stall torque", stall_torque(actuator)),
-        ("peak speed", peak_speed(actuator)),
-    ]
-    names, values = zip(*columns, strict=True)
-    steps = np.array([RESOLUTION[name.removesuffix(" Hz").rstrip("0123456789 ")] for name in names])
-    return Behaviours(names, np.round(np.stack(values, axis=1) / steps) * steps)
+    Gains and lags at FREQUENCIES, rise time, overshoot, dead band, breakaway, stall torque, peak speed. Deterministic;
+    52 s of bench time, 1 to 4 s for 256 physical motors.
+    """
+    gains, lags = zip(*(frequency_response(actuator, frequency) for frequency in FREQUENCIES), strict=True)
+    features = {
+        "gain": gains, "lag": lags, "rise time": [rise_time(actuator)], "overshoot": [overshoot(actuator)],
+        "dead band": [dead_band(actuator)], "breakaway": [breakaway(actuator)],
+        "stall torque": [stall_torque(actuator)], "peak speed": [peak_speed(actuator)],
+    }  # fmt: skip
+    columns = [np.round(x / RESOLUTION[name]) * RESOLUTION[name] for name, group in features.items() for x in group]
+    return np.stack(columns, axis=1)
 
 
 def _count(duration: float) -> int:
     return round(duration / PERIOD)
 
 
-def _respond(
-    actuator: Actuator, target: np.ndarray, inertia: float = LOAD_INERTIA, external: np.ndarray | float = -PRELOAD
+def respond(
+    actuator: Actuator,
+    target: np.ndarray,
+    inertia: float = LOAD_INERTIA,
+    external: np.ndarray | float = -PRELOAD,
+    period: float = PERIOD,
 ) -> Response:
     """Response of all motors to one target (steps,) [rad] and one external torque, (steps,) or constant [N·m]."""
     shape = (len(target), actuator.num_motors)
     torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
     load = np.full(actuator.num_motors, inertia)
-    return run(actuator, Trial(np.broadcast_to(target[:, None], shape), torque, load, PERIOD))
+    return run(actuator, Trial(np.broadcast_to(target[:, None], shape), torque, load, period))
 
 
 def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +81,7 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
     """
     settled = _count(SINE_SETTLE)
     angle = 2 * np.pi * frequency * (np.arange(_count(SINE_SETTLE + SINE_WINDOW)) * PERIOD)
-    joint_pos, late = _respond(actuator, AMPLITUDE * np.sin(angle)).joint_pos[settled:], angle[settled:]
+    joint_pos, late = respond(actuator, AMPLITUDE * np.sin(angle)).joint_pos[settled:], angle[settled:]
     basis = np.stack([np.ones_like(late), np.sin(late), np.cos(late)], axis=1)
     _, a, b = np.linalg.lstsq(basis, joint_pos, rcond=None)[0]
     gain = np.hypot(a, b) / AMPLITUDE
@@ -110,7 +94,7 @@ def _step(actuator: Actuator, inertia: float, low: float, high: float, duration:
     before = _count(STEP_SETTLE)
     target = np.full(before + _count(duration), high)
     target[:before] = low
-    return _respond(actuator, target, inertia).joint_pos[before:]
+    return respond(actuator, target, inertia).joint_pos[before:]
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
@@ -151,7 +135,7 @@ def dead_band(actuator: Actuator) -> np.ndarray:
     leg = _count(2 * CREEP_REACH / CREEP_SPEED)
     up = np.linspace(-CREEP_REACH, CREEP_REACH, leg)
     target, brake = np.concatenate([up, up[::-1]]), np.repeat([-PRELOAD, PRELOAD], leg)
-    joint_pos, read = _respond(actuator, target, external=brake).joint_pos, np.abs(up) < CREEP_WINDOW
+    joint_pos, read = respond(actuator, target, external=brake).joint_pos, np.abs(up) < CREEP_WINDOW
     half = 0.5 * (joint_pos[leg:][read].mean(axis=0) - joint_pos[:leg][read].mean(axis=0))
     follows = np.ptp(joint_pos, axis=0) >= CREEP_WINDOW
     return np.where(follows, np.clip(half, -CREEP_REACH, CREEP_REACH), CREEP_REACH)
@@ -167,7 +151,7 @@ def breakaway(actuator: Actuator) -> np.ndarray:
     still, read = _count(RAMP_SETTLE), []
     external = np.concatenate([np.full(still, PRELOAD), np.arange(PRELOAD, RAMP_TOP, RAMP_RATE * PERIOD)])
     for sign in (1.0, -1.0):
-        joint_pos = _respond(actuator, np.zeros(len(external)), external=sign * external).joint_pos[still:]
+        joint_pos = respond(actuator, np.zeros(len(external)), external=sign * external).joint_pos[still:]
         read.append(PRELOAD + RAMP_RATE * _crossing_time(sign * (joint_pos - joint_pos[0]), BREAKAWAY_ANGLE))
     return np.minimum(np.mean(read, axis=0), RAMP_TOP)
 
@@ -180,7 +164,7 @@ def stall_torque(actuator: Actuator) -> np.ndarray:
     """
     lead = np.linspace(0.0, STALL_ERROR, _count(STALL_LEAD))
     target = np.concatenate([lead, np.full(_count(STALL_HOLD), STALL_ERROR)])
-    return _respond(actuator, target, STALL_INERTIA, 0.0).joint_torque[-_count(STALL_FINAL) :].mean(axis=0)
+    return respond(actuator, target, STALL_INERTIA, 0.0).joint_torque[-_count(STALL_FINAL) :].mean(axis=0)
 
 
 def peak_speed(actuator: Actuator) -> np.ndarray:

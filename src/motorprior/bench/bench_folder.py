@@ -130,7 +130,8 @@ def record_bench(
     require_seed(seed)
     robot = as_robot(robot)
     population, chosen = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
-    chosen, settings = chosen.with_excitation(excitation), BenchSettings(population, preset, motors, steps, seed)
+    chosen = chosen if excitation is None else replace(chosen, kinds=(str(excitation),))
+    settings = BenchSettings(population, preset, motors, steps, seed)
     if out is None:
         log = record(settings.physical_motors(), chosen, steps, seed, population)
         return replace(log, robot=population.robot)  # no bench.json names it

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
 from motorprior.logs.motor_log import MotorLog
@@ -28,18 +28,8 @@ _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def step_joints(
-    arrays: ActuatorArrays,
-    h: float,
-    target: np.ndarray,
-    external: np.ndarray,
-    stiffness: np.ndarray,
-    inertia: np.ndarray,
-    q: np.ndarray,
-    dq: np.ndarray,
-    torque: np.ndarray,
-) -> None:
-    """Advance n joints on their motors by one step of ``h`` [s]; all vectors are (n,), in SI units.
+def step_joints(arrays, h, target, external, stiffness, inertia, q, dq, torque):
+    """Advance n joints on their motors (`ActuatorArrays`) by one step of ``h`` [s]; all vectors are (n,), in SI units.
 
     The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the torque of the motors
     without their damping. The JAX rollout shares `next_velocity` alone: its arrays cannot be written.

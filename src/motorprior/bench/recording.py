@@ -1,17 +1,10 @@
-"""Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log.
-
-Presets. ``paper``: sinusoids of varying frequency and amplitude on one inertia without external torque, sampled every
-0.01 s. ``rollout``: sinusoids, steps, gaits, gaits with impacts, slow pushes up to stall, on loads from a bare
-shank to a standing robot, sampled every 2 ms, half of the commands held at 100 Hz. ``adapt``: the same in segments of
-1 s, so that a few seconds contain many loads. ``narrow``: excitation and load of ``paper`` at the rate of ``rollout``.
-"""
+"""Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -37,10 +30,6 @@ class BenchPreset:
     hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
 
-    def with_excitation(self, file: Path | None) -> BenchPreset:
-        """The preset with the excitation of a file in every segment; unchanged without a file."""
-        return self if file is None else replace(self, kinds=(str(file),))
-
     def for_robot(self, robot: Robot) -> BenchPreset:
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
         low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
@@ -53,6 +42,9 @@ MOTORS_STREAM, EXCITATION_STREAM, INSTRUMENTS_STREAM = 11, 13, 47  # tags of ran
 MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
 MAX_HALVINGS = 4
 MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
+# rollout: loads from a bare shank to a standing robot; half of the commands are held at 100 Hz
+# adapt: the same in segments of 1 s, so that a few seconds contain many loads
+# narrow: excitation and load of paper at the rate of rollout
 _ROLLOUT = BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "steps", "gait", "impacts", "creep"), 5)
 BENCH_PRESETS = {
     "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
@@ -67,14 +59,6 @@ def bench_preset(name: str) -> BenchPreset:
     if name not in BENCH_PRESETS:
         raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}")
     return BENCH_PRESETS[name]
-
-
-def preset_of_period(period: float) -> BenchPreset:
-    """The preset with this sample period [s]; raises `ConfigError` if there is none."""
-    for preset in BENCH_PRESETS.values():
-        if preset.period == period:
-            return preset
-    raise ConfigError(f"no bench preset with a sample period of {period:g} s", remedy="identify with a shipped recipe")
 
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:

@@ -96,22 +96,16 @@ def _inside(samples: np.ndarray, truth: np.ndarray | float) -> dict[int, np.ndar
 
 def log_coverage(prior: MotorPrior, posterior: LatentPosterior, runs: Sequence[WindowRuns]) -> dict[int, float]:
     """Level [%] -> share of the recorded angles inside the band of free runs."""
-    rng = np.random.default_rng(_LOG_STREAM)
-    inside = [_inside(_sampled_errors(prior, posterior, one, rng), 0.0) for one in runs]
+    rng, inside = np.random.default_rng(_LOG_STREAM), []
+    for one in runs:
+        recorded, errors = one.recorded(VEL), []
+        for z in _latent_samples(posterior, rng):
+            found = one.errors(prior.model.motors(z))
+            velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
+            width = sample_residual_scale(prior.metrics, posterior.misfit, rng)[:, None, None]
+            errors.append(POSITION_SCALE * found[:, :, 0] + width * sample_residuals(prior.metrics, rng, velocity))
+        inside.append(_inside(np.stack(errors), 0.0))
     return {level: float(np.mean(np.concatenate([each[level].ravel() for each in inside]))) for level in LEVELS}
-
-
-def _sampled_errors(
-    prior: MotorPrior, posterior: LatentPosterior, runs: WindowRuns, rng: np.random.Generator
-) -> np.ndarray:
-    """(NUM_SAMPLES, M, N, W) errors [rad] of samples of the posterior."""
-    recorded, errors = runs.recorded(VEL), []
-    for z in _latent_samples(posterior, rng):
-        found = runs.errors(prior.model.motors(z))
-        velocity = recorded + VELOCITY_SCALE * found[:, :, 1]
-        width = sample_residual_scale(prior.metrics, posterior.misfit, rng)[:, None, None]
-        errors.append(POSITION_SCALE * found[:, :, 0] + width * sample_residuals(prior.metrics, rng, velocity))
-    return np.stack(errors)
 
 
 def _latent_samples(posterior: LatentPosterior, rng: np.random.Generator) -> Iterator[np.ndarray]:

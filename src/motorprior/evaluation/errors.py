@@ -25,6 +25,7 @@ from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import relative_conditions, seconds_since_cold
@@ -165,8 +166,6 @@ def evaluate_replay(
 
 def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
-    from motorprior.identification.physics.term_selection import TERM_OF, min_difference  # here: it imports scipy.stats
-
     found = []
     if static := static_joints(log):
         found.append(

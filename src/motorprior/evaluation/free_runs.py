@@ -99,41 +99,26 @@ def validation_of(
     statistics: Statistics = MEAN,
     failed: Collection[str] = (),
 ) -> Validation:
-    """Errors of models in free runs over logs.
+    """Errors of models of the motors of some joints in free runs over their test logs.
 
-    Args:
-        logs: test logs of the same joints, by name.
-        runs: quantity -> log -> its free runs; the last quantity is that of whole segments.
-        models: of the motors of the joints.
-        main_model: the model that warnings are about, if there is a tuned PD.
-        plotted: models of the traces, of the joints with its median and maximum error.
-        statistics: of the errors over joints and logs.
-        failed: names of models that could not be fitted; their errors are MAX_ERROR.
+    ``runs`` are by quantity and log; the last quantity is that of whole segments. Warnings are about ``main_model``, if
+    there is a tuned PD; traces are of the ``plotted`` models, in the longest runs of the joints with its median and
+    maximum error. The ``statistics`` are over joints and logs. The errors of ``failed`` models, which were not fitted,
+    are MAX_ERROR.
     """
     errors = {}
     for quantity, of_logs in runs.items():
         found = [free_run_errors(of_logs[name], models) for name in logs]
         failures = dict.fromkeys(failed, np.full(next(iter(logs.values())).num_joints, MAX_ERROR))
         errors[quantity] = LogErrors.of(logs, [each | failures for each in found])
-    *_, whole = runs
+    whole, whole_runs_of = list(errors.values())[-1], list(runs.values())[-1]
     results = sum((error_results(each, quantity, statistics) for quantity, each in errors.items()), Results())
-    warnings = errors[whole].warnings(main_model) if TUNED_PD in models else []
-    return Validation(results, traces(errors[whole], main_model, runs[whole], models, plotted), warnings)
-
-
-def traces(
-    errors: LogErrors,
-    model: str,
-    runs: Mapping[str, Sequence[WindowRuns]],
-    models: Mapping[str, MotorModel],
-    plotted: Collection[str],
-) -> list[Trace]:
-    """Longest free runs, by log, of the joints with the median and the maximum error of a model."""
-    found = []
-    for log, joint in errors.median_and_max(model):
-        name = errors.logs[log]
-        longest_run = max(runs[name], key=lambda run: run.preset.window)
+    warnings = whole.warnings(main_model) if TUNED_PD in models else []
+    traces = []
+    for log, joint in whole.median_and_max(main_model):
+        name = whole.logs[log]
+        longest_run = max(whole_runs_of[name], key=lambda run: run.preset.window)
         time, target, measured = (longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
         simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in plotted}
-        found.append(Trace(name, errors.joints[joint], time, target, measured, simulated))
-    return found
+        traces.append(Trace(name, whole.joints[joint], time, target, measured, simulated))
+    return Validation(results, traces, warnings)

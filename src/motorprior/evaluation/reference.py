@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
@@ -27,6 +26,7 @@ BLOCK = 1.0  # duration of the blocks that a log is divided into, each with its 
 GROWTH, GROWTH_STD = "held_out_growth", "held_out_growth_std"  # metrics: `residual_growth`
 ASSUMED_GROWTH_STD = 0.4  # standard deviation of log(growth) over motors
 _MIN_RESIDUAL, _MISFIT = 1e-5, (0.1, 20.0)  # [rad]; bounds of `residual_scale`
+WITHOUT_TORQUE = "_without_torque"  # suffix of the metrics' names for logs without torques
 _LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_variance")
 
 
@@ -41,51 +41,36 @@ def reference_metrics(
     loss_piece_variance            variance of the blocks' mean losses within a motor, over its mean loss squared
     residual_p05_SPEED … p95       percentiles of `replay_errors` by pool of SPEEDS, for priors trained in closed loop
 
-    If the log has torques, losses with the suffix ``_without_torque`` are added, for new motors whose log has none.
+    If the log has torques, losses with the suffix WITHOUT_TORQUE are added, for new motors whose log has none.
     """
     metrics = loss_metrics(latent_search(model, data, preset).parts(mean), preset, "")
     if preset.objective == "rollout":
-        if data.measured.torque:
-            without = replace(data, measured=replace(data.measured, torque=False))
-            metrics |= loss_metrics(latent_search(model, without, preset).parts(mean), preset, metric_suffix(False))
-        metrics |= _residual_metrics(model.motors(mean), log, preset)
+        if data.has_torque:
+            without = replace(data, has_torque=False)
+            metrics |= loss_metrics(latent_search(model, without, preset).parts(mean), preset, WITHOUT_TORQUE)
+        errors, velocity = replay_errors(model.motors(mean), log, preset.nominal_conditions)
+        pool = _pool(velocity)
+        for index, name in enumerate(SPEEDS):
+            chosen = errors[pool == index]
+            values = np.percentile(chosen if len(chosen) else errors, LEVELS)
+            metrics |= dict(zip(_percentiles(name), values.tolist(), strict=True))
     return metrics
 
 
-def metric_suffix(has_torque: bool) -> str:
-    """Suffix of the metrics' names for logs with or without torques."""
-    return "" if has_torque else "_without_torque"
-
-
-def num_blocks(windows: int, preset: Preset) -> float:
-    """Number of blocks in a log with this number of ``windows``; it may be a fraction."""
-    return windows / _windows_per_block(preset)
-
-
-def _windows_per_block(preset: Preset) -> int:
+def windows_per_block(preset: Preset) -> int:
+    """Number of windows in a block."""
     return max(1, round(BLOCK / (preset.window * preset.period)))
 
 
 def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, float]:
     """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
-    motor, length = losses.mean(axis=1), _windows_per_block(preset)
+    motor, length = losses.mean(axis=1), windows_per_block(preset)
     count = losses.shape[1] // length
     blocks = losses[:, : count * length].reshape(len(losses), count, length).mean(axis=2)
     within = np.mean(blocks.var(axis=1, ddof=1) / blocks.mean(axis=1) ** 2) if count > 1 else 0.0
     std = np.log(motor).std(ddof=1) if len(motor) > 1 else 0.0
-    blocks_per_motor = num_blocks(losses.shape[1], preset)
-    values = (motor.mean(), np.log(motor).mean(), std, len(motor), blocks_per_motor, within)
+    values = (motor.mean(), np.log(motor).mean(), std, len(motor), losses.shape[1] / length, within)
     return {f"loss_{name}{suffix}": float(value) for name, value in zip(_LOSS_METRICS, values, strict=True)}
-
-
-def _residual_metrics(motors: Actuator, log: MotorLog, preset: Preset) -> dict[str, float]:
-    errors, velocity = replay_errors(motors, log, preset.nominal_conditions)
-    pool, metrics = _pool(velocity), {}
-    for index, name in enumerate(SPEEDS):
-        chosen = errors[pool == index]
-        values = np.percentile(chosen if len(chosen) else errors, LEVELS)
-        metrics |= dict(zip(_percentiles(name), values.tolist(), strict=True))
-    return metrics
 
 
 def _percentiles(pool: str) -> list[str]:
@@ -108,8 +93,8 @@ def loss_p_value(metrics: dict[str, float], losses: np.ndarray, count: float, su
 
     where m and s come from logs of N blocks, and V is the variance of a block. Since s is estimated from the training
     motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1 + 1/motors). ``metrics`` are those of
-    the prior with this `metric_suffix`, ``losses`` (M,) mean window losses of the new motors at their posterior means,
-    and ``count`` is n, the `num_blocks` of their log.
+    the prior with this ``suffix``, ``losses`` (M,) mean window losses of the new motors at their posterior means, and
+    ``count`` is n, the number of blocks of their log, which may be a fraction.
     """
     from scipy.stats import t as student_t  # here: it takes half a second to import
 
@@ -130,12 +115,7 @@ def residual_scale(metrics: Mapping[str, float], errors: np.ndarray, joint_vel: 
 
 
 def residual_growth(
-    model: GreyBox,
-    mean: np.ndarray,
-    classes: JointClasses,
-    log: MotorLog,
-    preset: Preset,
-    metrics: Mapping[str, float],
+    model: GreyBox, mean: np.ndarray, classes: JointClasses, log: MotorLog, preset: Preset, metrics: Mapping[str, float]
 ) -> dict[str, float]:
     """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.
 

@@ -29,7 +29,7 @@ from motorprior.identification.physics.motor_problem import MotorProblem, fixed_
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
-from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import NARROW, THREADS, WIDE, Fit, GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
 from motorprior.logs.operations import static_joints
 from motorprior.signals import rms
@@ -71,11 +71,12 @@ class _LoadProblem(MotorProblem):
         return self.start[0] * np.exp(x[:, -3]), self.unit * x[:, -2:].T
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, windows·channels·steps) scaled errors with unknowns x[l]."""
+        """(L, windows·channels·steps) of `errors`."""
         chunks = [x[first : first + _LANES] for first in range(0, len(x), _LANES)]
-        return np.concatenate(list(self.runs.threads.map(self._errors, chunks))).reshape(len(x), -1)
+        return np.concatenate(list(THREADS.map(self.errors, chunks))).reshape(len(x), -1)
 
-    def _errors(self, x: np.ndarray) -> np.ndarray:
+    def errors(self, x: np.ndarray) -> np.ndarray:
+        """(L, windows, channels, steps) scaled errors with unknowns x[l]."""
         (inertia, gravity), lanes, found = self.load(x), np.arange(len(x)), []
         for segment in self.runs.segments:
             rows = np.repeat(segment.rows, len(x), axis=2)
@@ -85,10 +86,6 @@ class _LoadProblem(MotorProblem):
             loaded = SegmentArrays(rows, segment.windows)
             found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
         return np.concatenate(found, axis=1)
-
-    def rmse(self, x: np.ndarray) -> float:
-        """Root mean square error of positions [rad] with unknowns x (1, K)."""
-        return POSITION_SCALE * float(rms(self._errors(x)[:, :, 0].astype(np.float64)))
 
 
 def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,10 +155,10 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones((1, 1)))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
-    inertia, gravity = problem.load(found.x)
+    (inertia, gravity), errors = problem.load(found.x), problem.errors(found.x)[:, :, 0].astype(np.float64)
     return FittedLoad(
         float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
-        problem.unit**2 * covariance[-2:, -2:], problem.rmse(found.x),
+        problem.unit**2 * covariance[-2:, -2:], POSITION_SCALE * float(rms(errors)),
     )  # fmt: skip
 
 

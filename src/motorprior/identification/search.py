@@ -29,6 +29,8 @@ _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # concurrent descents; when few problems are left, several restarts of each
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 FIXED = 1e6  # precision of a fixed unknown
+CORES = os.cpu_count() or 1
+THREADS = ThreadPoolExecutor(CORES)  # of all searches; a task must not wait for another one
 Steps: TypeAlias = tuple[tuple[int, float], ...]
 """Descents one after the other: maximum number of Gauss-Newton steps, and step of the differences, of each."""
 
@@ -36,16 +38,6 @@ Steps: TypeAlias = tuple[tuple[int, float], ...]
 def huber(x: Any) -> Any:
     """Pseudo-Huber loss √(1 + x²) - 1: linear for large |x|, so that one diverged window does not dominate a batch."""
     return (1.0 + x * x) ** 0.5 - 1.0
-
-
-def huber_weight(x: Any) -> Any:
-    """Derivative of `huber` over x, (1 + x²)^(-1/2)."""
-    return (1.0 + x * x) ** -0.5
-
-
-def huber_curvature(x: Any) -> Any:
-    """Second derivative of `huber`, (1 + x²)^(-3/2)."""
-    return (1.0 + x * x) ** -1.5
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
@@ -83,13 +75,9 @@ class GaussianPrior:
 
     def energy(self, x: np.ndarray) -> np.ndarray:
         """(M, ...) ½·Σ precision·(x - mean)² of x (M, ..., K)."""
-        mean, precision = (_broadcast(values, x) for values in (self.mean, self.precision))
-        return 0.5 * np.sum(precision * (x - mean) ** 2, axis=-1)
-
-
-def _broadcast(values: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Values (K,) or (M, K) in a shape that broadcasts with x (M, ..., K)."""
-    return values if values.ndim == 1 else values.reshape(len(values), *[1] * (x.ndim - 2), -1)
+        mean, precision = (np.atleast_2d(values)[:, None] for values in (self.mean, self.precision))
+        away = x.reshape(len(x), -1, x.shape[-1]) - mean
+        return 0.5 * np.sum(precision * away**2, axis=-1).reshape(x.shape[:-1])
 
 
 @dataclass(frozen=True)
@@ -136,8 +124,7 @@ class Search:
     """Searches and descents for the problems of one `Problem`; ``lower`` (M, K) bounds candidates, not descents."""
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
-        self.problem, self._lower, self._threads = problem, lower, ThreadPoolExecutor(os.cpu_count() or 1)
-        self.all_problems = np.arange(problem.count)
+        self.problem, self._lower, self.all_problems = problem, lower, np.arange(problem.count)
 
     def losses(self, x: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
         """(...) loss of problem x[m, ...]; x is (M, ..., K), of the problems ``which`` (M,) or of all."""
@@ -146,8 +133,8 @@ class Search:
         rows, found = x.reshape(-1, x.shape[-1]), np.empty(len(lanes))
         for first in range(0, len(lanes), _LANES):
             some = slice(first, first + _LANES)
-            values = np.array_split(self._residuals(rows[some], lanes[some]), os.cpu_count() or 1)
-            found[some] = np.concatenate(list(self._threads.map(self.loss_of, values)))
+            values = np.array_split(self._residuals(rows[some], lanes[some]), CORES)
+            found[some] = np.concatenate(list(THREADS.map(self.loss_of, values)))
         return found.reshape(shape)
 
     def parts(self, x: np.ndarray) -> np.ndarray:
@@ -174,7 +161,7 @@ class Search:
         """(m, K) candidate with the lowest energy for each problem; candidates (m, C, K) are raised to the bounds."""
         which = self.all_problems if which is None else which
         if self._lower is not None:
-            candidates = np.maximum(candidates, _broadcast(self._lower[which], candidates))
+            candidates = np.maximum(candidates, self._lower[which][:, None])
         energy = self.losses(candidates, which) + prior.subset(which).energy(candidates)
         return candidates[np.arange(len(which)), energy.argmin(axis=1)]
 
@@ -248,16 +235,16 @@ class Search:
         return found
 
     def curvatures(self, x: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
-        """(M, K, K) Gauss-Newton matrices of the loss: weight·mean of huber''(r)·∇r·∇rᵀ."""
-        return self._derivatives(x, diff_step, self.all_problems, np.arange(x.shape[1]), huber_curvature)[1]
+        """(M, K, K) Gauss-Newton matrices of the loss: weight·mean of (1 + r²)^(-3/2)·∇r·∇rᵀ, with huber''(r)."""
+        return self._derivatives(x, diff_step, self.all_problems, np.arange(x.shape[1]), -1.5)[1]
 
     def _derivatives(
-        self, x: np.ndarray, diff_step: float, which: np.ndarray, free: np.ndarray, bend: Callable = huber_weight
+        self, x: np.ndarray, diff_step: float, which: np.ndarray, free: np.ndarray, power: float = -0.5
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (m, K) and Gauss-Newton matrix (m, K, K) of the loss of problems ``which`` (m,).
 
-        They are 0 for unknowns that are not ``free`` (indices). The matrix has ``bend`` in place of the second
-        derivative: with `huber_weight` it is an upper bound.
+        They are 0 for unknowns that are not ``free`` (indices). The matrix has (1 + r²)^power in place of huber''(r),
+        which has a power of -3/2; that of -1/2, of huber'(r)/r, gives an upper bound.
         """
         size = x.shape[1]
         slope, curvature = np.zeros((len(which), size)), np.zeros((len(which), size, size))
@@ -276,10 +263,11 @@ class Search:
                     slopes = (above - below) / np.float32(2.0 * diff_step)
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
                 here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
-                return _sums(slopes, huber_weight(here) * here, bend(here))
+                squares = 1.0 + here * here
+                return _sums(slopes, squares**-0.5 * here, squares**power)
 
             factor = self.problem.weight / found.shape[2]
-            for row, (gradient, matrix) in enumerate(self._threads.map(of_one, found), first):
+            for row, (gradient, matrix) in enumerate(THREADS.map(of_one, found), first):
                 slope[row, free], curvature[row][np.ix_(free, free)] = factor * gradient, factor * matrix
         return slope, curvature
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,19 +16,6 @@ from motorprior.signals import rms
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Which channels of a log were measured, and where."""
-
-    torque: bool  # whether the log has joint_torque
-    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
-
-    @property
-    def channels(self) -> int:
-        """Number of errors per sample of a rollout: of position, velocity and, if measured, torque."""
-        return 3 if self.torque else 2
-
-
-@dataclass(frozen=True)
 class TrainingData:
     """Logs of M motors with R rows each."""
 
@@ -38,8 +25,8 @@ class TrainingData:
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
     scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
-    measured: Measured
-    gain_unit: str = ""  # of the logged gains, "" if there are none
+    has_torque: bool  # whether the log has joint_torque
+    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
     # steps over which changes of the joint_reading error are velocity errors; 0: velocities are compared
@@ -78,9 +65,11 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     if other := other_firmware(log.firmware, dict(preset.firmware)):
         raise LogError(f"{other} (log and prior)", where=where, remedy="identify these logs by themselves")
     zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
+    gains = _by_segment(log, lambda part: _gains(part, preset, where))
+    conditions = _by_segment(log, lambda part: relative_conditions(part, preset.nominal_conditions))
     channels = (
         log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
-        seconds, *_gains(log, preset, where), *_conditions(log, preset), log.load_stiffness, log.readings,
+        seconds, *gains, *conditions, log.load_stiffness, log.readings,
     )  # fmt: skip
     series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
@@ -96,11 +85,11 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         starts=window_starts(parts, preset, where),
         parts=parts,
         scales=_scales(log, where),
-        gain_unit=preset.gain_unit,
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
         velocity_steps=_velocity_steps(log),
-        measured=Measured(log.joint_torque is not None, log.encoder == "rotor"),
+        has_torque=log.joint_torque is not None,
+        at_rotor=log.encoder == "rotor",
     )
 
 
@@ -119,19 +108,22 @@ def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
     return replace(preset, window=min(preset.window, max_window)) if preset.objective == "rollout" else preset
 
 
+def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.ndarray:
+    """(2, R, M) ``values`` (2, M) of each segment, which are constant in it."""
+    return np.concatenate([np.repeat(values(part)[:, None], part.num_rows, axis=1) for part in log.segments()], axis=1)
+
+
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     if not preset.gain_unit:
-        return np.ones((2, *log.joint_pos.shape))
-    parts = [(part.gains, part.num_rows) for part in log.segments()]
-    if log.logged_kp is None or log.gain_unit != preset.gain_unit:
-        has = "no logged_kp" if log.logged_kp is None else f"gains in {log.gain_unit}"
+        return np.ones((2, log.num_joints))
+    gains = log.gains
+    if gains is None or log.gain_unit != preset.gain_unit:
+        has = "no logged_kp" if gains is None else f"gains in {log.gain_unit}"
         raise LogError(
             f"{has}; the prior's motors have logged gains [{preset.gain_unit}]", where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",
         )  # fmt: skip
-    return np.concatenate(
-        [np.repeat(gains[:, None], rows, axis=1) for gains, rows in parts if gains is not None], axis=1
-    )
+    return gains
 
 
 def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
@@ -143,13 +135,6 @@ def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndar
     if "motor_temperature" in logged:
         temperature_rise = logged["motor_temperature"] - nominal["motor_temperature"]
     return np.stack([supply, temperature_rise])
-
-
-def _conditions(log: MotorLog, preset: Preset) -> np.ndarray:
-    """(2, R, M) of `relative_conditions`, constant in a segment, like a motor's constants."""
-    nominal = preset.nominal_conditions
-    parts = [(relative_conditions(part, nominal)[:, None], part.joint_pos.shape) for part in log.segments()]
-    return np.concatenate([np.broadcast_to(values, (2, *shape)) for values, shape in parts], axis=1)
 
 
 def seconds_since_cold(log: MotorLog) -> np.ndarray:

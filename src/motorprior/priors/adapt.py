@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.evaluation.errors import evaluate_replay, log_warnings, replay_errors
-from motorprior.evaluation.reference import loss_p_value, metric_suffix, num_blocks, residual_scale
+from motorprior.evaluation.reference import WITHOUT_TORQUE, loss_p_value, residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, Outliers, fit_posterior, outliers
 from motorprior.identification.presets import Preset, recipe_of
@@ -29,15 +29,6 @@ FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier t
 # robots of 12 motors that share a third of the variance.
 WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
 _FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
-
-
-@dataclass(frozen=True)
-class OutlierTest:
-    """Whether the M motors of a log are outliers of the prior's fleet."""
-
-    # (M,) min(1, 2·min p): of the fit to the log (`reference.loss_p_value`), of the constants (`latent_fit.outliers`)
-    p_value: np.ndarray
-    reason: tuple[str, ...]  # (M,) the largest deviation of each outlier; "" of the others
 
 
 def adapt(
@@ -69,19 +60,23 @@ def adapt(
     note_training_log(prior, log, progress)
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
         found = adapt_to(prior, log)
-        test = outlier_test(prior, log, found)
+        p_values, reasons = outlier_test(prior, log, found)
         task.advance()
-    named = [f"{name}: {reason}" for name, reason in zip(log.joint_names, test.reason, strict=True) if reason]
-    if named:
+    if named := [f"{name}: {reason}" for name, reason in zip(log.joint_names, reasons, strict=True) if reason]:
         problem = f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}"
         if not allow_outliers:
             remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set allow_outliers"
             raise LogError(problem, where=log.source, argument="allow_outliers", remedy=remedy)
         progress.note(f"{WARNING}{problem}")
     if progress is not SILENT:  # tuning a PD to compare with takes time
-        _note_findings(prior, log, found, progress)
-    p_value = tuple(float(value) for value in test.p_value)
-    gains = log.gains if prior.model.gain_unit else None
+        recipe = recipe_of(prior)
+        for line in log_warnings(log, recipe):
+            progress.note(line)
+        if isinstance(prior.model, GreyBox):
+            evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
+        if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
+            progress.note(advice)
+    gains, p_value = log.gains if prior.model.gain_unit else None, tuple(p_values.tolist())
     return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
 
 
@@ -99,10 +94,14 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
     return replace(found, misfit=np.where(still, misfit, own))
 
 
-def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> OutlierTest:
-    """Whether the motors that `adapt_to` found in this log are outliers of the prior's fleet."""
+def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> tuple[np.ndarray, list[str]]:
+    """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
+
+    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`reference.loss_p_value`) and of the constants
+    (`latent_fit.outliers`), and the largest deviation of each outlier, "" of the others.
+    """
     preset, data, temperature, which = _prepared(prior, log)
-    p_fit = loss_p_value(prior.metrics, found.loss, num_blocks(found.windows, preset), which)
+    p_fit = loss_p_value(prior.metrics, found.loss, found.windows / windows_per_block(preset), which)
     reason, p_value = ["large error on its log"] * len(p_fit), p_fit
     if len(prior.mean) > len(prior.classes.names):
         classes = prior.joint_classes(log)
@@ -113,7 +112,7 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> Ou
         p_value = np.where(moved(log), np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value)), 1.0)
         for motor in np.flatnonzero(far.p_value < p_fit):
             reason[motor] = _distance_text(classes[motor], far, int(motor))
-    return OutlierTest(p_value, tuple(np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()))
+    return p_value, np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()
 
 
 def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
@@ -126,33 +125,21 @@ def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
 
 
 def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, float, str]:
-    """Recipe, data, temperature, and the `reference.metric_suffix` of the metrics of the outlier test."""
+    """Recipe, data, temperature, and suffix of the names of the metrics for the outlier test."""
     preset = with_window_that_fits(recipe_of(prior), log)
     data = training_data(log, preset, log.source)
     # A prior that was trained without torques uses positions only, even if the log has torques.
-    knows_torque = f"loss_mean{metric_suffix(False)}" in prior.metrics or preset.objective == "torque"
-    measured = replace(data.measured, torque=data.measured.torque and knows_torque)
-    which = metric_suffix(measured.torque) if knows_torque else ""
-    return preset, replace(data, measured=measured), prior.metrics[f"loss_mean{which}"], which
+    knows_torque = f"loss_mean{WITHOUT_TORQUE}" in prior.metrics or preset.objective == "torque"
+    data = replace(data, has_torque=data.has_torque and knows_torque)
+    which = WITHOUT_TORQUE if knows_torque and not data.has_torque else ""
+    return preset, data, prior.metrics[f"loss_mean{which}"], which
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
-        progress.note(
-            f"warning: the prior was trained on {log.source}: "
-            "errors, losses and p-values on it do not validate the prior"
-        )
-
-
-def _note_findings(prior: MotorPrior, log: MotorLog, found: LatentPosterior, progress: Progress) -> None:
-    recipe = recipe_of(prior)
-    for line in log_warnings(log, recipe):
-        progress.note(line)
-    if isinstance(prior.model, GreyBox):
-        evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
-    if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
-        progress.note(advice)
+        text = "errors, losses and p-values on it do not validate the prior"
+        progress.note(f"{WARNING}the prior was trained on {log.source}: {text}")
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:

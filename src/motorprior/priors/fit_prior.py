@@ -92,20 +92,22 @@ def fit_recipe(
     compare with; it is tuned here if not given.
     """
     recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
-    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress)
-    if out is None:
-        return fitted(_data(log, recipe), lambda name, compute: compute())
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
     wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
-    if is_finished(out, wanted):
+    if out is not None and is_finished(out, wanted):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
-    with locked(out):
-        data = _data(log, recipe)  # before the folder is unfinished: an error in the log leaves the earlier prior
-        with working(out, wanted):
-            fitted(data, partial(_checkpoint, out, wanted)).save(out / PRIOR)
-            for path in out.glob(CHECKPOINT.format("*")):
-                path.unlink()
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
+    if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
+        check_gain_units(log.gains, log.source)
+    data = training_data(log, recipe, log.source)  # an error in the log leaves an earlier prior in the folder
+    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
+    if out is None:
+        return fitted(lambda name, compute: compute())
+    with locked(out), working(out, wanted):
+        fitted(partial(_checkpoint, out, wanted)).save(out / PRIOR)
+        for path in out.glob(CHECKPOINT.format("*")):
+            path.unlink()
     return MotorPrior.load(out / PRIOR)
 
 
@@ -117,14 +119,6 @@ def _checkpoint(folder: Path, wanted: dict[str, Any], name: str, compute: Callab
     found = compute()
     write_tensors(path, found, wanted)
     return found
-
-
-def _data(log: MotorLog, recipe: Preset) -> TrainingData:
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
-    gains = log.gains
-    if gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
-        check_gain_units(gains, log.source)
-    return training_data(log, recipe, log.source)
 
 
 def _fitted(
@@ -139,7 +133,14 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
-    for line in (*_few_motors_note(log, recipe), used_seconds_text(data, recipe), *log_warnings(log, recipe)):
+    if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
+        deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
+        progress.note(
+            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
+            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
+            f"{RELIABLE_MOTORS} or more)"
+        )
+    for line in (used_seconds_text(data, recipe), *log_warnings(log, recipe)):
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
         found = identify(data, recipe, seed, task.advance, checkpoint)
@@ -170,17 +171,6 @@ def _fitted(
         model, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
         log.gains if model.gain_unit else None, classes, misfit,
     )  # fmt: skip
-
-
-def _few_motors_note(log: MotorLog, recipe: Preset) -> list[str]:
-    if not recipe.num_latents or log.num_joints >= RELIABLE_MOTORS:
-        return []
-    deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
-    return [
-        f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
-        f"reproduces these motors, but the standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} "
-        "or more)"
-    ]
 
 
 def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.behaviour import behaviours
 from motorprior.bench.bench_folder import BenchSettings
 from motorprior.bench.families import TrueMotors
-from motorprior.bench.recording import bench_preset, preset_of_period, record
+from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.evaluation.bench_truth import (
     HELD_OUT,
     HELD_OUT_SEED,
@@ -40,9 +40,10 @@ def held_out_motors(bench: BenchSettings) -> TrueMotors:
 
 def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    adapt, period = bench_preset("adapt"), prior.model.period
-    preset = (adapt if adapt.period == period else preset_of_period(period)).for_robot(robot)
-    return record(held_out_motors(bench), preset, round(seconds / period), HELD_OUT_SEED + bench.seed, bench.fleet)
+    presets = (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values())
+    preset = next(preset for preset in presets if preset.period == prior.model.period).for_robot(robot)
+    steps = round(seconds / preset.period)
+    return record(held_out_motors(bench), preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
 def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings) -> dict[str, LatentPosterior]:
@@ -91,7 +92,7 @@ def adaptation(
     for length in sorted(seconds):
         log = _held_out_log(robot, prior, bench, length)
         found = adapted if length == ADAPTED_SECONDS else adapt_to(prior, log)
-        p_value = outlier_test(prior, log, found).p_value
+        p_value = outlier_test(prior, log, found)[0]
         model = adapted_models({"prior": prior}, {"prior": found}, len(motors))
         error = bench_errors(motors, model, seed, preset)["impacts"]["prior"]
         measured = {
@@ -122,7 +123,7 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
     for _ in range(COMPARISONS):
         drawn = behaviours(prior.sample(POPULATION, rng))
         physical = behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())
-        areas.append(two_sample_auc(drawn.values, physical.values, bench.seed))
+        areas.append(two_sample_auc(drawn, physical, bench.seed))
     return Results.of([
         Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
         Result("two_sample_auc", "1", min(areas), statistic="low"),

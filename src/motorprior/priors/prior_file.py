@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,7 @@ from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.motor_log import MotorLog, range_text
-
-if TYPE_CHECKING:
-    from motorprior.robots.robot import Robot
+from motorprior.robots.robot import Robot
 
 SOFT_GEAR = 5.0  # gear stiffness over position gain [-]; below, a note
 

@@ -10,14 +10,7 @@ import numpy as np
 from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
-from motorprior.evaluation.free_runs import (
-    FREE_RUN,
-    WHOLE_RUN,
-    MotorModel,
-    Validation,
-    free_runs,
-    validation_of,
-)
+from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, Validation, free_runs, validation_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses

@@ -21,15 +21,7 @@ from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TO
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
-from motorprior.identification.physics import motor_problem, term_selection
-from motorprior.identification.physics.motor_fit import (
-    STAGES,
-    MotorFits,
-    fit_motors,
-    longer_runs,
-    refined,
-    with_stiff_gears,
-)
+from motorprior.identification.physics import motor_fit, motor_problem, term_selection
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -61,7 +53,7 @@ class TrainingResult:
 
 def work_of(preset: Preset) -> int:
     """Sum of the work that `identify` reports, if nothing diverges."""
-    return WORK * (len(TERMS) + STAGES) if preset.grey_boxes else preset.steps
+    return WORK * (len(TERMS) + motor_fit.STAGES) if preset.grey_boxes else preset.steps
 
 
 def identify(
@@ -95,16 +87,17 @@ def _grey_boxes(
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
     chosen = Selection.of(checkpoint("terms", lambda: _selected(data, preset, seed, report).arrays()))
-    found = MotorFits.of(checkpoint("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays()))
+    fitted = checkpoint("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays())
+    found = motor_fit.MotorFits.of(fitted)
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
     model = motor_problem.grey_box(found.center, found.terms, preset)
     report(0, "refining constants")
-    longer = longer_runs(data, preset, runs)
+    longer = motor_fit.longer_runs(data, preset, runs)
     z = found.offsets
     if longer is not runs:
-        z = refined(model, z, longer, preset.grey_boxes == "together")
-    z = with_stiff_gears(model, z, longer)
+        z = motor_fit.refined(model, z, longer, preset.grey_boxes == "together")
+    z = motor_fit.with_stiff_gears(model, z, longer)
     notes = _notes_on_terms(preset, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
@@ -127,11 +120,11 @@ def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgr
 
 def _fitted(
     data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: ReportProgress
-) -> MotorFits:
+) -> motor_fit.MotorFits:
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
     part = runs if some is data else WindowRuns(some, preset)
-    fit = partial(fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=part)
+    fit = partial(motor_fit.fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=part)
     found = fit(preset.logged_terms, report=lambda: report(WORK, "constants"))
     if set(terms) - set(preset.logged_terms):
         more = fit(terms, report=lambda: report(0, f"with {', '.join(terms)}"), nested=found)

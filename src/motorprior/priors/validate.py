@@ -8,6 +8,7 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
+from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
 from motorprior.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
@@ -72,8 +73,6 @@ def validate(
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
         ArtifactError, ConfigError: a prior of another robot or without latents, or a number out of range.
     """
-    from motorprior.evaluation.bench_truth import log_coverage, zero_shot
-
     require_seed(seed)
     if adam_steps is not None:
         require_count("adam_steps", adam_steps)

@@ -19,7 +19,6 @@ from motorprior.identification.windows import (
     STIFFNESS,
     TARGET,
     VEL,
-    Measured,
     TrainingData,
 )
 
@@ -48,7 +47,7 @@ def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: 
     series = complete(np.zeros((1, rows, 1), np.float32))
     series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
     series[0, 1:, VEL], series[0, :, INERTIA], series[0, :, READING] = np.diff(pos) / DT, 0.01, pos
-    data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, Measured(torque=False))
+    data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, False)
     return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
 
 
@@ -64,7 +63,7 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     """The motion of a joint with these constants, from rest."""
     target, external = command(seed), 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
     pos = np.zeros(ROWS)
-    pos[1:] = ResponseMotors("servo_limits", truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
+    pos[1:] = ResponseMotors(truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
     return [runs_of(target, pos, external)]
 
 
@@ -72,7 +71,7 @@ def test_limits_of_speed_and_acceleration_and_a_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
     limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, compliance=-0.2)
-    answer = ResponseMotors("servo_limits", limited).errors(runs)[0, 0]
+    answer = ResponseMotors(limited).errors(runs)[0, 0]
     speed = np.diff(answer) / DT
     assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)
     assert np.max(np.abs(np.diff(speed))) / DT == pytest.approx(10.0, abs=1e-6)

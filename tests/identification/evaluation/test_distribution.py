@@ -23,7 +23,7 @@ def auc_spread(n: int, m: int) -> float:
 def fleet():
     """(256, F) features of motors of one fleet."""
     motors = require_geared(load_fleet("mixed").sample(4 * COUNT, np.random.default_rng(21)))
-    return behaviours(PhysicalActuator(motors)).values
+    return behaviours(PhysicalActuator(motors))
 
 
 def halves(fleet, seed):
@@ -51,7 +51,7 @@ def test_a_fifth_more_kp_is_detected():
     source = load_fleet("pupper_v2")
     ours, theirs = (require_geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
     stiff = replace(theirs, kp=1.2 * theirs.kp)
-    a, b = (behaviours(PhysicalActuator(motors)).values for motors in (ours, stiff))
+    a, b = (behaviours(PhysicalActuator(motors)) for motors in (ours, stiff))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.evaluation.reference import loss_metrics, loss_p_value, num_blocks
+from motorprior.evaluation.reference import loss_metrics, loss_p_value, windows_per_block
 from motorprior.identification.presets import identification_preset
 
 RECIPE = identification_preset("rollout")
@@ -10,7 +10,7 @@ RECIPE = identification_preset("rollout")
 
 def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray:
     """(motors, windows): a spread of 0.5 between motors' logarithms, pieces with a variance of 2 over mean squared."""
-    length = round(1 / num_blocks(1, RECIPE))
+    length = windows_per_block(RECIPE)
     level = np.exp(-2.0 + 0.5 * rng.standard_normal((motors, 1)))
     of_pieces = np.exp(rng.normal(-0.5 * np.log(3.0), np.sqrt(np.log(3.0)), (motors, seconds)))
     return np.repeat(level * of_pieces, length, axis=1)

@@ -7,10 +7,10 @@ import pytest
 from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
-from motorprior.identification.latents.latent_fit import fit_posterior, laplace_covariance, latent_search
+from motorprior.identification.latents.latent_fit import fit_posterior
 from motorprior.identification.networks.objectives import export, initial_parameters
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, Measured, TrainingData
+from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, TrainingData
 
 RECIPE = replace(PRESETS["paper"], taps=(0, 1), num_neurons=8, num_latents=2)
 SCALES = {"error_scale": 0.4, "velocity_scale": 0.4, "torque_scale": 0.5, "torque_limit": 50.0}
@@ -31,7 +31,7 @@ def log_of(network: LatentNetwork, rows: int) -> TrainingData:
     for row in range(1, rows):
         past = [error[:, row], error[:, row - 1], velocity[:, row], velocity[:, row - 1]]
         series[:, row, TORQUE] = network.torque(np.stack(past, axis=1), Z)
-    return TrainingData(series, np.arange(rows - 4), (slice(0, rows),), SCALES, Measured(True))
+    return TrainingData(series, np.arange(rows - 4), (slice(0, rows),), SCALES, True)
 
 
 def test_the_latents_that_made_a_log_are_recovered(network: LatentNetwork):
@@ -42,7 +42,7 @@ def test_the_latents_that_made_a_log_are_recovered(network: LatentNetwork):
 
 def test_more_log_leaves_less_variance_and_none_leaves_the_prior(network: LatentNetwork):
     short, long, hot = (
-        laplace_covariance(latent_search(network, log_of(network, rows), RECIPE), Z, temperature)
+        fit_posterior(network, log_of(network, rows), RECIPE, temperature, start=Z).covariance
         for rows, temperature in ((50, 0.1), (400, 0.1), (50, 1e9))
     )
     assert np.all(np.linalg.det(long) < 0.3 * np.linalg.det(short)) and np.all(np.linalg.det(short) < 1.0)

@@ -15,11 +15,9 @@ from motorprior.identification.networks.objectives import (
     Parameters,
     export,
     initial_parameters,
-    rollout_objective,
-    torque_objective,
+    objective_of,
 )
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import Measured
 
 TAPS = (0, 1, 3)
 NETWORK = replace(PRESETS["latent_network"], taps=TAPS, num_neurons=8, num_latents=2, window=40)
@@ -57,12 +55,12 @@ def recorded(given: Parameters, preset=NETWORK):
 
 
 @cache
-def compiled(objective, preset, has_torque: bool):
-    return jax.jit(objective(preset, SCALES, Measured(has_torque)).loss)
+def compiled(preset, has_torque: bool):
+    return jax.jit(objective_of(preset, SCALES, has_torque).loss)
 
 
-def loss(objective, given: Parameters, windows, preset=NETWORK, has_torque=False) -> float:
-    made = compiled(objective, preset, has_torque)
+def loss(given: Parameters, windows, preset=NETWORK, has_torque=False) -> float:
+    made = compiled(preset, has_torque)
     return float(made(given, jnp.asarray(windows, jnp.float32), jnp.asarray(Z, jnp.float32)))
 
 
@@ -71,7 +69,7 @@ def test_a_perfect_model_rolls_out_its_own_recording(has_torque):
     given = parameters()
     windows = recorded(given)
     # float32 against float64 over 40 steps: 1e-6 rad of 0.01, 1e-4 rad/s of 0.3; squared, halved: below 1e-6
-    assert loss(rollout_objective, given, windows, has_torque=has_torque) < 1e-6
+    assert loss(given, windows, has_torque=has_torque) < 1e-6
     assert np.max(np.abs(windows[..., 3])) == pytest.approx(0.08)  # the limit is reached, and so is its clip
 
 
@@ -82,8 +80,8 @@ def test_torque_regression_is_the_mean_square_of_the_newest_row():
     past = rows[:, [TAPS[-1] - tap for tap in TAPS]]
     inputs = np.concatenate([(past[..., 0] - past[..., 1]) / 0.2, past[..., 2] / 3.0], axis=1)
     rows[:, -1, 3] = net.torque(inputs, Z)
-    assert loss(torque_objective, given, rows, TORQUE) < 1e-10
+    assert loss(given, rows, TORQUE) < 1e-10
     rows[:, -1, 3] += 0.7 * np.array([1.0, -2.0, 3.0])  # in units of torque_scale: (1 + 4 + 9) / 3
-    assert loss(torque_objective, given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)
+    assert loss(given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)
     rows[:, :-1, 3] = 99.0  # older torques do not count
-    assert loss(torque_objective, given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)
+    assert loss(given, rows, TORQUE) == pytest.approx(14 / 3, rel=1e-5)

@@ -18,7 +18,7 @@ from motorprior.identification.physics.motor_problem import (
 )
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import POS, VEL, Measured, TrainingData
+from motorprior.identification.windows import POS, VEL, TrainingData
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -50,10 +50,10 @@ def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_loa
     center = encoded(motor, ())
     box = grey_box(center, (), PRESET)
     z = np.zeros((1, len(center)))
-    data = replace(decoder_data(box, z, segments=5, rows=400), measured=Measured(False))
+    data = replace(decoder_data(box, z, segments=5, rows=400), has_torque=False)
     series = data.series.copy()
     series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
     data = replace(data, series=series)
     assert unknown_torque_scale(box, WindowRuns(data, PRESET), z).tolist() == [hidden]
-    stated = replace(box, gain_unit=PHYSICAL_GAINS), replace(data, gain_unit=PHYSICAL_GAINS)
-    assert not unknown_torque_scale(stated[0], WindowRuns(stated[1], PRESET), z).any(), "gains in N·m/rad set the scale"
+    stated = WindowRuns(data, replace(PRESET, gain_unit=PHYSICAL_GAINS))
+    assert not unknown_torque_scale(replace(box, gain_unit=PHYSICAL_GAINS), stated, z).any(), "gains set the scale"

@@ -9,6 +9,7 @@ import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.identification.physics import window_runs
 from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -85,7 +86,7 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
     results = []
     for threads in (1, 3):
-        monkeypatch.setattr(runs, "threads", ThreadPoolExecutor(threads))
+        monkeypatch.setattr(window_runs, "THREADS", ThreadPoolExecutor(threads))
         one = fit_motors(runs, (), True, 5, restarts=2)
         results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
     assert results[0] == results[1]

@@ -13,14 +13,13 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import Measured, TrainingData
+from motorprior.identification.windows import TrainingData
 
 PRESET = replace(PRESETS["rollout"], window=100)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
 MOTORS, DT = 3, PRESET.period
 INERTIA = np.array([0.0008, 0.002, 0.004])
 PLAY, ZERO, KP = (PARAMETERS.index(name) for name in ("backlash", "encoder_zero", "kp"))
-AT_ROTOR, AT_JOINT = Measured(torque=False, at_rotor=True), Measured(torque=False)
 HIDDEN = ("backlash", "encoder_zero")
 
 
@@ -59,20 +58,20 @@ def series(box: GreyBox, z: np.ndarray) -> np.ndarray:
     return complete(np.stack(channels, axis=-1).transpose(1, 0, 2)).astype(np.float32)
 
 
-def loss(box: GreyBox, series: np.ndarray, z: np.ndarray, measured: Measured) -> float:
+def loss(box: GreyBox, series: np.ndarray, z: np.ndarray, at_rotor: bool) -> float:
     rows = series.shape[1]
-    data = TrainingData(series, np.arange(1), (slice(0, rows),), SCALES, measured)
+    data = TrainingData(series, np.arange(1), (slice(0, rows),), SCALES, False, at_rotor)
     return float(motor_search(box, WindowRuns(data, PRESET)).losses(z).mean())
 
 
 def test_a_perfect_model_replays_the_rotors(box, series, z):
-    assert loss(box, series, z, AT_ROTOR) < 1e-5
-    assert loss(box, series, z, AT_JOINT) > 1e-3
+    assert loss(box, series, z, at_rotor=True) < 1e-5
+    assert loss(box, series, z, at_rotor=False) > 1e-3
 
 
 @pytest.mark.parametrize("name", [*HIDDEN, "kp", "coulomb", "armature"])
 def test_rotor_encoders_identify_all_constants_but_zero_and_backlash(box, series, z, name: str):
     moved = z.copy()
     moved[:, PARAMETERS.index(name)] += 0.5
-    before, after = (loss(box, series, one, AT_ROTOR) for one in (z, moved))
+    before, after = (loss(box, series, one, at_rotor=True) for one in (z, moved))
     assert (after == before) if name in HIDDEN else (after > before)

@@ -9,6 +9,7 @@ import pytest
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import TERMS
+from motorprior.identification.physics import window_runs
 from motorprior.identification.physics.window_runs import WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData
@@ -49,7 +50,7 @@ def test_windows_are_those_of_a_fit_and_do_not_cross_segments(grey_box: Networks
     np.testing.assert_array_equal(runs.groups(), [0] * 4 + [1] * 9)  # a segment without a window counts for nothing
 
 
-def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data):
+def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data, monkeypatch: pytest.MonkeyPatch):
     box = grey_box(terms=("profile", "presliding"))
     runs, rng = WindowRuns(decoder_data(box, Z, segments=2, rows=200), PRESET), np.random.default_rng(0)
     z, motor = rng.standard_normal((600, 3)), rng.integers(0, 3, 600)
@@ -57,5 +58,5 @@ def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data):
     for lane in (0, 255, 256, 599):
         np.testing.assert_array_equal(many[lane], runs.residuals(grey_boxes(box), z[[lane]], motor[[lane]])[0])
     for threads in (1, 3):
-        runs.threads = ThreadPoolExecutor(threads)
+        monkeypatch.setattr(window_runs, "THREADS", ThreadPoolExecutor(threads))
         np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)

@@ -73,8 +73,7 @@ class _PdProblem:
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, rows·motors) errors of angles over SCALE."""
-        chunks = range(0, len(x), _LANES)
-        return np.concatenate([self._errors(x[first : first + _LANES]) for first in chunks])
+        return np.concatenate([self._errors(x[first : first + _LANES]) for first in range(0, len(x), _LANES)])
 
     def _errors(self, x: np.ndarray) -> np.ndarray:
         motors, found = self._runs[0].num_motors, []
@@ -126,12 +125,6 @@ def fit_pd(
     return PdFit(constants, whole.rmse(x))
 
 
-def with_scaled_gains(pd: IdealPd, log: MotorLog) -> IdealPd | GainScaledPd:
-    """A PD that was fitted to a log, scaled to the gains of other logs if this one has gains."""
-    medians = _median_gains(log)
-    return pd if medians is None else GainScaledPd(pd, medians)
-
-
 def _median_gains(log: MotorLog) -> np.ndarray | None:
     gains = [part.gains for part in log.segments() if part.gains is not None]
     return np.median(gains, axis=(0, 2)) if gains else None
@@ -157,4 +150,5 @@ def fitted_tuned_pd(log: MotorLog, progress: Progress, num_motors: int | None = 
     """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
     with progress.start("tune one PD", RESTARTS) as task:
         found = fit_pd(log, WITH_ROTOR, report=task.advance)
-    return with_scaled_gains(IdealPd.uniform(num_motors or log.num_joints, **found.constants), log)
+    pd, gains = IdealPd.uniform(num_motors or log.num_joints, **found.constants), _median_gains(log)
+    return pd if gains is None else GainScaledPd(pd, gains)

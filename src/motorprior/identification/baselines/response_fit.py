@@ -18,9 +18,7 @@ reaches would bind in other motions. Logged firmware registers are not searched.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -29,7 +27,7 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, THREADS, WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
@@ -72,18 +70,20 @@ _OFFSET = list(CONSTANTS).index("offset")
 
 
 @njit(cache=True, nogil=True)
-def _respond(target, external, stiffness, starts, pos, vel, constants, dt, out):
-    """Fill out (runs, steps) with one joint's angles [rad] at the end of every step.
+def _respond(rows, first, constants, dt, out):
+    """Fill out (runs, steps) with one joint's simulated minus recorded angles [rad] at the end of every step.
 
-    target [rad], external [N·m] and stiffness [N·m/rad] are (rows,); runs start at rows ``starts`` (runs,) from ``pos``
-    [rad] and ``vel``, half a period before [rad/s]; constants are in the order of CONSTANTS, dt [s].
+    ``rows`` are (channels of `windows`, R); the first run begins at row ``first``, constants are in the order of
+    CONSTANTS, dt [s]. The logged velocity at the start is that of half a period before.
     """
+    target, external, stiffness = rows[TARGET], rows[EXTERNAL], rows[STIFFNESS]
     delay, rate, damping, speed, acceleration, band, gain, offset, compliance, sine, cosine = constants
     late, at_once, turned = delay / dt, rate >= INFINITE_RATE, sine != 0.0 or cosine != 0.0
     for run in range(out.shape[0]):
-        q, dq = pos[run], vel[run]
+        start = first + run * out.shape[1]
+        q, dq = rows[POS, start], rows[VEL, start]
         for step in range(out.shape[1]):
-            row = starts[run] + step
+            row = start + step
             age = max(0.0, row + at_once - late)  # without lag, the end of the step has the command of that time
             before = min(int(age), target.shape[0] - 2)
             command = target[before] + (age - before) * (target[before + 1] - target[before])
@@ -99,14 +99,13 @@ def _respond(target, external, stiffness, starts, pos, vel, constants, dt, out):
                 change = min(dt * acceleration, max(-dt * acceleration, change))
                 dq = min(speed, max(-speed, dq + change))
                 q += dt * dq
-            out[run, step] = q
+            out[run, step] = q - rows[READING, row + 1]
 
 
 @dataclass(frozen=True)
 class ResponseMotors:
     """One response model per joint."""
 
-    name: str  # name in MODELS
     constants: np.ndarray  # (M, constants) in the order of CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
@@ -119,23 +118,15 @@ class JointRuns:
     """Free runs of one joint of a log."""
 
     def __init__(self, runs: WindowRuns, joint: int):
-        first, self._window, self._dt, self._segments = runs.preset.history, runs.preset.window, runs.preset.period, []
-        for segment in runs.segments:
-            target, external, stiffness, pos, vel, reading = (
-                np.ascontiguousarray(segment.rows[:, channel, joint])
-                for channel in (TARGET, EXTERNAL, STIFFNESS, POS, VEL, READING)
-            )
-            starts = first + self._window * np.arange(segment.windows)
-            recorded = reading[first + 1 : first + 1 + segment.windows * self._window].reshape(-1, self._window)
-            self._segments.append((target, external, stiffness, starts, pos[starts], vel[starts], recorded))
+        self._preset = runs.preset
+        self._segments = [(np.ascontiguousarray(each.rows[:, :, joint].T), each.windows) for each in runs.segments]
 
     def errors(self, constants: np.ndarray) -> np.ndarray:
         """(N, W) simulated minus recorded angles [rad] with these ``constants``."""
-        found = []
-        for target, external, stiffness, starts, pos, vel, recorded in self._segments:
-            simulated = np.empty(recorded.shape)
-            _respond(target, external, stiffness, starts, pos, vel, constants, self._dt, simulated)
-            found.append(simulated - recorded)
+        found, preset = [], self._preset
+        for rows, windows in self._segments:
+            found.append(np.empty((windows, preset.window)))
+            _respond(rows, preset.history, constants, preset.period, found[-1])
         return np.concatenate(found)
 
 
@@ -166,7 +157,7 @@ def fit_responses(
         for dropped in optional:
             fit, prior = _without(problem, fit, prior, np.isin(free, dropped))
         simpler = problem.constants(fit.x, np.arange(problem.count))
-        found[name] = ResponseMotors(name, simpler)
+        found[name] = ResponseMotors(simpler)
     return found
 
 
@@ -205,7 +196,6 @@ class _ResponseProblem:
         self.count, self._free = runs[0].num_motors, free
         self._joints = [[JointRuns(each, joint) for each in runs] for joint in range(self.count)]
         self._base, self._every = base, 1 + sum(each.windows * each.preset.window for each in runs) // MAX_SAMPLES
-        self._threads = ThreadPoolExecutor(os.cpu_count() or 1)
         low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
         high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
         away = centres[:, None] / UNITS["offset"] * (np.array(free) == "offset")
@@ -237,7 +227,7 @@ class _ResponseProblem:
             found = [runs.errors(constants).ravel() for runs in self._joints[joint]]
             return (np.concatenate(found)[:: self._every] / SCALE).astype(np.float32)
 
-        return np.stack(list(self._threads.map(errors, self.constants(x, which), which)))
+        return np.stack(list(THREADS.map(errors, self.constants(x, which), which)))
 
 
 def _searched(

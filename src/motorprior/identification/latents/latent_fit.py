@@ -105,9 +105,11 @@ def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
 
 
-def laplace_covariance(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
-    """(M, Z, Z) Laplace covariance at known modes z (M, Z); formula in the module docstring."""
-    return inverse_precision(_precision(search, z, temperature), np.ones(z.shape))
+def laplace_variance(model: Decoder, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
+    """(M, Z) diagonal of the Laplace covariance at known modes z (M, Z); the temperature is the motors' mean loss."""
+    search = latent_search(model, data, preset)
+    precision = _precision(search, z, float(search.losses(z).mean()))
+    return np.diagonal(inverse_precision(precision, np.ones(z.shape)), axis1=1, axis2=2)
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -168,14 +170,9 @@ def outliers(
     away = PRIOR_SCALE * (refit.mean - center)
     t = away / np.sqrt(1.0 + 1.0 / count + variance)
     p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), freedom), 1.0)
-    worst, rows, names = p_values.argmin(axis=1), np.arange(len(t)), _latent_names(model)
+    worst, rows = p_values.argmin(axis=1), np.arange(len(t))
     p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
-    named = tuple(names[index] for index in worst)
-    return Outliers(p_value, named, t[rows, worst], (away * std)[rows, worst])
-
-
-def _latent_names(model: Decoder) -> tuple[str, ...]:
-    """Names of the decoder's latents: those of the constants where each constant has its own latent."""
-    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:
-        return parameters_of(model.motor.terms)
-    return tuple(f"latent {index}" for index in range(model.num_latents))
+    names = [f"latent {index}" for index in range(model.num_latents)]
+    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:  # one latent per constant
+        names = parameters_of(model.motor.terms)
+    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst], (away * std)[rows, worst])

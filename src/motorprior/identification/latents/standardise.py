@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -45,9 +45,8 @@ from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.identification.latents.latent_fit import laplace_covariance, latent_search
+from motorprior.identification.latents.latent_fit import laplace_variance
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import Search
 from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
@@ -90,27 +89,14 @@ def spread_source(model: Decoder, classes: JointClasses) -> dict[str, Any]:
     return found
 
 
-def std_of_few(z: np.ndarray, assumed: np.ndarray) -> np.ndarray:
-    """(P,) √v of M motors' outputs z (M, P), with ``assumed`` s (P,)."""
-    motors = len(z)
-    scatter = np.sum((z - z.mean(axis=0)) ** 2, axis=0)
-    return np.sqrt((PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - 1) * (motors + 1) / motors)
-
-
-class ClassMoments(NamedTuple):
-    """Means of C classes and covariances of P outputs."""
-
-    mean: np.ndarray  # (C, P) of each class, shrunk towards the mean of all
-    center: np.ndarray  # (P,) mean of the classes
-    units: np.ndarray  # (P, P) covariance of one more unit around the mean of its class
-    unseen: np.ndarray  # (P, P) of a unit of a class without motors, around the center
-
-
-def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float) -> ClassMoments:
+def class_moments(
+    z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Random effects of C > 1 classes: outputs z (M, P) of motors of the classes ``row`` (M,), ``assumed`` s (P,).
 
     The formulas of the module docstring, with the errors' ``variance`` (M, P) of z; ASSUMED_BETWEEN counts as one
-    class in the variance of a class without motors.
+    class in the variance of a class without motors. Returns the means of the classes (C, P) and of all (P,), and the
+    covariances (P, P) of one more unit around the mean of its class, and of a unit of another class around that of all.
     """
     classes, units = np.arange(int(row.max()) + 1)[:, None] == row, np.diag(assumed**2)
     v, count, raw = assumed**2, np.zeros(()), np.zeros(())
@@ -132,7 +118,7 @@ def class_moments(z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance:
     assumed_between = np.where(assumed > 0.0, ASSUMED_BETWEEN, 0.0) ** 2
     wide = (assumed_between + (len(classes) - 1) * u) / len(classes) * (1.0 + 1.0 / len(classes))
     scale = np.sqrt(1.0 + np.mean(share / np.maximum(count, 1.0), axis=0))
-    return ClassMoments(center + share * (raw - center), center, units * np.outer(scale, scale), np.diag(wide) + units)
+    return center + share * (raw - center), center, units * np.outer(scale, scale), np.diag(wide) + units
 
 
 def standardised(
@@ -154,17 +140,18 @@ def standardised(
     if latents == 0 or len(names) == 1:
         return *_of_one_class(model, mean, assumed), JointClasses.one(motors, latents, names[0])
     row = np.array([names.index(name) for name in of_motors])
-    found = class_moments(mean, row, mean.std(axis=0) if assumed is None else assumed, variance)
-    std = np.sqrt(np.diag(found.units)) + _RISE
-    mixing = np.linalg.cholesky(found.units / np.outer(std, std) + _RISE * np.eye(latents)).T
+    prior_std = mean.std(axis=0) if assumed is None else assumed
+    middle, center, units, unseen = class_moments(mean, row, prior_std, variance)
+    std = np.sqrt(np.diag(units)) + _RISE
+    mixing = np.linalg.cholesky(units / np.outer(std, std) + _RISE * np.eye(latents)).T
 
     def standard(values: np.ndarray) -> np.ndarray:
         return np.linalg.solve(mixing.T, (values / std).T).T
 
-    unseen = np.sqrt(np.diag(standard(standard(found.unseen).T)))
-    hierarchy = JointClasses(names, of_motors, standard(found.mean - found.center), np.maximum(1.0, unseen))
-    copula = Copula(mixing, found.center + SCORES[:, None] * std)
-    return replace(model, copula=copula), standard(mean - found.center), hierarchy
+    unseen_std = np.maximum(1.0, np.sqrt(np.diag(standard(standard(unseen).T))))
+    hierarchy = JointClasses(names, of_motors, standard(middle - center), unseen_std)
+    copula = Copula(mixing, center + SCORES[:, None] * std)
+    return replace(model, copula=copula), standard(mean - center), hierarchy
 
 
 def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) -> tuple[Decoder, np.ndarray]:
@@ -172,7 +159,10 @@ def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) 
     if latents == 0:
         return model, mean
     if motors < MIN_MOTORS:
-        std = mean.std(axis=0) if assumed is None else std_of_few(mean, assumed)
+        std, scatter = mean.std(axis=0), np.sum((mean - mean.mean(axis=0)) ** 2, axis=0)
+        if assumed is not None:
+            v = (PRIOR_MOTORS * assumed**2 + scatter) / (PRIOR_MOTORS + motors - 1) * (motors + 1) / motors
+            std = np.sqrt(v)
         quantiles = mean.mean(axis=0) + SCORES[:, None] * std
     else:
         quantiles = np.quantile(mean, LEVELS, axis=0, method="hazen")
@@ -185,26 +175,15 @@ def _of_one_class(model: Decoder, mean: np.ndarray, assumed: np.ndarray | None) 
 def standard_posterior(
     model: Decoder, data: TrainingData, preset: Preset, mean: np.ndarray, assumed: np.ndarray | None = None
 ) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
-    """`standardised` model, means and classes, after log-variances (M, Z) of the means.
-
-    The variances are the diagonal of `fit_posterior`'s Laplace approximation; the temperature is the motors' mean loss.
-    """
+    """`standardised` model, means, log of the `laplace_variance` (M, Z) of the means, and classes."""
     variance = 0.0
     if len(set(data.joint_classes)) > 1 and mean.size:
-        variance = fit_variance(latent_search(model, data, preset), mean)
+        share = laplace_variance(model, data, preset, mean)  # of a prior with variance 1
+        variance = share / np.maximum(1.0 - share, 1e-9)  # of the fit alone; large where a log identifies nothing
     model, mean, classes = standardised(model, mean, assumed, data.joint_classes, variance)
     if mean.size == 0:
         return model, mean, np.zeros_like(mean), classes
-    search = latent_search(model, data, preset)
-    covariance = laplace_covariance(search, mean, float(search.losses(mean).mean()))
-    return model, mean, np.log(np.diagonal(covariance, axis1=1, axis2=2)), classes
-
-
-def fit_variance(search: Search, mean: np.ndarray) -> np.ndarray:
-    """(M, Z) variance of the errors of latents, of a Laplace approximation; infinite where a log identifies nothing."""
-    posterior = laplace_covariance(search, mean, float(search.losses(mean).mean()))
-    share = np.diagonal(posterior, axis1=1, axis2=2)  # of a prior with variance 1
-    return share / np.maximum(1.0 - share, 1e-9)
+    return model, mean, np.log(laplace_variance(model, data, preset, mean)), classes
 
 
 def with_scaled_spread(

@@ -55,9 +55,13 @@ def _attempt(
     state, losses, lowest = (start, optimiser.init(start)), [], np.inf
     for first in range(0, preset.steps, CHUNK):
         count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
-        rows = _sample_windows(np.random.default_rng([seed, 1, chunk]), data, preset, count)
+        rng, shape = np.random.default_rng([seed, 1, chunk]), (count, preset.batch)
+        motors, starts = (
+            rng.integers(len(data.series), size=shape),
+            data.starts[rng.integers(len(data.starts), size=shape)],
+        )
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        state, loss, first_loss = advance(state, (*rows, keys))
+        state, loss, first_loss = advance(state, (motors.astype(np.int32), starts.astype(np.int32), keys))
         lowest = min(lowest if losses else float(first_loss), float(loss))
         losses.append(float(loss))
         if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * lowest):
@@ -68,7 +72,7 @@ def _attempt(
 
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
-    objective = objectives.OBJECTIVES[preset.objective](preset, data.scales, data.measured)
+    objective = objectives.objective_of(preset, data.scales, data.has_torque)
     series, length = jnp.asarray(data.series), preset.history + preset.window
 
     def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
@@ -78,8 +82,9 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
         spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
-        kl = jnp.mean(objectives.kl_to_standard_normal(mean, spread))
-        return objective.loss(network, windows, z) + preset.kl_weight * kl
+        # KL(N(mean, exp(log_var)) ‖ N(0, I))
+        kl = 0.5 * jnp.sum(jnp.exp(spread) + mean**2 - 1.0 - spread, axis=-1)
+        return objective.loss(network, windows, z) + preset.kl_weight * jnp.mean(kl)
 
     def step(state, inputs):
         trainable, optimiser_state = state
@@ -93,12 +98,3 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
         return state, jnp.mean(losses), losses[0]
 
     return chunk
-
-
-def _sample_windows(
-    rng: np.random.Generator, data: TrainingData, preset: Preset, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """(count, batch) motor indices and window starts for ``count`` Adam steps, int32."""
-    motors = rng.integers(len(data.series), size=(count, preset.batch))
-    starts = data.starts[rng.integers(len(data.starts), size=(count, preset.batch))]
-    return motors.astype(np.int32), starts.astype(np.int32)

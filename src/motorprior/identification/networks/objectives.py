@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,45 +22,27 @@ from motorprior.identification import windows as channel
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Preset
 from motorprior.identification.search import huber
-from motorprior.identification.windows import Measured, TrainingData
+from motorprior.identification.windows import TrainingData
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002  # [kg·m²]
-# (parameters, windows (B, rows, channels), z (B, Z)) -> errors of position, velocity and torque, each (steps, B)
-Rollout = Callable[[Parameters, jnp.ndarray, jnp.ndarray], tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]]
+# (parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals
+Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
 
 
-class _Memory(NamedTuple):
-    """History (B, K), newest first, of scaled errors and velocities."""
-
-    errors: jnp.ndarray
-    velocities: jnp.ndarray
-
-
-def _push(row: jnp.ndarray, history: jnp.ndarray) -> jnp.ndarray:
+def _pushed(row: jnp.ndarray, history: jnp.ndarray) -> jnp.ndarray:
     return jnp.concatenate([row[:, None], history[:, :-1]], axis=1)
 
 
-def _fill(row: jnp.ndarray, length: int) -> jnp.ndarray:
-    return jnp.broadcast_to(row[:, None], (row.shape[0], length))
-
-
-def closed_loop(preset: Preset, scales: dict[str, float]) -> Rollout:
-    """Build the rollout, whose errors are simulated minus recorded [rad], [rad/s], [N·m], over the free rows.
+def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: bool) -> Residuals:
+    """Simulated minus recorded positions, velocities and, if measured, torques over the free rows, over SCALES.
 
     Positions and velocities are those of all rows but the first, torques those that lead to them.
     """
     taps, dt = np.asarray(preset.taps), preset.period
     limit, kept = scales["torque_limit"] / scales["torque_scale"], preset.taps[-1] + 1
 
-    def torque_of(parameters: Parameters, bias: Any, memory: _Memory, target: Any, q: Any, dq: Any):
-        errors = _push((target - q) / scales["error_scale"], memory.errors)
-        velocities = _push(dq / scales["velocity_scale"], memory.velocities)
-        inputs = jnp.concatenate([errors[:, taps], velocities[:, taps]], axis=1)
-        torque = scales["torque_scale"] * jnp.clip(scaled_torque(parameters, inputs, bias), -limit, limit)
-        return _Memory(errors, velocities), torque
-
-    def rollout(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray):
+    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
         past, free = rows[: preset.history], rows[preset.history :]
@@ -69,12 +51,15 @@ def closed_loop(preset: Preset, scales: dict[str, float]) -> Rollout:
             inertia = inertia + jnp.exp(log_armature(parameters, own))
 
         def free_step(state, row):
-            q, dq, memory = state
-            memory, torque = torque_of(parameters, bias, memory, row[:, channel.TARGET], q, dq)
+            q, dq, (errors, velocities) = state  # histories (B, kept), newest first, scaled
+            errors = _pushed((row[:, channel.TARGET] - q) / scales["error_scale"], errors)
+            velocities = _pushed(dq / scales["velocity_scale"], velocities)
+            inputs = jnp.concatenate([errors[:, taps], velocities[:, taps]], axis=1)
+            torque = scales["torque_scale"] * jnp.clip(scaled_torque(parameters, inputs, bias), -limit, limit)
             external = row[:, channel.EXTERNAL] + row[:, channel.STIFFNESS] * q
             dq = next_velocity(dq, torque, external, inertia, 0.0, dt)
             q = q + dt * dq
-            return (q, dq, memory), (q, dq, torque)
+            return (q, dq, (errors, velocities)), (q, dq, torque)
 
         def follow(state, rows):
             row, following = rows
@@ -82,17 +67,30 @@ def closed_loop(preset: Preset, scales: dict[str, float]) -> Rollout:
             return (following[:, channel.POS], following[:, channel.VEL], memory), None
 
         pos, vel, first = rows[0, :, channel.POS], rows[0, :, channel.VEL], rows[0, :, channel.TARGET]
-        error, speed = (first - pos) / scales["error_scale"], vel / scales["velocity_scale"]
-        begin = (pos, vel, _Memory(_fill(error, kept), _fill(speed, kept)))
+        scaled = (first - pos) / scales["error_scale"], vel / scales["velocity_scale"]
+        begin = (pos, vel, tuple(jnp.broadcast_to(each[:, None], (len(pos), kept)) for each in scaled))
         warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
         _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
-        return pos - free[1:, :, channel.READING], vel - free[1:, :, channel.VEL], torque - free[:-1, :, channel.TORQUE]
+        recorded = free[1:, :, channel.READING], free[1:, :, channel.VEL], free[:-1, :, channel.TORQUE]
+        scaled = [(own - log) / s for own, log, s in zip((pos, vel, torque), recorded, SCALES, strict=True)]
+        return jnp.concatenate(scaled if has_torque else scaled[:2])
 
-    return rollout
+    return residuals
 
 
-# (parameters, windows (B, rows, channels), z (B, Z)) -> (R, B) scaled residuals
-Residuals = Callable[[Parameters, jnp.ndarray, jnp.ndarray], jnp.ndarray]
+def _torque_residuals(preset: Preset, scales: dict[str, float]) -> Residuals:
+    """One-step errors of the torque over torque_scale."""
+    taps = np.asarray(preset.taps)
+
+    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
+        newest = windows[:, ::-1]
+        error = (newest[..., channel.TARGET] - newest[..., channel.POS]) / scales["error_scale"]
+        velocity = newest[..., channel.VEL] / scales["velocity_scale"]
+        inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
+        predicted = scaled_torque(parameters, inputs, first_bias(parameters, decoder_latents(parameters, z)))
+        return (predicted - newest[:, 0, channel.TORQUE] / scales["torque_scale"])[None]
+
+    return residuals
 
 
 @dataclass(frozen=True)
@@ -108,40 +106,11 @@ class Objective:
         return self.weight * jnp.mean(self.penalty(self.residuals(parameters, windows, z)))
 
 
-def kl_to_standard_normal(mean: jnp.ndarray, log_var: jnp.ndarray) -> jnp.ndarray:
-    """KL(N(mean, exp(log_var)) ‖ N(0, I)) = ½Σ(exp(log_var) + mean² - 1 - log_var), over the last axis."""
-    return 0.5 * jnp.sum(jnp.exp(log_var) + mean**2 - 1.0 - log_var, axis=-1)
-
-
-def torque_objective(preset: Preset, scales: dict[str, float], measured: Measured) -> Objective:
-    """The paper's loss: mean squared one-step error of the torque, divided by torque_scale²."""
-    del measured
-    taps = np.asarray(preset.taps)
-
-    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        newest = windows[:, ::-1]
-        error = (newest[..., channel.TARGET] - newest[..., channel.POS]) / scales["error_scale"]
-        velocity = newest[..., channel.VEL] / scales["velocity_scale"]
-        inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
-        predicted = scaled_torque(parameters, inputs, first_bias(parameters, decoder_latents(parameters, z)))
-        return (predicted - newest[:, 0, channel.TORQUE] / scales["torque_scale"])[None]
-
-    return Objective(residuals, jnp.square, 1.0)
-
-
-def rollout_objective(preset: Preset, scales: dict[str, float], measured: Measured) -> Objective:
-    """The rollout loss: errors of simulated positions and velocities, and of torques if the log has them."""
-    rollout = closed_loop(preset, scales)
-
-    def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
-        errors = rollout(parameters, windows, z)
-        scaled = [error / scale for error, scale in zip(errors, SCALES, strict=True)]
-        return jnp.concatenate(scaled[: measured.channels])
-
-    return Objective(residuals, huber, float(measured.channels))
-
-
-OBJECTIVES = {"torque": torque_objective, "rollout": rollout_objective}
+def objective_of(preset: Preset, scales: dict[str, float], has_torque: bool) -> Objective:
+    """The paper's loss, the mean squared one-step error of the torque over torque_scale², or that of the rollout."""
+    if preset.objective == "torque":
+        return Objective(_torque_residuals(preset, scales), jnp.square, 1.0)
+    return Objective(_rollout_residuals(preset, scales, has_torque), huber, 3.0 if has_torque else 2.0)
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -165,7 +134,7 @@ def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
 
 
-def import_parameters(network: LatentNetwork) -> Parameters:
+def _parameters_of(network: LatentNetwork) -> Parameters:
     """The parameters, float32, of a network that `export` made."""
     names = ("w1", "v1", "b1", "w2", "b2", "w3", "b3", "log_armature", "armature_slope")
     values = {name: getattr(network, name) for name in names}
@@ -185,12 +154,16 @@ _LANES = 8  # simulated at a time
 
 
 class NetworkProblem:
-    """Residuals of a trained network's objective on windows of M motors that do not overlap."""
+    """Residuals of a trained network's objective on windows of M motors whose free parts do not overlap."""
 
     def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
-        self._residuals, self.weight = _compiled(preset, scales, data.measured)
-        self._parameters, self._windows = import_parameters(network), jnp.asarray(tiled_windows(data, preset))
+        self._residuals, self.weight = _compiled(preset, scales, data.has_torque)
+        self._parameters = _parameters_of(network)
+        length, ahead = preset.history + preset.window, preset.objective == "rollout"
+        ranges = [range(part.start, part.stop - length - ahead + 1, preset.window) for part in data.parts]
+        windows = [data.series[:, start : start + length] for starts in ranges for start in starts]
+        self._windows = jnp.asarray(np.stack(windows, axis=1))
         self.count, self.observations = self._windows.shape[:2]
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -203,19 +176,10 @@ class NetworkProblem:
         return np.concatenate(found)[: len(x)].reshape(len(x), -1)
 
 
-def tiled_windows(data: TrainingData, preset: Preset) -> np.ndarray:
-    """(M, N, length, channels) windows whose free parts do not overlap, each preceded by its history."""
-    length, ahead = preset.history + preset.window, preset.objective == "rollout"
-    starts = [
-        start for part in data.parts for start in range(part.start, part.stop - length - ahead + 1, preset.window)
-    ]
-    return np.stack([data.series[:, start : start + length] for start in starts], axis=1)
-
-
 @lru_cache(maxsize=4)
-def _compiled(preset: Preset, scales: tuple[float, ...], measured: Measured) -> tuple[Any, float]:
+def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> tuple[Any, float]:
     """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
-    objective = OBJECTIVES[preset.objective](preset, dict(zip(NETWORK_SCALES, scales, strict=True)), measured)
+    objective = objective_of(preset, dict(zip(NETWORK_SCALES, scales, strict=True)), has_torque)
 
     def one(parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray) -> jnp.ndarray:
         own = windows[motor]

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -88,8 +89,7 @@ class MotorFits:
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> MotorFits:
         """From `arrays`."""
-        terms = tuple(name for name, yes in zip(TERMS, arrays["has"], strict=True) if yes)
-        return cls(arrays["center"], arrays["offsets"], arrays["loss"], terms)
+        return cls(arrays["center"], arrays["offsets"], arrays["loss"], tuple(compress(TERMS, arrays["has"])))
 
 
 def fit_motors(
@@ -102,17 +102,10 @@ def fit_motors(
     nested: MotorFits | None = None,
     restarts: int = RESTARTS,
 ) -> MotorFits:
-    """Fit all motors of the logs.
+    """Fit all motors of the logs with these optional terms, ``together`` with a Gaussian over them or each alone.
 
-    Args:
-        runs: the logs.
-        terms: optional terms of the motors (`optional_terms`).
-        together: estimate a Gaussian over the motors.
-        seed: of the searches.
-        report: called STAGES times.
-        part: runs of a part of the rows, for all but the last descents; ``runs`` if not given.
-        nested: a fit of simpler motors to start from; `fit_rigid_motors` if not given.
-        restarts: maximum number.
+    ``part`` has some of the rows of the ``runs``, for all but the last descents; ``nested`` is a fit of simpler motors
+    to start from, `fit_rigid_motors` if not given. ``report`` is called STAGES times.
     """
     part = part or runs
     rng, fixed = np.random.default_rng([seed, _STREAM]), fixed_constants(terms, runs)

@@ -73,7 +73,7 @@ def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> Sea
 def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
-    if runs.gain_unit == PHYSICAL_GAINS:
+    if runs.preset.gain_unit == PHYSICAL_GAINS:
         return center
     names = parameters_of(terms)
     torques, gain = np.isin(names, TORQUES), np.isin(names, ("kp",))
@@ -131,7 +131,7 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
 def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(K,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
     fixed = (*runs.preset.lacks, *runs.preset.logged_values, *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()))
-    if runs.gain_unit == PHYSICAL_GAINS:
+    if runs.preset.gain_unit == PHYSICAL_GAINS:
         fixed += ("kp", "kd_over_kp") if logs_kd(runs) else ("kp",)
     return np.array([name in fixed for name in parameters_of(terms)])
 
@@ -161,10 +161,10 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         profile = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"])) or runs.max_speed
         motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.max_speed}
     motor = motor | runs.preset.logged_values
-    if not runs.gain_unit:
+    if not runs.preset.gain_unit:
         return encoded(motor, terms)
     kp, ratio = float(np.median(runs.gains[0])), float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
-    if runs.gain_unit == PHYSICAL_GAINS:
+    if runs.preset.gain_unit == PHYSICAL_GAINS:
         factor = kp / INITIAL_MOTOR["kp"]
         motor = motor | {name: factor * motor[name] for name in TORQUES if name in motor}
         needed = float(np.median(runs.max_request))
@@ -206,33 +206,33 @@ def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, name
 
     ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
     """
-    fitted = motor_search(model, runs).losses(z)
-    ratio = {name: np.median(_loss_ratio(model, runs, z, (name,), fitted), axis=1).min() for name in names}
-    return frozenset(name for name in ratio if ratio[name] > THRESHOLD)
+    ratios = _loss_ratios(model, runs, z, [(name,) for name in names])
+    return frozenset(name for (name,), ratio in ratios.items() if np.median(ratio, axis=1).min() > THRESHOLD)
 
 
 def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
     """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
     rows, fixed = parameters_of(model.motor.terms), fixed_constants(model.motor.terms, runs)
-    limits = [name for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
-    fitted = motor_search(model, runs).losses(z)
-    found = {name: _loss_ratio(model, runs, z, (name,), fitted).min(axis=0) <= THRESHOLD for name in limits}
+    limits = [(name,) for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
+    found = {name: ratio.min(axis=0) <= THRESHOLD for (name,), ratio in _loss_ratios(model, runs, z, limits).items()}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
 
 def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
     """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad."""
-    if runs.gain_unit == PHYSICAL_GAINS:
+    if runs.preset.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
-    return _loss_ratio(model, runs, z, TORQUES, motor_search(model, runs).losses(z)).min(axis=0) <= THRESHOLD
+    return _loss_ratios(model, runs, z, [TORQUES])[TORQUES].min(axis=0) <= THRESHOLD
 
 
-def _loss_ratio(
-    model: GreyBox, runs: WindowRuns, z: np.ndarray, names: tuple[str, ...], fitted: np.ndarray
-) -> np.ndarray:
-    """(2, M) losses of the motors with half and with double of these constants, over the ``fitted`` losses (M,)."""
-    motor = model.motor
-    rows = np.isin(parameters_of(motor.terms), names)
-    changed = [replace(motor, center=motor.center + np.log(factor) * rows) for factor in (0.5, 2.0)]
-    losses = [motor_search(replace(model, motor=each), runs).losses(z) for each in changed]
-    return np.stack(losses) / fitted
+def _loss_ratios(
+    model: GreyBox, runs: WindowRuns, z: np.ndarray, groups: Iterable[tuple[str, ...]]
+) -> dict[tuple[str, ...], np.ndarray]:
+    """(2, M) losses with half and with double of each group of constants, over the losses of the fitted motors."""
+    motor, ratios, fitted = model.motor, {}, motor_search(model, runs).losses(z)
+    for names in groups:
+        rows = np.isin(parameters_of(motor.terms), names)
+        changed = [replace(motor, center=motor.center + np.log(factor) * rows) for factor in (0.5, 2.0)]
+        losses = [motor_search(replace(model, motor=each), runs).losses(z) for each in changed]
+        ratios[names] = np.stack(losses) / fitted
+    return ratios

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any, cast
 
 import numpy as np
@@ -70,9 +71,9 @@ class Selection:
     @classmethod
     def of(cls, arrays: dict[str, np.ndarray]) -> Selection:
         """From `arrays`."""
-        has, tried = ([name for name, yes in zip(TERMS, arrays[key], strict=True) if yes] for key in ("has", "tried"))
         saved = dict(zip(TERMS, arrays["saved"].tolist(), strict=True))
-        return cls(tuple(has), {name: saved[name] for name in tried})
+        has, tried = (tuple(compress(TERMS, arrays[key])) for key in ("has", "tried"))
+        return cls(has, {name: saved[name] for name in tried})
 
 
 @dataclass(frozen=True)
@@ -106,12 +107,12 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         left += [together] * (len(together) > 1)
-        tried = {group: fits.short_search(best, group) for group in left}
+        tried = {group: fits.with_terms(best, group) for group in left}
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
         finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: fits.long_search(tried[group], group) for group in finalists}
+        polished = {group: fits.with_terms(tried[group], group, _RESTARTS, STEPS) for group in finalists}
         if left:
             simple = {group: fits.simplest_with(rigid, group) for group in left}
             first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
@@ -125,20 +126,13 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
         best, rigid = passed[chosen], fits.simplest_with(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
-    return Selection(*_drop_unneeded(fits, best, given, saved, report))
-
-
-def _drop_unneeded(
-    fits: _TermEvaluation, best: _State, given: tuple[str, ...], saved: dict[str, float], report: Callable[[str], None]
-) -> tuple[tuple[str, ...], dict[str, float]]:
-    """The terms that are needed, and ``saved`` with what they save."""
     for name in [name for name in best.terms if name not in given]:
         less = fits.without(best, name)
         saved[name] = _saved(less, best)
         if not _saves_enough(less, best, _LEVEL):
             best = less
         report(f"{name}: saves {100 * saved[name]:.0f} %")
-    return best.terms, saved
+    return Selection(best.terms, saved)
 
 
 def min_difference(condition: str, nominal: float) -> float:
@@ -158,10 +152,7 @@ def _saved(before: _State, after: _State) -> float:
 
 
 def _saves_enough(before: _State, after: _State, level: float) -> bool:
-    """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``.
-
-    The signed-rank test is over the gains of all motors or, for fewer than _MIN_RANKS motors, over their parts.
-    """
+    """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``."""
     from scipy.stats import wilcoxon  # here: it takes half a second to import
 
     if len(before.held_out) >= _MIN_RANKS:
@@ -201,43 +192,36 @@ class _TermEvaluation:
     def simplest_with(self, rigid: _State, added: tuple[str, ...]) -> _State:
         """The simplest motors with more terms."""
         terms = in_order((*rigid.terms, *added))
-        nested = with_more_terms(rigid.raw, rigid.terms, terms, self._runs)
-        _, missing = rigid_motor(nested[0], terms, self._runs)
-        fixed = missing & np.isin(parameters_of(terms), (*PARAMETERS, *constants_of(set(TERMS) - set(terms))))
-        return self._searched(terms, nested, constants_of(added), _SIMPLE_RESTARTS, _SCREEN, fixed)
+        _, missing = rigid_motor(initial_center(terms, self._runs), terms, self._runs)
+        fixed = missing & np.isin(parameters_of(terms), PARAMETERS)
+        return self._searched(rigid, terms, added, _SIMPLE_RESTARTS, _SCREEN, fixed)
 
-    def short_search(self, before: _State, added: tuple[str, ...]) -> _State:
-        """The fits ``before`` with more terms, after a short search."""
-        terms = in_order((*before.terms, *added))
-        nested = with_more_terms(before.raw, before.terms, terms, self._runs)
-        return self._searched(terms, nested, constants_of(added), 0, _SCREEN)
-
-    def long_search(self, screened: _State, added: tuple[str, ...]) -> _State:
-        """The same after a longer search."""
-        return self._searched(screened.terms, screened.raw, constants_of(added), _RESTARTS, STEPS)
+    def with_terms(self, before: _State, added: tuple[str, ...], restarts: int = 0, steps: Steps = _SCREEN) -> _State:
+        """The fits ``before`` with more terms, after a search."""
+        return self._searched(before, in_order((*before.terms, *added)), added, restarts, steps)
 
     def without(self, before: _State, name: str) -> _State:
         """The fits ``before`` without a term, after a longer search."""
-        terms = tuple(other for other in before.terms if other != name)
-        return self._searched(terms, with_more_terms(before.raw, before.terms, terms, self._runs), (), 0, STEPS)
+        return self._searched(before, tuple(other for other in before.terms if other != name), (), 0, STEPS)
 
     def _searched(
         self,
+        before: _State,
         terms: tuple[str, ...],
-        raw: np.ndarray,
-        new: tuple[str, ...],
+        added: tuple[str, ...],
         restarts: int,
         steps: Steps,
         fixed: np.ndarray | bool = False,
     ) -> _State:
-        """Descents from ``raw`` (m, K), with ``new`` constants sampled around the initial motor's, and half of others.
+        """Descents from ``before``, with ``added`` terms' constants sampled around the initial motor's, half of others.
 
         Constants that are ``fixed`` (K,) do not change.
         """
         rng = np.random.default_rng([self._seed, *map(list(TERMS).index, terms)])
+        raw = with_more_terms(before.raw, before.terms, terms, self._runs)
         fixed = fixed | fixed_constants(terms, self._runs)
         center = np.where(fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
-        initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), new)
+        initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), constants_of(added))
         search = centred(center, terms, self._trained)
 
         def draw(restart: int, best: Fit) -> np.ndarray:
@@ -251,10 +235,9 @@ class _TermEvaluation:
         x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
         prior = separate_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
         found = search.at(x, prior)
-        if new:
+        if added:
             found = search.at(search.best_of(draw(0, found), prior), prior)
-        found = search.descend(found.x, prior, steps)
-        found = search.until_found_again(found, prior, draw, restarts, steps)
+        found = search.until_found_again(search.descend(found.x, prior, steps), prior, draw, restarts, steps)
         return self._state(terms, center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
 
     def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:

@@ -14,9 +14,7 @@ log identifies neither backlash nor encoder zero: the former is the central moto
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -33,6 +31,7 @@ from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification import windows as channel
 from motorprior.identification.presets import Preset
+from motorprior.identification.search import CORES, THREADS
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
@@ -149,7 +148,7 @@ class WindowRuns:
 
     Attributes:
         at_rotor: whether the log's encoders are on the rotors.
-        channels: errors per sample.
+        channels: errors per sample: of position, velocity and, if measured, torque.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
         classes: (M,) index of the motor's class of joints.
         sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
@@ -158,8 +157,8 @@ class WindowRuns:
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self.preset, self.segments, self.gain_unit = preset, [], data.gain_unit
-        self.at_rotor, self.channels = data.measured.at_rotor, data.measured.channels
+        self.preset, self.segments = preset, []
+        self.at_rotor, self.channels = data.at_rotor, 3 if data.has_torque else 2
         self._velocity_steps = data.velocity_steps
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
@@ -176,7 +175,7 @@ class WindowRuns:
         self.sustained_speeds = {
             name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
-        self.threads, self.counted = ThreadPoolExecutor(os.cpu_count() or 1), np.arange(self.windows)
+        self.counted = np.arange(self.windows)
 
     @property
     def windows(self) -> int:
@@ -207,7 +206,7 @@ class WindowRuns:
 
     def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], in the N counted windows; float32."""
-        lanes, parts = len(motor), max(1, -(-(os.cpu_count() or 1) // len(self.segments)))
+        lanes, parts = len(motor), max(1, -(-CORES // len(self.segments)))
         together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
         tasks, done = [], 0
@@ -221,7 +220,7 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
-        list(self.threads.map(simulate, tasks))
+        list(THREADS.map(simulate, tasks))
         return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
@@ -242,13 +241,12 @@ class WindowRuns:
         everyone = np.arange(self.num_motors)
 
         def errors(segment: SegmentArrays) -> np.ndarray:
-            if isinstance(motors, GainScaledPd):
-                return self.run(motors.at(segment.gains), everyone, segment)
-            if isinstance(motors, GreyBoxActuator):
-                return self.run(grey_boxes(motors.model)(motors.z, everyone, segment), everyone, segment)
-            return self.run(motors, everyone, segment)
+            found = motors.at(segment.gains) if isinstance(motors, GainScaledPd) else motors
+            if isinstance(found, GreyBoxActuator):
+                found = grey_boxes(found.model)(found.z, everyone, segment)
+            return self.run(found, everyone, segment)
 
-        return np.concatenate(list(self.threads.map(errors, self.segments)), axis=1)
+        return np.concatenate(list(THREADS.map(errors, self.segments)), axis=1)
 
     def run(self, motors: Actuator, motor: np.ndarray, segment: SegmentArrays) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
