@@ -7,8 +7,7 @@ from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.scene import WalkConfig
+from motorprior.simulation.scene import WalkConfig, WalkEnv
 
 
 class GlidingBackend:

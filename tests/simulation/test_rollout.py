@@ -14,9 +14,8 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
+from motorprior.simulation.scene import BackendSimulator, Scene, SimulatedBackend, WalkConfig, WalkSimulator
 from untrained import zero_policy
 
 STEPS = 120

@@ -28,10 +28,9 @@ from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
-from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, motors_as_json, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, simulator_of
 from motorprior.simulation.world import FAULTS, TOO_STIFF
 from motorprior.stage import description, digest, is_finished, working
 

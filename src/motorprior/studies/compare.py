@@ -20,10 +20,9 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks
+from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks, simulator_of
 from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import share_upright
 
