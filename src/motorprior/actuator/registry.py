@@ -21,7 +21,7 @@ import numpy as np
 import motorprior.actuator
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.exceptions import ArtifactError, ConfigError, quoted
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError, quoted
 from motorprior.robots.robot import Robot
 
 DrawMotors: TypeAlias = Callable[[np.random.Generator], Actuator]
@@ -62,7 +62,7 @@ def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     except (ConfigError, ArtifactError) as error:
         if error.where is not None:
             raise
-        raise type(error)(_in(text, error.problem), remedy=error.remedy, argument="motors") from error
+        raise _error(text, error.problem, error.remedy, type(error)) from error
     return found._replace(condition=found.condition or kind), options
 
 
@@ -111,9 +111,5 @@ def motor_text(kind: str, **options: float | Path | str | None) -> str:
     return ":".join([kind, ",".join(items)][: 1 + bool(items)])
 
 
-def _error(text: str, problem: str, remedy: str) -> ConfigError:
-    return ConfigError(_in(text, problem), remedy=remedy, argument="motors")
-
-
-def _in(text: str, problem: str) -> str:
-    return f"motors {quoted(text, 80)}: {problem}"
+def _error(text: str, problem: str, remedy: str | None, kind: type[MotorPriorError] = ConfigError) -> MotorPriorError:
+    return kind(f"motors {quoted(text, 80)}: {problem}", remedy=remedy, argument="motors")
