@@ -92,11 +92,7 @@ class Actuator(Protocol):
         return np.zeros(self.num_motors)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """New arrays for a simulation with step ``physics_dt`` [s].
-
-        Raises:
-            ConfigError: the model cannot run at that step.
-        """
+        """New arrays for steps of ``physics_dt`` [s]; ConfigError if the model cannot run at such steps."""
         ...
 
 
@@ -130,11 +126,7 @@ class Factors(NamedTuple):
 
 
 def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
-    """The same motors with scaled constants, by the actuator's method of this name.
-
-    Raises:
-        ConfigError: a factor is not 1 and the motors lack that constant.
-    """
+    """The same motors with scaled constants; ConfigError if a factor is not 1 and the motors lack that constant."""
     if hasattr(actuator, "with_factors") and any(np.any(factor != 1.0) for factor in factors):
         return actuator.with_factors(factors)  # pyright: ignore[reportAttributeAccessIssue]
     require_unchanged(actuator.kind, factors, *Factors._fields)

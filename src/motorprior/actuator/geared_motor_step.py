@@ -168,20 +168,11 @@ def step(
     arithmetic: Arithmetic,
     terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, Values, Values]:
-    """Advance motors by one step of ``h`` [s].
+    """Advance motors by one step of ``h`` [s], the length that the constants ``p`` are for.
 
-    Args:
-        p: constants for steps of this length.
-        state: before the step.
-        target: delayed position target, mean over the step [rad].
-        q: joint position [rad].
-        dq: joint velocity [rad/s].
-        h: length of the step [s].
-        arithmetic: functions on the values.
-        terms: enabled optional terms.
-
-    Returns:
-        The state after the step, and torque [N·m] and damping [N·m·s/rad] of the joint for the engine.
+    ``target`` is the delayed position target, mean over the step [rad]; ``q`` and ``dq`` are position [rad] and
+    velocity [rad/s] of the joint. Returns the state after the step, and torque [N·m] and damping [N·m·s/rad] of the
+    joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:

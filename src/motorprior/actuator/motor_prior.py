@@ -198,8 +198,7 @@ class MotorPrior(Printable):
     def with_frozen(self, group: str) -> MotorPrior:
         """The prior with one group of constants (`FROZEN`) fixed at the mean motor's values, in all classes.
 
-        Raises:
-            ConfigError: an unknown group, or a prior without physical constants.
+        ConfigError for an unknown group, or a prior without physical constants.
         """
         model = self.model
         if group not in FROZEN or not isinstance(model, GreyBox):

@@ -53,8 +53,7 @@ def register(kind: str) -> Callable[[Callable[..., EpisodeMotors]], Callable[...
 def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     """The motors that a text chooses for a robot, and the given options.
 
-    Raises:
-        ConfigError, ArtifactError: see `parsed`; a value out of range, an unreadable file, or motors of another robot.
+    Errors as in `parsed`, and for a value out of range, an unreadable file, or motors of another robot.
     """
     kind, options = parsed(text)
     try:
@@ -67,11 +66,7 @@ def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
 
 
 def parsed(text: str) -> tuple[str, Options]:
-    """Kind and given options of a text.
-
-    Raises:
-        ConfigError: an unknown kind or option, or a missing option.
-    """
+    """Kind and given options of a text; ConfigError for an unknown kind or option, or a missing option."""
     for module in pkgutil.iter_modules(motorprior.actuator.__path__):
         import_module(f"motorprior.actuator.{module.name}")
     kind, _, rest = text.partition(":")

@@ -40,8 +40,7 @@ EXPLICIT_STIFFNESS = 3e-4
 class BulletWorld:
     """A simulated robot in its own PyBullet client, which `close` ends; ``suspended`` fixes the base in the air.
 
-    Raises:
-        ConfigError: PyBullet is not installed, or the robot has no URDF.
+    ConfigError if PyBullet is not installed, or the robot has no URDF.
     """
 
     def __init__(self, robot: Robot, suspended: bool = False):

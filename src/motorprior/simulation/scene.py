@@ -47,11 +47,7 @@ ENGINES: tuple[Engine, ...] = get_args(Engine)
 
 @dataclass(frozen=True)
 class WalkConfig:
-    """Settings of a walking episode.
-
-    Raises:
-        ConfigError: a number out of range, or an unknown engine.
-    """
+    """Settings of a walking episode; ConfigError for a number out of range, or an unknown engine."""
 
     episode_steps: int = 500
     """Control steps until the time limit."""
@@ -98,11 +94,7 @@ class Scene:
 
 
 class SimulatedBackend:
-    """A robot in the engine of a scene, with new motors and conditions in every episode.
-
-    Raises:
-        ConfigError: a robot that has no model for the engine.
-    """
+    """A robot in the engine of a scene, with new motors and conditions in every episode."""
 
     def __init__(self, scene: Scene):
         self._scene, self.world = scene, scene.world()
