@@ -25,9 +25,8 @@ from pathlib import Path  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
-from motorprior.actuator.grey_box import GreyBox  # noqa: E402
+from motorprior.actuator.grey_box import GearedMotor, GreyBox  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
 
 SMALL_SERVO = {

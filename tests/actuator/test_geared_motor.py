@@ -8,9 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
 
-from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL, GearedMotor
 from motorprior.actuator.geared_motor_step import MotorState
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import (
+    FILTERED_VEL,
+    JOINT_VEL,
+    ROTOR_POS,
+    ROTOR_VEL,
+    GearedMotor,
+    GreyBox,
+    GreyBoxActuator,
+)
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.physics.motor_problem import encoded

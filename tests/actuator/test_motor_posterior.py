@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.exceptions import ConfigError

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from networks import network
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import NetworkActuator

@@ -9,9 +9,8 @@ import pytest
 wp = pytest.importorskip("warp", reason="needs the extra newton or mjlab")
 
 import exports as bench  # noqa: E402
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED, TERMS  # noqa: E402
 from motorprior.exceptions import ConfigError  # noqa: E402

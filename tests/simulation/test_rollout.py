@@ -5,9 +5,8 @@ import pytest
 from drawn_motors import draw_pd
 from policies import random_policy
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands

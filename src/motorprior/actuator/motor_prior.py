@@ -17,9 +17,8 @@ import numpy as np
 
 from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS

@@ -30,9 +30,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GearedMotor, GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import COLD
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.dynamometer import Trial

@@ -17,7 +17,6 @@ from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
@@ -41,8 +40,6 @@ class WalkSettings(WalkConfig):
     """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
     randomization: Randomization = ROBUST
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
-    commands: Commands = field(default_factory=Commands)
-    """Commanded speeds and yaw rates; they may exceed the robot's usual range."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None

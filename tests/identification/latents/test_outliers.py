@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.grey_box import GearedMotor, GreyBox
 from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.latent_fit import Outliers, outliers
 from motorprior.identification.latents.standardise import standardised

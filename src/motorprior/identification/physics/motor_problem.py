@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import LOG_REACH, MAX_DELAY, PARAMETERS, parameters_of
-from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.grey_box import GearedMotor, GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
 from motorprior.identification.physics.window_runs import HIDDEN_FROM_ROTOR, SPEED_LIMITS, WindowRuns, grey_boxes
 from motorprior.identification.presets import GEAR, Preset
