@@ -17,7 +17,6 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
@@ -222,8 +221,6 @@ def _row(builder: Any, column: Any, row: int) -> Any:
 def _stepper(width: int, terms: tuple[str, ...]) -> Any:
     def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
         arrays = (table, memory, joint_pos, joint_vel, torque, damping)
-        if any(array.layout != "C" or array.dtype != types.float64 for array in arrays):
-            raise TypingError("the motors' arrays must be contiguous float64")
         signature = types.void(types.intp, *arrays, types.float64)
 
         def codegen(context, builder, signature, arguments):

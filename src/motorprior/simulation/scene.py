@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 import gymnasium
 import numpy as np
@@ -25,7 +25,6 @@ from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
-    GaitState,
     SensorErrors,
     TaskWeights,
     begin_gait,
@@ -136,21 +135,13 @@ def require_walks(episodes: Sequence[Episode], name: str) -> None:
         raise SimulationFault(f"{problem}: such walks cannot be evaluated", remedy=TOO_STIFF)
 
 
-class Walker(NamedTuple):
-    """A robot in an episode, without its world."""
-
-    motors: ActuatorArrays
-    sensors: SensorErrors
-    schedule: np.ndarray  # (steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row stays in force
-    gait: GaitState
-    action: np.ndarray  # (actions,)
-    measured: np.ndarray  # (joints,) scratch: encoder readings [rad]
-    feet: np.ndarray  # (legs, 3) scratch: centres of the feet [m]
-
-
 @njit(cache=True, nogil=True)
 def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
-    """Return total reward, steps and fault."""
+    """Return total reward, steps and fault.
+
+    ``walker`` are the motors' arrays, the `SensorErrors`, the commands (steps, 2), the `GaitState`, and scratch: action
+    (actions,), encoder readings (joints,) [rad] and centres of the feet (legs, 3) [m].
+    """
     body, world, walker = without_refcounts(body), without_refcounts(world), without_refcounts(walker)
     policy, weights = without_refcounts(policy), without_refcounts(weights)
     mean, m2 = without_refcounts(mean), without_refcounts(m2)
@@ -189,7 +180,7 @@ class WalkSimulator:
         motors, gait = self._scene.begin(world, seed), new_gait(self._body)
         inputs = self._scene.walk.inputs(self._scene.robot, seed)
         measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
-        walker = Walker(motors, *inputs, gait, np.zeros_like(gait.command), measured, feet)
+        walker = motors, *inputs, gait, np.zeros_like(gait.command), measured, feet
         mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
         qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
         rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
@@ -221,7 +212,6 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._robot, self._backend, self._walk = robot, backend, walk or WalkConfig()
         self._body, self._weights = body_of(robot), self._walk.task.array()
         self.gait = new_gait(self._body)
-        self._sensors, self._schedule = self._walk.inputs(robot, 0)
         self._steps, self._running = 0, False
 
     def reset(
