@@ -141,20 +141,14 @@ class GreyBoxActuator(Actuator):
 
     def with_factors(self, factors: Factors) -> GreyBoxActuator:
         """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
-        self._require_gains()
         before = self.factors
         return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
 
-    def _require_gains(self) -> None:
-        if self.model.gain_unit and self.gains is None:
-            raise ConfigError(
-                f"these motors were learned with logged gains [{self.model.gain_unit}]",
-                remedy="give their gains", argument="gains",
-            )  # fmt: skip
-
     def constants(self) -> dict[str, np.ndarray]:
         """(n,) constants by name, at these conditions, with gains and factors."""
-        self._require_gains()
+        if self.model.gain_unit and self.gains is None:
+            problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
+            raise ConfigError(problem, remedy="give their gains", argument="gains")
         values = self.model.motor.decode(self.model.decoder_latents(self.z), self.conditions)
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)

@@ -31,12 +31,7 @@ def _operator(instruction: str) -> Callable[[Vector, Vector | float], Vector]:
 
 
 class Vector:
-    """An LLVM vector of floating-point numbers, or the bits of a comparison.
-
-    Args:
-        builder: llvmlite builder of the code.
-        value: LLVM value of a vector type.
-    """
+    """An LLVM vector of floating-point numbers, or the bits of a comparison: a value of the code of a builder."""
 
     def __init__(self, builder: Any, value: Any):
         self.builder, self.value = builder, value

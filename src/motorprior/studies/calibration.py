@@ -135,15 +135,6 @@ class FleetProblem:
         return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION))
 
 
-@dataclass(frozen=True)
-class _Optimum:
-    """Result of a search: (P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
-
-    x: np.ndarray
-    cost: float
-    covariance: np.ndarray
-
-
 class _CentreProblem:
     """Residuals of some logs, see `search.Problem`; x is relative to the prior's mean, in _UNIT.
 
@@ -162,12 +153,15 @@ class _CentreProblem:
         return np.stack([self._problem.residuals(self._logs, self._problem.mean + self.scale * row) for row in x])
 
 
-def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> _Optimum:
+def _optimum(
+    problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """(P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
     centre, size = _CentreProblem(problem, logs), len(problem.mean)
     search, scale, prior = Search(centre), centre.scale, GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
     found = search.descend(((start - problem.mean) / scale)[None], prior, ((iterations, WIDE),))
     covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
-    return _Optimum(problem.mean + scale * found.x[0], float(found.energy[0]), covariance)
+    return problem.mean + scale * found.x[0], float(found.energy[0]), covariance
 
 
 @dataclass(frozen=True)
@@ -195,23 +189,24 @@ def calibrate(
     searches = 1 + starts + len(logs_left_out) + 1
     with progress.start(f"calibrate on {len(names)} real logs", searches) as task:
 
-        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> _Optimum:
+        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
             task.advance()
             return _optimum(problem, logs, start, iterations)
 
-        first = fit(problem, names, mean).x
+        first, _, _ = fit(problem, names, mean)
         problem = problem.with_residual_deviation(first)
-        best = min((fit(problem, names, start) for start in (first, *(mean + samples))), key=lambda each: each.cost)
-        left_out = {name: fit(problem, [log for log in names if log != name], mean).x for name in logs_left_out}
-        offsets, spread, offsets_left_out = single_motors(problem, best.x, left_out)
+        found = [fit(problem, names, start) for start in (first, *(mean + samples))]
+        center, _, covariance = min(found, key=lambda each: each[1])
+        left_out = {name: fit(problem, [log for log in names if log != name], mean)[0] for name in logs_left_out}
+        offsets, spread, offsets_left_out = single_motors(problem, center, left_out)
         task.advance()
-    error = np.sqrt(np.diag(best.covariance))
+    error = np.sqrt(np.diag(covariance))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)
         without = np.array(list(left_out.values()))
         error = np.maximum(error, np.sqrt((len(without) - 1) * np.var(without, axis=0)))
     both = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
-    return Calibration(best.x, error, offsets, spread, both)
+    return Calibration(center, error, offsets, spread, both)
 
 
 def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:

@@ -12,13 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
-from motorprior.evaluation.bench_truth import (
-    FLOOR_OFFSET,
-    HELD_OUT,
-    HELD_OUT_SEED,
-    ModelOfMotors,
-    bench_errors,
-)
+from motorprior.evaluation.bench_truth import FLOOR_OFFSET, HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.body import body_of, open_loop_gait
