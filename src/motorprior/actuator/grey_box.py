@@ -50,20 +50,6 @@ _REFERENCE = MotorState._fields.index(REFERENCE)
 TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
 
 
-@dataclass(frozen=True)
-class GearedMotor:
-    """Linear map from z to the logarithms of the constants; P parameters, Z latents."""
-
-    center: np.ndarray  # (P,)
-    slope: np.ndarray  # (Z, P)
-    terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
-
-    def decode(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
-        """(n,) constants by name of motors with latents z (n, Z) at these conditions."""
-        shift = np.einsum("nz,zp->np", z, self.slope)  # not @, whose rounding depends on the number of motors
-        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
-
-
 def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
     """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
     return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
@@ -76,28 +62,32 @@ def memory_rows(physics_dt: float) -> int:
 
 @dataclass(frozen=True)
 class GreyBox:
-    """The decoder from a latent z to the constants of a geared motor."""
+    """The decoder from a latent z to the logarithms of a geared motor's constants; P parameters, Z latents."""
 
-    motor: GearedMotor
+    center: np.ndarray  # (P,)
+    slope: np.ndarray  # (Z, P)
     period: float  # sample period of the fitted logs, the largest physics step [s]
+    terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
     copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
     gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
 
     @property
     def num_latents(self) -> int:
         """Z."""
-        return len(self.motor.slope)
+        return len(self.slope)
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
 
-    def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name of cold motors at nominal conditions.
+    def constants(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
+        """(n,) physical constants by name at these conditions, without them of cold motors at nominal conditions.
 
         With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
         """
-        return self.motor.decode(self.decoder_latents(z))
+        # not @, whose rounding depends on the number of motors
+        shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
+        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
@@ -105,7 +95,7 @@ class GreyBox:
 
     def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
         """(n,) warmth of motors ``seconds`` [s] after a cold start; 0 without the term heat."""
-        if "heat" not in self.motor.terms:
+        if "heat" not in self.terms:
             return 0.0
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
@@ -149,7 +139,7 @@ class GreyBoxActuator(Actuator):
         if self.model.gain_unit and self.gains is None:
             problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
             raise ConfigError(problem, remedy="give their gains", argument="gains")
-        values = self.model.motor.decode(self.model.decoder_latents(self.z), self.conditions)
+        values = self.model.constants(self.z, self.conditions)
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)
         if self.factors is None:
@@ -161,7 +151,7 @@ class GreyBoxActuator(Actuator):
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
         require_step(physics_dt, self.model.period)
-        table = motor_table(self.constants(), physics_dt, self.model.motor.terms)
+        table = motor_table(self.constants(), physics_dt, self.model.terms)
         return empty_arrays(GREY_BOX, table, memory_rows(physics_dt), 1)
 
 

@@ -160,7 +160,7 @@ class WarpMotors:
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
         require_gear(bank, dt)
-        terms = bank.model.motor.terms
+        terms = bank.model.terms
         self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
         table = motor_table(bank.constants(), dt, terms).astype(np.float32)
         self._bank = wp.array(table, dtype=float, device=device)

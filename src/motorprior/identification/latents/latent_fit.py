@@ -176,6 +176,6 @@ def outliers(
 
 def _latent_names(model: Decoder) -> tuple[str, ...]:
     """Names of the decoder's latents: those of the constants where each constant has its own latent."""
-    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:
-        return parameters_of(model.motor.terms)
+    if isinstance(model, GreyBox) and len(model.center) == model.num_latents:
+        return parameters_of(model.terms)
     return tuple(f"latent {index}" for index in range(model.num_latents))
