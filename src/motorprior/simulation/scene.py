@@ -74,17 +74,10 @@ class WalkConfig:
 class Scene:
     """Simulation of a walking episode."""
 
-    robot: Robot
-    """With legs."""
-    draw_motors: DrawMotors
-    """The motors of an episode, from a generator seeded by the episode's seed."""
+    robot: Robot  # with legs
+    draw_motors: DrawMotors  # the motors of an episode, from a generator seeded by the episode's seed
     walk: WalkConfig = field(default_factory=WalkConfig)
-    physics_dt: float | None = None
-    """MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms."""
-
-    def world(self) -> World | BulletWorld:
-        """The robot in the engine, for `begin`."""
-        return BulletWorld(self.robot) if self.walk.engine == "pybullet" else World(self.robot, self.physics_dt)
+    physics_dt: float | None = None  # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
 
     def begin(self, world: World | BulletWorld, seed: int) -> ActuatorArrays:
         """Stand in the nominal pose on the motors and in the conditions of this seed; returns the motors' arrays."""
@@ -96,7 +89,8 @@ class SimulatedBackend:
     """A robot in the engine of a scene, with new motors and conditions in every episode."""
 
     def __init__(self, scene: Scene):
-        self._scene, self.world = scene, scene.world()
+        self._scene, robot = scene, scene.robot
+        self.world = World(robot, scene.physics_dt) if scene.walk.engine == "mujoco" else BulletWorld(robot)
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose; ``seed`` determines everything random."""
@@ -235,10 +229,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step with an (actions,) action, clipped to [-1, 1].
 
-        Returns:
-            Observation, reward [m], terminated (fell or fault), truncated (time is up), and an info with fault, phase,
-            command in force (2,) [m/s, rad/s], position_target and measured_joint_pos (joints,) [rad], base_pos (3,)
-            [m] and base_quat (4,).
+        Returns observation, reward [m], terminated (fell or fault), truncated (time is up), and an info with fault,
+        phase, command in force (2,) [m/s, rad/s], position_target and measured_joint_pos (joints,) [rad], base_pos (3,)
+        [m] and base_quat (4,).
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
@@ -279,10 +272,7 @@ def simulator_of(scene: Scene) -> WalkSimulator | BackendSimulator:
 
 
 class BackendSimulator:
-    """Runs whole episodes on any backend, with the interpreter between control steps; one per thread.
-
-    On MuJoCo the results equal those of the compiled `WalkSimulator` bit for bit.
-    """
+    """Runs whole episodes on any backend; one per thread. On MuJoCo the bytes equal those of `WalkSimulator`."""
 
     def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
         self._env = WalkEnv(robot, backend, walk)
