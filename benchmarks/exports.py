@@ -195,9 +195,9 @@ def microseconds(step: Step, count: int, steps: int = 200) -> float:
 
 def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
     """A prior around the median of these motors, with a standard deviation of SPREAD."""
-    decoder = motors.model.motor
+    decoder = motors.model
     center, slope = decoder.center + np.median(motors.z, axis=0), SPREAD * np.eye(motors.z.shape[1])
-    model = replace(motors.model, motor=replace(decoder, center=center, slope=slope))
+    model = replace(decoder, center=center, slope=slope)
     return MotorPrior(model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {})
 
 

@@ -26,7 +26,7 @@ def spreads(prior: MotorPrior) -> dict[str, tuple[float, float]]:
     model, groups = prior.model, [prior.classes.rows_of(name) for name in prior.classes.names]
     assert isinstance(model, GreyBox)
     outputs = model.decoder_latents(prior.mean)
-    names = parameters_of(model.motor.terms)
+    names = parameters_of(model.terms)
     outputs *= [SIGNED.get(name, 1.0) for name in names]
     means = np.stack([outputs[rows].mean(axis=0) for rows in groups])
     scatter = sum(np.sum((outputs[rows] - outputs[rows].mean(axis=0)) ** 2, axis=0) for rows in groups)

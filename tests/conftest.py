@@ -25,7 +25,6 @@ from pathlib import Path  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
@@ -83,7 +82,7 @@ def grey_box() -> Callable[..., GreyBox]:
             values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0)))
             for name in names
         ])  # fmt: skip
-        return GreyBox(GearedMotor(center, spread * rng.standard_normal((latents, len(names))), terms), 0.002)
+        return GreyBox(center, spread * rng.standard_normal((latents, len(names))), 0.002, terms)
 
     return make
 

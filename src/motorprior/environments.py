@@ -18,9 +18,8 @@ import gymnasium
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.env import WalkEnv
 from motorprior.simulation.motors import MotorSource, simulated_motors
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkEnv
 
 ENV_ID = "motorprior/Walk-v0"
 

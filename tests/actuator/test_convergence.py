@@ -54,9 +54,9 @@ def test_a_gear_that_is_too_stiff_for_the_step_acts_like_a_stiff_one():
     Measured: 0.15 mrad and at most 0.51; 0.22 and 0.59 if they see it.
     """
     known, given, rows = true_grey_box(motors()), case("gait"), np.array(PARAMETERS)
-    center, slope = known.model.motor.center.copy(), known.model.motor.slope.copy()
+    center, slope = known.model.center.copy(), known.model.slope.copy()
     for name, value in {"gear_stiffness": 1e5, "backlash": 1e-6}.items():
         center[rows == name], slope[:, rows == name] = np.log(value), 0.0
-    stiff = replace(known, model=replace(known.model, motor=replace(known.model.motor, center=center, slope=slope)))
+    stiff = replace(known, model=replace(known.model, center=center, slope=slope))
     errors = rms(simulated(stiff, given, 1) - simulated(stiff, given, 16), axis=0)
     assert np.median(errors) < 0.18e-3 and errors.max() < 0.55e-3

@@ -8,9 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays as drawn
 
-from motorprior.actuator.geared_motor import FILTERED_VEL, JOINT_VEL, ROTOR_POS, ROTOR_VEL, GearedMotor
 from motorprior.actuator.geared_motor_step import MotorState
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import (
+    FILTERED_VEL,
+    JOINT_VEL,
+    ROTOR_POS,
+    ROTOR_VEL,
+    GreyBox,
+    GreyBoxActuator,
+)
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.physics.motor_problem import encoded
@@ -169,7 +175,7 @@ def test_a_stiff_gear_moves_a_load_as_a_rigid_motor(load: float):
     none = dict.fromkeys(("velocity_filter", "coulomb", "stribeck_torque", "load_friction", "backlash"), 1e-6)
     stiff = dict(torque_limit=500.0, gear_stiffness=1e4, gear_damping=1.0)
     center = encoded(values | none | stiff, ())
-    motors = GreyBox(GearedMotor(center, np.eye(len(center))), dt).motors(np.zeros((1, len(center))))
+    motors = GreyBox(center, np.eye(len(center)), dt).motors(np.zeros((1, len(center))))
     target = np.repeat(np.random.default_rng(3).uniform(-0.3, 0.3, 16) * (np.arange(16) > 0), 125)
     trial = Trial(target[:, None], np.zeros((len(target), 1)), np.array([load]), dt)
     exact = rigid_response(load + 0.01, 20.0, 20.0 * 0.05 + 0.1, 0.01, target, dt)

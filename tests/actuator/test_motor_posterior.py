@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
@@ -16,8 +15,8 @@ from motorprior.exceptions import ConfigError
 
 
 def made_prior() -> MotorPrior:
-    motor = GearedMotor(np.zeros(len(PARAMETERS)), np.ones((2, len(PARAMETERS))))
-    return MotorPrior(GreyBox(motor, 0.002), np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
+    box = GreyBox(np.zeros(len(PARAMETERS)), np.ones((2, len(PARAMETERS))), 0.002)
+    return MotorPrior(box, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
 
 
 PRIOR = made_prior()

@@ -30,7 +30,8 @@ def implausible(motors: Actuator, armature: np.ndarray, period: float) -> np.nda
     """Which motors oscillate or diverge after a step, or gain energy when they are switched off, on any of LOADS."""
     found = np.zeros(motors.num_motors, dtype=bool)
     step = np.where(np.arange(round(1.6 / period)) * period < 0.1, 0.0, 0.2)
-    off = with_factors(motors, Factors.ones(motors.num_motors)._replace(torque_limit=np.full(motors.num_motors, 1e-9)))
+    one = np.ones(motors.num_motors)
+    off = with_factors(motors, Factors(one, one, 1e-9 * one, one))
     for factor in LOADS:
         response = run(motors, trial(step, factor * armature, period)).encoder_pos  # a free joint bounces in backlash
         found |= ~(np.ptp(response[-len(response) // 4 :], axis=0) < 0.2 * SETTLED)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from networks import network
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
@@ -60,8 +59,8 @@ def grey_box(n):
     names |= {"load_friction": 0.2, "gear_stiffness": 70.0, "backlash": 0.015, "gear_damping": 0.03}
     slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
     slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
-    motor = GearedMotor(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope)
-    return GreyBoxActuator(GreyBox(motor, 0.002), rng.standard_normal((n, 3)))
+    box = GreyBox(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope, 0.002)
+    return GreyBoxActuator(box, rng.standard_normal((n, 3)))
 
 
 MAKERS = {

@@ -9,7 +9,6 @@ import pytest
 wp = pytest.importorskip("warp", reason="needs the extra newton or mjlab")
 
 import exports as bench  # noqa: E402
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
@@ -27,7 +26,7 @@ CENTRAL = INITIAL | {
 def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
     names = parameters_of(terms)
     center = np.array([0.0 if name in SIGNED else np.log(CENTRAL[name]) for name in names])
-    model = GreyBox(GearedMotor(center, 0.15 * np.eye(len(names)), terms), bench.DT)
+    model = GreyBox(center, 0.15 * np.eye(len(names)), bench.DT, terms)
     zeros = np.zeros((2, len(names)))
     return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
 
@@ -70,9 +69,9 @@ def test_a_partial_reset_restarts_the_masked_motors_only():
 
 
 def with_constant(motors, name, value):
-    center = motors.model.motor.center.copy()
+    center = motors.model.center.copy()
     center[parameters_of(()).index(name)] = np.log(value)
-    return replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
+    return replace(motors, model=replace(motors.model, center=center))
 
 
 def test_a_step_that_cannot_resolve_the_gear_is_refused():

@@ -25,8 +25,7 @@ from motorprior.logs.readers.deploy_recording import read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkEnv
 from simulated_port import SimulatedPort, on_its_clock
 
 WIRE = PUPPER_V2.require_wire()

@@ -27,16 +27,16 @@ INDEX = [PARAMETERS.index(name) for name in ("kp", "kd_over_kp")]
 def with_gains(grey_box: Networks) -> GreyBox:
     """Motors with logged gains."""
     box = grey_box(kp=1.0, kd_over_kp=1.0)
-    slope = box.motor.slope.copy()
+    slope = box.slope.copy()
     slope[:, INDEX] = 0.0
-    return replace(box, motor=replace(box.motor, slope=slope), gain_unit=PHYSICAL_GAINS)
+    return replace(box, slope=slope, gain_unit=PHYSICAL_GAINS)
 
 
 def test_motors_with_logged_gains_are_motors_with_these_constants(with_gains: GreyBox):
     kp, kd = SOFT[:, 0]
-    center = with_gains.motor.center.copy()
+    center = with_gains.center.copy()
     center[INDEX] += np.log([kp, kd / kp])
-    own = GreyBox(replace(with_gains.motor, center=center), with_gains.period)
+    own = replace(with_gains, center=center, copula=None, gain_unit="")
     given = GreyBoxActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
     np.testing.assert_allclose(given.parameters, GreyBoxActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
     with pytest.raises(ConfigError, match="logged gains"):

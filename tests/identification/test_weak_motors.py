@@ -24,7 +24,7 @@ def prior(box: GreyBox) -> MotorPrior:
 
 def latents(box: GreyBox, *shares: float) -> np.ndarray:
     """(M, Z) of motors with these shares of the central motor's kp."""
-    steepest = box.motor.slope[:, PARAMETERS.index("kp")]
+    steepest = box.slope[:, PARAMETERS.index("kp")]
     z = np.log(shares)[:, None] * steepest / (steepest @ steepest)
     np.testing.assert_allclose(kp_ratio(box, z), shares, rtol=1e-9)
     return z

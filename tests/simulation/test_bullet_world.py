@@ -46,7 +46,7 @@ def make():
 
 def trot(steps):
     body = body_of(PUPPER_V2)._replace(swing_height=0.02)
-    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0, PUPPER_V2.control_dt)
+    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0)
 
 
 def played(world, motors, targets):

@@ -7,11 +7,10 @@ from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.env import WalkEnv
-from motorprior.simulation.scene import SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import WalkConfig, WalkEnv
 
 
-class GlidingBackend(SimulatedBackend):
+class GlidingBackend:
     """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
 
     def __init__(self, fall_at=10**9, fail_at=10**9):

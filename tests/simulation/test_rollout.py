@@ -5,7 +5,6 @@ import pytest
 from drawn_motors import draw_pd
 from policies import random_policy
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
@@ -14,9 +13,8 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.env import BackendSimulator
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
+from motorprior.simulation.scene import BackendSimulator, Scene, SimulatedBackend, WalkConfig, WalkSimulator
 from untrained import zero_policy
 
 STEPS = 120
@@ -49,7 +47,7 @@ def draw_grey_box(rng):
     center = np.array([
         *(np.log([9.0, 0.09, 0.003, 0.008, 1.3, 0.002, 0.05, 0.01, 0.004, 0.2, 70.0, 0.015, 0.03])), 0.1,
     ])  # fmt: skip
-    return GreyBoxActuator(GreyBox(GearedMotor(center, slope), 0.002), rng.standard_normal((12, 3)))
+    return GreyBoxActuator(GreyBox(center, slope, 0.002), rng.standard_normal((12, 3)))
 
 
 KINDS = {  # motors, physics step [s]

@@ -9,8 +9,7 @@ from recorded_robot import record_log
 from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.studies.calibration import calibrate, calibrated_fleet, single_motors
-from motorprior.studies.fleet_problem import FleetProblem, Parameter
+from motorprior.studies.calibration import FleetProblem, Parameter, calibrate, calibrated_fleet, single_motors
 from motorprior.studies.log_replay import Replayer, with_posture
 
 TRUE = {"kp": 7.6, "kd_over_kp": 0.088, "coulomb": 0.19}

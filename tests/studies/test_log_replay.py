@@ -15,7 +15,7 @@ from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.read_log import read_log, read_log_folder
 from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
-from motorprior.studies.fleet_problem import FleetProblem
+from motorprior.studies.calibration import FleetProblem
 from motorprior.studies.log_replay import (
     FALLEN_TILT,
     Replayer,

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from motorprior.actuator.kernels import ActuatorKind
 
 
+_NO_BLOCKS = np.zeros((0, 0, 16), np.float32)
+
+
 class KernelTable(NamedTuple):
     """Addresses of an actuator kind's compiled functions in this process; see `ActuatorKind`."""
 
@@ -33,7 +36,8 @@ class KernelTable(NamedTuple):
 class ActuatorArrays(NamedTuple):
     """Arrays of n motors for compiled code. Networks are evaluated in blocks of 16 motors.
 
-    Fields that a kind does not use are empty. Its module names the rows of ``parameters`` and ``memory``.
+    The module of a kind names the rows of ``parameters`` and ``memory``. The fields from ``weights`` on are those of
+    networks.
     """
 
     kernels: KernelTable
@@ -41,29 +45,23 @@ class ActuatorArrays(NamedTuple):
     memory: np.ndarray  # (rows, n) float64, state
     clock: np.ndarray  # (2,) int64: steps since reset; steps per network update, or substeps per step
     damping: np.ndarray  # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
-    weights: np.ndarray  # flat float32: matrices of the layers, row-major
-    inputs: np.ndarray  # (inputs,) int64: rows of the history that are network inputs, counted from the newest
-    biases: np.ndarray  # (blocks, neurons of all layers, 16) float32; the first layer's include z
-    history: np.ndarray  # (blocks, 4·ring, 16) float32: scaled error twice, then velocity twice; state
-    scratch: np.ndarray  # (blocks, inputs and neurons of all layers, 16) float32
+    weights: np.ndarray = np.zeros(0, np.float32)  # flat: matrices of the layers, row-major
+    inputs: np.ndarray = np.zeros(0, np.int64)  # (inputs,) rows of the history that are inputs, counted from the newest
+    biases: np.ndarray = _NO_BLOCKS  # (blocks, neurons of all layers, 16); the first layer's include z
+    history: np.ndarray = _NO_BLOCKS  # (blocks, 4·ring, 16): scaled error twice, then velocity twice; state
+    scratch: np.ndarray = _NO_BLOCKS  # (blocks, inputs and neurons of all layers, 16)
 
 
 def empty_arrays(
     kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, clock_ratio: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:
     """Arrays of a kind without a network; ``damping`` (n,) is zero if not given."""
-    blocks = np.zeros((0, 0, 16), np.float32)
     return ActuatorArrays(
         kernels=kind.kernels,
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
         clock=np.array([0, clock_ratio], dtype=np.int64),
         damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
-        weights=np.zeros(0, np.float32),
-        inputs=np.zeros(0, np.int64),
-        biases=blocks,
-        history=blocks.copy(),
-        scratch=blocks.copy(),
     )
 
 
@@ -94,11 +92,7 @@ class Actuator(Protocol):
         return np.zeros(self.num_motors)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """New arrays for a simulation with step ``physics_dt`` [s].
-
-        Raises:
-            ConfigError: the model cannot run at that step.
-        """
+        """New arrays for steps of ``physics_dt`` [s]; ConfigError if the model cannot run at such steps."""
         ...
 
 
@@ -130,18 +124,9 @@ class Factors(NamedTuple):
     torque_limit: np.ndarray
     coulomb: np.ndarray  # Coulomb and static friction, without load friction
 
-    @classmethod
-    def ones(cls, count: int) -> Factors:
-        """No change."""
-        return cls(*np.ones((len(cls._fields), count)))
-
 
 def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
-    """The same motors with scaled constants, by the actuator's method of this name.
-
-    Raises:
-        ConfigError: a factor is not 1 and the motors lack that constant.
-    """
+    """The same motors with scaled constants; ConfigError if a factor is not 1 and the motors lack that constant."""
     if hasattr(actuator, "with_factors") and any(np.any(factor != 1.0) for factor in factors):
         return actuator.with_factors(factors)  # pyright: ignore[reportAttributeAccessIssue]
     require_unchanged(actuator.kind, factors, *Factors._fields)

@@ -168,20 +168,11 @@ def step(
     arithmetic: Arithmetic,
     terms: tuple[str, ...] = (),
 ) -> tuple[MotorState, Values, Values]:
-    """Advance motors by one step of ``h`` [s].
+    """Advance motors by one step of ``h`` [s], the length that the constants ``p`` are for.
 
-    Args:
-        p: constants for steps of this length.
-        state: before the step.
-        target: delayed position target, mean over the step [rad].
-        q: joint position [rad].
-        dq: joint velocity [rad/s].
-        h: length of the step [s].
-        arithmetic: functions on the values.
-        terms: enabled optional terms.
-
-    Returns:
-        The state after the step, and torque [N·m] and damping [N·m·s/rad] of the joint for the engine.
+    ``target`` is the delayed position target, mean over the step [rad]; ``q`` and ``dq`` are position [rad] and
+    velocity [rad/s] of the joint. Returns the state after the step, and torque [N·m] and damping [N·m·s/rad] of the
+    joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:
@@ -233,14 +224,27 @@ def step(
         old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)
     carried = inertia * v - h * (gear + p.viscous_damping * v - damping * expected)
-    dry = _DryFriction(p, state.bristle, friction, h, arithmetic, terms)
+
+    def velocity_after(impulse: Values, inertia: Values) -> tuple[Values, Values]:
+        """Rotor velocity after an impulse [N·m·s], which friction cannot reverse, and bristle deflection."""
+        limit = friction
+        if "asymmetry" in terms:
+            limit = limit * (1.0 + where(impulse > 0.0, p.asymmetry, -p.asymmetry))
+        if "presliding" not in terms:
+            remaining = arithmetic.positive_part(abs(impulse) - h * limit)
+            return arithmetic.with_sign_of(remaining, impulse) / inertia, state.bristle
+        stiffness = p.bristle_stiffness
+        yielding = (impulse - h * stiffness * state.bristle) / (inertia + h * h * stiffness)
+        force = arithmetic.clip(stiffness * (state.bristle + h * yielding), limit)
+        return (impulse - h * force) / inertia, force / stiffness
+
     in_force, eased = old + share * push, share * braking
-    free, bristle = dry.velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
+    free, bristle = velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
     control_law = push - 0.5 * braking * (free - v)
     bounded = arithmetic.clip(control_law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
-    bounded_vel, bounded_bristle = dry.velocity_after(carried + h * (old + share * bounded), inertia)
+    bounded_vel, bounded_bristle = velocity_after(carried + h * (old + share * bounded), inertia)
     limited = abs(control_law) > p.torque_limit if "torque_speed" not in terms else abs(control_law - bounded) > 0.0
     after = where(limited, bounded_vel, free)
 
@@ -262,27 +266,3 @@ def step(
     if "presliding" in terms:
         moved = moved._replace(bristle=where(limited, bounded_bristle, bristle))
     return moved, torque, damping if "output_damping" not in terms else damping + p.output_damping
-
-
-class _DryFriction(NamedTuple):
-    """Dry friction of a rotor in one step."""
-
-    p: StepConstants
-    bristle: Values
-    friction: Values  # maximum torque [N·m]
-    h: Any
-    arithmetic: Arithmetic
-    terms: tuple[str, ...]
-
-    def velocity_after(self, impulse: Values, inertia: Values) -> tuple[Values, Values]:
-        """Rotor velocity after an impulse [N·m·s], which friction cannot reverse, and bristle deflection."""
-        arithmetic, friction = self.arithmetic, self.friction
-        if "asymmetry" in self.terms:
-            friction = friction * (1.0 + arithmetic.where(impulse > 0.0, self.p.asymmetry, -self.p.asymmetry))
-        if "presliding" not in self.terms:
-            remaining = arithmetic.positive_part(abs(impulse) - self.h * friction)
-            return arithmetic.with_sign_of(remaining, impulse) / inertia, self.bristle
-        stiffness = self.p.bristle_stiffness
-        yielding = (impulse - self.h * stiffness * self.bristle) / (inertia + self.h * self.h * stiffness)
-        force = arithmetic.clip(stiffness * (self.bristle + self.h * yielding), friction)
-        return (impulse - self.h * force) / inertia, force / stiffness

@@ -1,58 +1,93 @@
-"""Grey boxes: geared motors whose constants are decoded from a latent z (`geared_motor`).
+"""Grey boxes: compiled geared motors whose constants are decoded from a latent z.
 
-The model simulates the rotor, so the engine gets no armature.
+    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the optional terms, within e^±LOG_REACH
+                                         of center; linear for constants that may be negative (`optional_terms.SIGNED`)
+
+A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor. The model simulates the
+rotor, so the engine gets no armature.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
 from motorprior.actuator.copula import Copula
-from motorprior.actuator.geared_motor import (
-    DAMPING,
-    SOFTENED,
-    STIFFNESS,
-    GearedMotor,
-    measure,
-    memory_rows,
-    motor_table,
-    reset,
-    step_lanes,
+from motorprior.actuator.geared_motor_step import (
+    BASE_CONSTANTS,
+    BASE_STATE,
+    LOG_REACH,
+    MAX_DELAY,
+    MotorState,
+    StepConstants,
+    decode,
+    step,
+    step_constants,
+    with_logged_gains,
 )
-from motorprior.actuator.geared_motor_step import with_logged_gains
-from motorprior.actuator.kernels import ActuatorKind
-from motorprior.actuator.optional_terms import HALF_WARM, OperatingConditions
+from motorprior.actuator.kernels import ActuatorKind, without_refcounts
+from motorprior.actuator.optional_terms import COLD, HALF_WARM, REFERENCE, TERMS, OperatingConditions
+from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
+from motorprior.delay_line import fill_line, interpolated, write_line
 from motorprior.exceptions import ConfigError
+
+# rows of the table
+STIFFNESS = StepConstants._fields.index("gear_stiffness")
+_NAMES = ("delay", "encoder_zero", "half_backlash", "softened")
+_DELAY, _ZERO, _HALF_BACKLASH, SOFTENED = (StepConstants._fields.index(name) for name in _NAMES)
+ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
+_REFERENCE = MotorState._fields.index(REFERENCE)
+# rows of the memory: the state, the delayed target, the delay line
+TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
+
+
+def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
+    """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
+    return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
+
+
+def memory_rows(physics_dt: float) -> int:
+    """Rows of the memory at this physics step [s]."""
+    return _LINE + math.ceil(MAX_DELAY / physics_dt - 1e-9) + 3
 
 
 @dataclass(frozen=True)
 class GreyBox:
-    """The decoder from a latent z to the constants of a geared motor."""
+    """The decoder from a latent z to the logarithms of a geared motor's constants; P parameters, Z latents."""
 
-    motor: GearedMotor
+    center: np.ndarray  # (P,)
+    slope: np.ndarray  # (Z, P)
     period: float  # sample period of the fitted logs, the largest physics step [s]
+    terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
     copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
     gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
 
     @property
     def num_latents(self) -> int:
         """Z."""
-        return len(self.motor.slope)
+        return len(self.slope)
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
 
-    def constants(self, z: np.ndarray) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name of cold motors at nominal conditions.
+    def constants(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
+        """(n,) physical constants by name at these conditions, without them of cold motors at nominal conditions.
 
         With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
         """
-        return self.motor.decode(self.decoder_latents(z))
+        # not @, whose rounding depends on the number of motors
+        shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
+        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
@@ -60,7 +95,7 @@ class GreyBox:
 
     def warmth(self, z: np.ndarray, seconds: float) -> np.ndarray | float:
         """(n,) warmth of motors ``seconds`` [s] after a cold start; 0 without the term heat."""
-        if "heat" not in self.motor.terms:
+        if "heat" not in self.terms:
             return 0.0
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
@@ -96,21 +131,15 @@ class GreyBoxActuator(Actuator):
 
     def with_factors(self, factors: Factors) -> GreyBoxActuator:
         """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
-        self._require_gains()
         before = self.factors
         return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
 
-    def _require_gains(self) -> None:
-        if self.model.gain_unit and self.gains is None:
-            raise ConfigError(
-                f"these motors were learned with logged gains [{self.model.gain_unit}]",
-                remedy="give their gains", argument="gains",
-            )  # fmt: skip
-
     def constants(self) -> dict[str, np.ndarray]:
         """(n,) constants by name, at these conditions, with gains and factors."""
-        self._require_gains()
-        values = self.model.motor.decode(self.model.decoder_latents(self.z), self.conditions)
+        if self.model.gain_unit and self.gains is None:
+            problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
+            raise ConfigError(problem, remedy="give their gains", argument="gains")
+        values = self.model.constants(self.z, self.conditions)
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)
         if self.factors is None:
@@ -122,8 +151,132 @@ class GreyBoxActuator(Actuator):
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
         require_step(physics_dt, self.model.period)
-        table = motor_table(self.constants(), physics_dt, self.model.motor.terms)
+        table = motor_table(self.constants(), physics_dt, self.model.terms)
         return empty_arrays(GREY_BOX, table, memory_rows(physics_dt), 1)
+
+
+@njit(cache=True, nogil=True)
+def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+    """Static rotor at the angle of the joint, centred in the backlash."""
+    memory = arrays.memory
+    memory[:_LINE, :] = 0.0
+    memory[ROTOR_POS, :] = joint_pos
+    memory[_REFERENCE, :] = position_target
+    fill_line(memory, _LINE, position_target)
+
+
+@njit(cache=True, nogil=True)
+def _update_targets(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
+    """Write delayed targets [rad], interpolated linearly: means from half a step before to half a step after now."""
+    newest = write_line(memory, _LINE, now, position_target)
+    for motor in range(position_target.shape[0]):
+        memory[TARGET, motor] = interpolated(memory, _LINE, newest, p[_DELAY, motor] + 0.5, motor)
+
+
+def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
+    """Emit one physics step for ``width`` consecutive motors.
+
+    ``columns`` are (address of the first motor in the first row, bytes between rows) of table, memory, joint_pos,
+    joint_vel, torque and damping.
+    """
+    table, memory, *vectors = columns
+    constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
+    states = len(MotorState._fields) if terms else BASE_STATE
+
+    def read(column: Any, row: int = 0) -> Vector:
+        return Vector.load(builder, _row(builder, column, row), width)
+
+    p = StepConstants(*(read(table, row) for row in range(constants)))
+    state = MotorState(*(read(memory, row) for row in range(states)))
+    q, dq = (read(column) for column in vectors[:2])
+    h = Vector.broadcast(builder, physics_dt, width)
+    state, torque, damping = step(p, state, read(memory, TARGET), q, dq, h, LANE_ARITHMETIC, terms)
+    torque.store(_row(builder, vectors[2], 0))
+    damping.store(_row(builder, vectors[3], 0))
+    for row, value in enumerate(state[:states]):
+        value.store(_row(builder, memory, row))
+
+
+def _row(builder: Any, column: Any, row: int) -> Any:
+    first, stride = column
+    return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
+
+
+def _stepper(width: int, terms: tuple[str, ...]) -> Any:
+    def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
+        arrays = (table, memory, joint_pos, joint_vel, torque, damping)
+        signature = types.void(types.intp, *arrays, types.float64)
+
+        def codegen(context, builder, signature, arguments):
+            first, *values, physics_dt = arguments
+            columns = [
+                _column(context, builder, kind, value, first)
+                for kind, value in zip(signature.args[1:], values, strict=False)
+            ]
+            _emit_step(builder, width, columns, physics_dt, terms)
+            return context.get_dummy_value()
+
+        return signature, codegen
+
+    return intrinsic(stepper)
+
+
+def _column(context: Any, builder: Any, kind: Any, value: Any, index: Any) -> tuple[Any, Any]:
+    """Address of element ``index`` in the first row of an array, and bytes between rows."""
+    array = context.make_array(kind)(context, builder, value=value)
+    start = builder.ptrtoint(array.data, index.type)
+    first = builder.add(start, builder.mul(index, ir.Constant(index.type, 8)))
+    return first, cgutils.unpack_tuple(builder, array.strides)[0]
+
+
+_step_eight, _step_four, _step_one = (_stepper(width, ()) for width in (8, 4, 1))
+_servo_eight, _servo_one = (_stepper(width, tuple(TERMS)) for width in (8, 1))
+
+
+@njit(cache=True, nogil=True)
+def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
+    """Write the torque and the damping for the coming physics step; see `ActuatorKind`.
+
+    The table has more than BASE_CONSTANTS rows for motors with optional terms.
+    """
+    # separately: a tuple would count each array once more
+    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
+    position_target = without_refcounts(position_target)
+    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
+    p, memory, now, damping = arrays.parameters, arrays.memory, arrays.clock[0], arrays.damping
+    _update_targets(p, memory, now, position_target)
+    n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS
+    while first < n:
+        if servo and n - first >= 8:
+            _servo_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 8
+        elif servo:
+            _servo_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 1
+        elif n - first >= 8:
+            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 8
+        elif n - first >= 4:
+            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 4
+        else:
+            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            first += 1
+
+
+@njit(cache=True, nogil=True)
+def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+    """The encoders are on the rotors: rotor position, without twist of a softened gear, plus encoder zero [rad]."""
+    for motor in range(out.shape[0]):
+        added = added_twist(arrays, motor, joint_pos[motor])
+        out[motor] = arrays.memory[ROTOR_POS, motor] - added + arrays.parameters[_ZERO, motor]
+
+
+@njit(cache=True, nogil=True)
+def added_twist(arrays: ActuatorArrays, motor: int, joint_pos: float) -> float:
+    """Twist [rad] of the gear that only its softening for the step adds."""
+    twist, half = arrays.memory[ROTOR_POS, motor] - joint_pos, arrays.parameters[_HALF_BACKLASH, motor]
+    return arrays.parameters[SOFTENED, motor] * (twist - min(max(twist, -half), half))
 
 
 @njit(cache=True, nogil=True)

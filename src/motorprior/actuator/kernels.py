@@ -70,9 +70,8 @@ class ActuatorKind:
 @cache
 def arrays_type() -> types.Type:
     """Numba's type of all `ActuatorArrays`."""
-    single, small = np.zeros((1, 1, 1), np.float32), np.zeros(1, np.float32)
-    table, count, kernels = np.zeros((1, 1)), np.zeros(1, np.int64), KernelTable(0, 0, 0, 0)
-    return typeof(ActuatorArrays(kernels, table, table, count, table[0], small, count, single, single, single))
+    table, kernels = np.zeros((1, 1)), KernelTable(0, 0, 0, 0)
+    return typeof(ActuatorArrays(kernels, table, table, np.zeros(1, np.int64), table[0]))
 
 
 def _address(function: Any, arguments: tuple[types.Type, ...]) -> int:

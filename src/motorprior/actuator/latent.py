@@ -125,11 +125,7 @@ class NetworkActuator(Actuator):
         return self.model.armature(self.z)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`.
-
-        Raises:
-            ConfigError: ``physics_dt`` does not divide the network's period.
-        """
+        """See `Actuator.arrays`; ConfigError if ``physics_dt`` does not divide the network's period."""
         require_step(physics_dt)
         net = self.model
         update_steps = round(net.period / physics_dt)

@@ -95,8 +95,8 @@ class MotorPosterior(Printable):
                 argument="limit_follows_gain",
             )
         central = self.prior.classes.mean_and_std(self.prior.joint_classes(self.joint_names))[0]
-        factors = Factors.ones(count)._replace(torque_limit=kp_ratio(motors.model, motors.z, central))
-        return motors.with_factors(factors)
+        one = np.ones(count)
+        return motors.with_factors(Factors(one, one, kp_ratio(motors.model, motors.z, central), one))
 
     def constants(self) -> Constants:
         """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.

@@ -17,7 +17,6 @@ import numpy as np
 
 from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
 from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
@@ -198,18 +197,16 @@ class MotorPrior(Printable):
     def with_frozen(self, group: str) -> MotorPrior:
         """The prior with one group of constants (`FROZEN`) fixed at the mean motor's values, in all classes.
 
-        Raises:
-            ConfigError: an unknown group, or a prior without physical constants.
+        ConfigError for an unknown group, or a prior without physical constants.
         """
         model = self.model
         if group not in FROZEN or not isinstance(model, GreyBox):
             problem = f"no constants {group!r} to freeze"
             raise ConfigError(problem, remedy=f"a prior of preset rollout has {', '.join(FROZEN)}", argument="frozen")
-        constants = np.array([name in FROZEN[group] for name in parameters_of(model.motor.terms)])
-        center, slope = model.motor.center, model.motor.slope
-        mean_motor = center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ slope
-        center, slope = np.where(constants, mean_motor, center), np.where(constants, 0.0, slope)
-        return replace(self, model=replace(model, motor=replace(model.motor, center=center, slope=slope)))
+        constants = np.array([name in FROZEN[group] for name in parameters_of(model.terms)])
+        mean_motor = model.center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ model.slope
+        center, slope = np.where(constants, mean_motor, model.center), np.where(constants, 0.0, model.slope)
+        return replace(self, model=replace(model, center=center, slope=slope))
 
     def _sampled_classes(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Robot):
@@ -352,7 +349,7 @@ class MotorPrior(Printable):
     def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         model, tensors, network, terms = self.model, {}, {}, ()
         if isinstance(model, GreyBox):
-            tensors, terms = {"motor_center": model.motor.center, "motor_slope": model.motor.slope}, model.motor.terms
+            tensors, terms = {"motor_center": model.center, "motor_slope": model.slope}, model.terms
         else:
             tensors = {name: np.asarray(getattr(model, name), np.float64) for name in _WEIGHTS}
             network = {"input_order": INPUT_ORDER, "taps": list(model.taps), "has_armature": model.has_armature}
@@ -385,8 +382,8 @@ class MotorPrior(Printable):
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
         period, network = float(header["period"]), header["network"]
         if header["grey_box"]:
-            motor = GearedMotor(tensors["motor_center"], tensors["motor_slope"], tuple(header["motor_terms"]))
-            model = GreyBox(motor, period, copula, header["gain_unit"])
+            center, slope, terms = tensors["motor_center"], tensors["motor_slope"], tuple(header["motor_terms"])
+            model = GreyBox(center, slope, period, terms, copula, header["gain_unit"])
         else:
             arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
             arrays |= {name: float(network[name]) for name in NETWORK_SCALES}

@@ -79,119 +79,6 @@ MAX_STEP = 0.001
 ) = range(15)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class OutOfFamilyMotors(TrueMotors):
-    """n out-of-family motors; every field has shape (n,). A term is off where its first constant is 0."""
-
-    # ki scales with kp, as in the learned models
-    factor_names = {name: name for name in Factors._fields} | {"static_torque": "coulomb", "ki": "kp"}
-
-    kp: Annotated[np.ndarray, "N·m/rad"]
-    kd: Annotated[np.ndarray, "N·m·s/rad"]
-    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant of the cold motor
-    delay: Annotated[np.ndarray, "s"]  # command latency
-    servo_period: Annotated[np.ndarray, "s"]  # period of the firmware's control law; 0: every substep
-    profile_speed: Annotated[np.ndarray, "rad/s"]  # maximum speed of the reference; 0: no bound
-    profile_acceleration: Annotated[np.ndarray, "rad/s²"]  # maximum acceleration of the reference; 0: no bound
-    dead_zone: Annotated[np.ndarray, "rad"]  # error below which kp and ki have no effect
-    ki: Annotated[np.ndarray, "N·m/(rad·s)"]  # integral gain
-    integral_limit: Annotated[np.ndarray, "N·m"]  # maximum integral part of the torque
-    output_encoder: Annotated[np.ndarray, "1"]  # position of the encoder: 0 rotor, 1 output shaft
-    encoder_quantum: Annotated[np.ndarray, "rad"]  # resolution of the encoder
-    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
-    velocity_filter: Annotated[np.ndarray, "s"]  # time constant of the velocity in the control law
-    current_time: Annotated[np.ndarray, "s"]  # time constant of the current loop
-    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed; 0: no voltage limit
-    no_load_speed: Annotated[np.ndarray, "rad/s"]  # speed at which the torque limit is zero; 0: no back-EMF
-    sag: Annotated[np.ndarray, "1"]  # share of the supply voltage lost at the stall current
-    heat_loss: Annotated[np.ndarray, "1"]  # relative loss of the torque constant when warm
-    heat_time: Annotated[np.ndarray, "s"]  # time constant of the warming; 0: constant warmth
-    warmth: Annotated[np.ndarray, "1"]  # initial warming over the final one
-    ripple: Annotated[np.ndarray, "1"]  # amplitude of the torque ripple over the torque
-    ripple_order: Annotated[np.ndarray, "1/rev"]  # periods per turn of the output shaft
-    ripple_phase: Annotated[np.ndarray, "rad"]
-    cogging: Annotated[np.ndarray, "N·m"]  # amplitude of the torque at zero current
-    cogging_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
-    cogging_phase: Annotated[np.ndarray, "rad"]
-    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
-    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
-    coulomb: Annotated[np.ndarray, "N·m"]  # sliding friction
-    static_torque: Annotated[np.ndarray, "N·m"]  # static friction minus sliding friction
-    stribeck_velocity: Annotated[np.ndarray, "rad/s"]  # 0: friction is independent of speed, bristles have no damping
-    bristle_stiffness: Annotated[np.ndarray, "N·m/rad"]  # presliding stiffness; 0: no dry friction
-    bristle_damping: Annotated[np.ndarray, "N·m·s/rad"]  # presliding damping
-    load_friction: Annotated[np.ndarray, "1"]  # friction per gear torque
-    asymmetry: Annotated[np.ndarray, "1"]  # relative increase of friction forwards, decrease backwards
-    position_friction: Annotated[np.ndarray, "1"]  # relative amplitude of position-dependent friction
-    position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
-    position_phase: Annotated[np.ndarray, "rad"]
-    backlash: Annotated[np.ndarray, "rad"]  # full play
-    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness at first contact, without the slider
-    gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
-    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
-    slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider
-    slider_torque: Annotated[np.ndarray, "N·m"]  # torque at which the slider slips
-    output_damping: Annotated[np.ndarray, "N·m·s/rad"]  # viscous damping of the output shaft (seals, grease)
-    log_position_noise: Annotated[np.ndarray, "rad"]  # standard deviation of logged angles
-    log_position_quantum: Annotated[np.ndarray, "rad"]  # resolution of logged angles
-    log_velocity_filter: Annotated[np.ndarray, "s"]  # time constant of logged velocities; 0: true ones
-    log_velocity_noise: Annotated[np.ndarray, "rad/s"]  # standard deviation of logged velocities
-    log_torque_noise: Annotated[np.ndarray, "N·m"]  # standard deviation of logged torques
-
-    @property
-    def kind(self) -> ActuatorKind:
-        """OUT_OF_FAMILY_KIND."""
-        return OUT_OF_FAMILY_KIND
-
-    def after(self, seconds: float) -> OutOfFamilyMotors:
-        """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
-        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0))
-
-    def logged(
-        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m], with noise.
-
-        Angles are quantised; velocities are filtered differences of the angles.
-        """
-        position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
-        angle = joint_pos + self.log_position_noise * position
-        step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
-        angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
-        differenced = _differenced(angle, period, _filter_gain(period, self.log_velocity_filter, 1.0))
-        speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
-        return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
-
-    def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
-        require_step(physics_dt, MAX_STEP)
-        table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
-        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
-        h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
-        table[DELAY] /= physics_dt
-        table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
-        table[VELOCITY_FILTER] = _filter_gain(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
-        table[CURRENT_TIME] = _filter_gain(h, table[CURRENT_TIME], 1.0)
-        table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
-        table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
-        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
-        return empty_arrays(OUT_OF_FAMILY_KIND, table, LINE + line, substeps, self.output_damping)
-
-
-def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
-    """(n,) gain 1 - exp(-seconds / time_constant) [-] of a first-order filter; ``off`` where the time constant is 0."""
-    on = time_constant > 0.0
-    return np.where(on, -np.expm1(-seconds / np.where(on, time_constant, 1.0)), off)
-
-
-def _differenced(angle: np.ndarray, period: float, gain: np.ndarray) -> np.ndarray:
-    raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
-    filtered = np.zeros_like(raw)
-    for step in range(1, len(raw)):
-        filtered[step] = filtered[step - 1] + gain * (raw[step] - filtered[step - 1])
-    return filtered
-
-
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Static rotor at the joint's angle, centred in the backlash; the firmware's reference is the target."""
@@ -344,3 +231,112 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 OUT_OF_FAMILY_KIND = ActuatorKind(
     "out_of_family", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
 )
+
+
+@dataclass(frozen=True)
+class OutOfFamilyMotors(TrueMotors):
+    """n out-of-family motors; every field has shape (n,). A term is off where its first constant is 0."""
+
+    kind = OUT_OF_FAMILY_KIND
+    # ki scales with kp, as in the learned models
+    factor_names = {name: name for name in Factors._fields} | {"static_torque": "coulomb", "ki": "kp"}
+
+    kp: Annotated[np.ndarray, "N·m/rad"]
+    kd: Annotated[np.ndarray, "N·m·s/rad"]
+    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant of the cold motor
+    delay: Annotated[np.ndarray, "s"]  # command latency
+    servo_period: Annotated[np.ndarray, "s"]  # period of the firmware's control law; 0: every substep
+    profile_speed: Annotated[np.ndarray, "rad/s"]  # maximum speed of the reference; 0: no bound
+    profile_acceleration: Annotated[np.ndarray, "rad/s²"]  # maximum acceleration of the reference; 0: no bound
+    dead_zone: Annotated[np.ndarray, "rad"]  # error below which kp and ki have no effect
+    ki: Annotated[np.ndarray, "N·m/(rad·s)"]  # integral gain
+    integral_limit: Annotated[np.ndarray, "N·m"]  # maximum integral part of the torque
+    output_encoder: Annotated[np.ndarray, "1"]  # position of the encoder: 0 rotor, 1 output shaft
+    encoder_quantum: Annotated[np.ndarray, "rad"]  # resolution of the encoder
+    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
+    velocity_filter: Annotated[np.ndarray, "s"]  # time constant of the velocity in the control law
+    current_time: Annotated[np.ndarray, "s"]  # time constant of the current loop
+    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed; 0: no voltage limit
+    no_load_speed: Annotated[np.ndarray, "rad/s"]  # speed at which the torque limit is zero; 0: no back-EMF
+    sag: Annotated[np.ndarray, "1"]  # share of the supply voltage lost at the stall current
+    heat_loss: Annotated[np.ndarray, "1"]  # relative loss of the torque constant when warm
+    heat_time: Annotated[np.ndarray, "s"]  # time constant of the warming; 0: constant warmth
+    warmth: Annotated[np.ndarray, "1"]  # initial warming over the final one
+    ripple: Annotated[np.ndarray, "1"]  # amplitude of the torque ripple over the torque
+    ripple_order: Annotated[np.ndarray, "1/rev"]  # periods per turn of the output shaft
+    ripple_phase: Annotated[np.ndarray, "rad"]
+    cogging: Annotated[np.ndarray, "N·m"]  # amplitude of the torque at zero current
+    cogging_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
+    cogging_phase: Annotated[np.ndarray, "rad"]
+    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
+    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    coulomb: Annotated[np.ndarray, "N·m"]  # sliding friction
+    static_torque: Annotated[np.ndarray, "N·m"]  # static friction minus sliding friction
+    stribeck_velocity: Annotated[np.ndarray, "rad/s"]  # 0: friction is independent of speed, bristles have no damping
+    bristle_stiffness: Annotated[np.ndarray, "N·m/rad"]  # presliding stiffness; 0: no dry friction
+    bristle_damping: Annotated[np.ndarray, "N·m·s/rad"]  # presliding damping
+    load_friction: Annotated[np.ndarray, "1"]  # friction per gear torque
+    asymmetry: Annotated[np.ndarray, "1"]  # relative increase of friction forwards, decrease backwards
+    position_friction: Annotated[np.ndarray, "1"]  # relative amplitude of position-dependent friction
+    position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
+    position_phase: Annotated[np.ndarray, "rad"]
+    backlash: Annotated[np.ndarray, "rad"]  # full play
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness at first contact, without the slider
+    gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
+    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider
+    slider_torque: Annotated[np.ndarray, "N·m"]  # torque at which the slider slips
+    output_damping: Annotated[np.ndarray, "N·m·s/rad"]  # viscous damping of the output shaft (seals, grease)
+    log_position_noise: Annotated[np.ndarray, "rad"]  # standard deviation of logged angles
+    log_position_quantum: Annotated[np.ndarray, "rad"]  # resolution of logged angles
+    log_velocity_filter: Annotated[np.ndarray, "s"]  # time constant of logged velocities; 0: true ones
+    log_velocity_noise: Annotated[np.ndarray, "rad/s"]  # standard deviation of logged velocities
+    log_torque_noise: Annotated[np.ndarray, "N·m"]  # standard deviation of logged torques
+
+    def after(self, seconds: float) -> OutOfFamilyMotors:
+        """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
+        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0))
+
+    def logged(
+        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m], with noise.
+
+        Angles are quantised; velocities are filtered differences of the angles.
+        """
+        position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
+        angle = joint_pos + self.log_position_noise * position
+        step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
+        angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
+        differenced = _differenced(angle, period, _filter_gain(period, self.log_velocity_filter, 1.0))
+        speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
+        return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        require_step(physics_dt, MAX_STEP)
+        table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
+        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
+        h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
+        table[DELAY] /= physics_dt
+        table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
+        table[VELOCITY_FILTER] = _filter_gain(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
+        table[CURRENT_TIME] = _filter_gain(h, table[CURRENT_TIME], 1.0)
+        table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
+        table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
+        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
+        return empty_arrays(OUT_OF_FAMILY_KIND, table, LINE + line, substeps, self.output_damping)
+
+
+def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
+    """(n,) gain 1 - exp(-seconds / time_constant) [-] of a first-order filter; ``off`` where the time constant is 0."""
+    on = time_constant > 0.0
+    return np.where(on, -np.expm1(-seconds / np.where(on, time_constant, 1.0)), off)
+
+
+def _differenced(angle: np.ndarray, period: float, gain: np.ndarray) -> np.ndarray:
+    raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
+    filtered = np.zeros_like(raw)
+    for step in range(1, len(raw)):
+        filtered[step] = filtered[step - 1] + gain * (raw[step] - filtered[step - 1])
+    return filtered

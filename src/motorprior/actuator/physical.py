@@ -43,6 +43,7 @@ ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # rows of the memory; the 
 class TrueMotors(Protocol):
     """n physical motors: a dataclass of parameters (n,), annotated with their units, "1" for ratios."""
 
+    kind: ClassVar[ActuatorKind]  # name, title and compiled functions of the family
     factor_names: ClassVar[Mapping[str, str]]  # parameter -> field of `Factors` that scales it
     kp: np.ndarray
     kd: np.ndarray
@@ -51,11 +52,6 @@ class TrueMotors(Protocol):
     gear_stiffness: np.ndarray
     gear_damping: np.ndarray
     __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def kind(self) -> ActuatorKind:
-        """Name, title and compiled functions of the family."""
-        ...
 
     def __len__(self) -> int:
         """Number of motors."""
@@ -132,46 +128,6 @@ def voltage_limited(torque: float, limit: float, back: float) -> float:
     return min(max(0.0, limit - back), max(min(0.0, -limit - back), torque))
 
 
-@dataclass(frozen=True)
-class PhysicalMotors(TrueMotors):
-    """n physical motors; every field has shape (n,)."""
-
-    factor_names = {name: name for name in Factors._fields} | {"stribeck_torque": "coulomb"}
-
-    kp: Annotated[np.ndarray, "N·m/rad"]
-    kd: Annotated[np.ndarray, "N·m·s/rad"]
-    delay: Annotated[np.ndarray, "s"]  # command latency
-    velocity_filter: Annotated[np.ndarray, "s"]  # time constant
-    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant
-    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed
-    no_load_speed: Annotated[np.ndarray, "rad/s"]
-    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
-    coulomb: Annotated[np.ndarray, "N·m"]
-    stribeck_torque: Annotated[np.ndarray, "N·m"]  # static friction above Coulomb's
-    stribeck_velocity: Annotated[np.ndarray, "rad/s"]
-    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
-    load_friction: Annotated[np.ndarray, "1"]  # friction per transmitted torque
-    backlash: Annotated[np.ndarray, "rad"]  # full play
-    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]
-    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
-    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
-
-    @property
-    def kind(self) -> ActuatorKind:
-        """PHYSICAL."""
-        return PHYSICAL
-
-    def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`."""
-        require_step(physics_dt, MAX_STEP)
-        table = np.stack([getattr(self, field.name) for field in fields(self)])
-        ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
-        table[_DELAY] /= physics_dt
-        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
-        table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
-        return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)
-
-
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Static rotor at the angle of the joint, centred in the backlash."""
@@ -239,3 +195,39 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 PHYSICAL = ActuatorKind(
     "physical", "physical", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
 )
+
+
+@dataclass(frozen=True)
+class PhysicalMotors(TrueMotors):
+    """n physical motors; every field has shape (n,)."""
+
+    kind = PHYSICAL
+    factor_names = {name: name for name in Factors._fields} | {"stribeck_torque": "coulomb"}
+
+    kp: Annotated[np.ndarray, "N·m/rad"]
+    kd: Annotated[np.ndarray, "N·m·s/rad"]
+    delay: Annotated[np.ndarray, "s"]  # command latency
+    velocity_filter: Annotated[np.ndarray, "s"]  # time constant
+    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant
+    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed
+    no_load_speed: Annotated[np.ndarray, "rad/s"]
+    armature: Annotated[np.ndarray, "kg·m²"]  # rotor inertia reflected to the output
+    coulomb: Annotated[np.ndarray, "N·m"]
+    stribeck_torque: Annotated[np.ndarray, "N·m"]  # static friction above Coulomb's
+    stribeck_velocity: Annotated[np.ndarray, "rad/s"]
+    viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    load_friction: Annotated[np.ndarray, "1"]  # friction per transmitted torque
+    backlash: Annotated[np.ndarray, "rad"]  # full play
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]
+    gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
+    encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
+
+    def arrays(self, physics_dt: float) -> ActuatorArrays:
+        """See `Actuator.arrays`."""
+        require_step(physics_dt, MAX_STEP)
+        table = np.stack([getattr(self, field.name) for field in fields(self)])
+        ring = int(np.ceil(table[_DELAY].max() / physics_dt)) + 2
+        table[_DELAY] /= physics_dt
+        substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
+        table[_FILTER] = 1.0 - np.exp(-physics_dt / substeps / table[_FILTER])
+        return empty_arrays(PHYSICAL, table, _LINE + ring, substeps)

@@ -21,7 +21,7 @@ import numpy as np
 import motorprior.actuator
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.exceptions import ArtifactError, ConfigError, quoted
+from motorprior.exceptions import ArtifactError, ConfigError, MotorPriorError, quoted
 from motorprior.robots.robot import Robot
 
 DrawMotors: TypeAlias = Callable[[np.random.Generator], Actuator]
@@ -53,8 +53,7 @@ def register(kind: str) -> Callable[[Callable[..., EpisodeMotors]], Callable[...
 def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     """The motors that a text chooses for a robot, and the given options.
 
-    Raises:
-        ConfigError, ArtifactError: see `parsed`; a value out of range, an unreadable file, or motors of another robot.
+    Errors as in `parsed`, and for a value out of range, an unreadable file, or motors of another robot.
     """
     kind, options = parsed(text)
     try:
@@ -62,16 +61,12 @@ def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     except (ConfigError, ArtifactError) as error:
         if error.where is not None:
             raise
-        raise type(error)(_in(text, error.problem), remedy=error.remedy, argument="motors") from error
+        raise _error(text, error.problem, error.remedy, type(error)) from error
     return found._replace(condition=found.condition or kind), options
 
 
 def parsed(text: str) -> tuple[str, Options]:
-    """Kind and given options of a text.
-
-    Raises:
-        ConfigError: an unknown kind or option, or a missing option.
-    """
+    """Kind and given options of a text; ConfigError for an unknown kind or option, or a missing option."""
     for module in pkgutil.iter_modules(motorprior.actuator.__path__):
         import_module(f"motorprior.actuator.{module.name}")
     kind, _, rest = text.partition(":")
@@ -111,9 +106,5 @@ def motor_text(kind: str, **options: float | Path | str | None) -> str:
     return ":".join([kind, ",".join(items)][: 1 + bool(items)])
 
 
-def _error(text: str, problem: str, remedy: str) -> ConfigError:
-    return ConfigError(_in(text, problem), remedy=remedy, argument="motors")
-
-
-def _in(text: str, problem: str) -> str:
-    return f"motors {quoted(text, 80)}: {problem}"
+def _error(text: str, problem: str, remedy: str | None, kind: type[MotorPriorError] = ConfigError) -> MotorPriorError:
+    return kind(f"motors {quoted(text, 80)}: {problem}", remedy=remedy, argument="motors")

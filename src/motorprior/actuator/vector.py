@@ -7,6 +7,7 @@ order in which they are written and never contracted, so every width gives the b
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
@@ -21,13 +22,16 @@ _BYTES = {_DOUBLE: 8, _FLOAT: 4}
 LANES = 16  # float32 values per vector, for networks
 
 
-class Vector:
-    """An LLVM vector of floating-point numbers, or the bits of a comparison.
+def _operator(instruction: str) -> Callable[[Vector, Vector | float], Vector]:
+    def apply(self: Vector, other: Vector | float) -> Vector:
+        emit = getattr(self.builder, instruction)
+        return Vector(self.builder, emit(self.value, _operand(other, self.value.type)))
 
-    Args:
-        builder: llvmlite builder of the code.
-        value: LLVM value of a vector type.
-    """
+    return apply
+
+
+class Vector:
+    """An LLVM vector of floating-point numbers, or the bits of a comparison: a value of the code of a builder."""
 
     def __init__(self, builder: Any, value: Any):
         self.builder, self.value = builder, value
@@ -51,26 +55,12 @@ class Vector:
         kind = self.value.type
         self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=_BYTES[kind.element])
 
-    def _new(self, operation: str, *operands: Vector | float) -> Vector:
-        emit = getattr(self.builder, operation)
-        return Vector(self.builder, emit(*(_operand(each, self.value.type) for each in operands)))
-
-    def __add__(self, other: Vector | float) -> Vector:
-        return self._new("fadd", self, other)
-
-    def __sub__(self, other: Vector | float) -> Vector:
-        return self._new("fsub", self, other)
-
-    def __mul__(self, other: Vector | float) -> Vector:
-        return self._new("fmul", self, other)
-
-    def __truediv__(self, other: Vector | float) -> Vector:
-        return self._new("fdiv", self, other)
+    __add__, __sub__ = _operator("fadd"), _operator("fsub")
+    __mul__, __truediv__ = _operator("fmul"), _operator("fdiv")
+    __radd__, __rmul__ = __add__, __mul__  # commutative, to the last bit
 
     def __rsub__(self, other: float) -> Vector:
-        return self._new("fsub", other, self)
-
-    __radd__, __rmul__ = __add__, __mul__  # commutative, to the last bit
+        return Vector(self.builder, self.builder.fsub(_operand(other, self.value.type), self.value))
 
     def __neg__(self) -> Vector:
         return Vector(self.builder, self.builder.fneg(self.value))

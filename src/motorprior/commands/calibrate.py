@@ -17,8 +17,7 @@ from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.calibration import Calibration, calibrate, calibrated_fleet
-from motorprior.studies.fleet_problem import FleetProblem
+from motorprior.studies.calibration import Calibration, FleetProblem, calibrate, calibrated_fleet
 from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
 
 FLEET, PICTURE = "fleet.toml", "calibration.png"

@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import COLD
@@ -126,7 +125,7 @@ def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxAct
     """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms."""
     raw = encoded({**values, "kd_over_kp": values["kd"] / values["kp"]}, terms).T
     center = raw.mean(axis=0)
-    return GreyBoxActuator(GreyBox(GearedMotor(center, np.eye(len(center)), terms), 0.002), raw - center, COLD)
+    return GreyBoxActuator(GreyBox(center, np.eye(len(center)), 0.002, terms), raw - center, COLD)
 
 
 def rigid_gear(armature: float) -> dict[str, float]:

@@ -23,8 +23,7 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f"{error}: pip install 'motorprior[newton]'", name=error.name) from error
 
-from motorprior.actuator.geared_motor import DAMPING
-from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.grey_box import DAMPING, GreyBoxActuator
 from motorprior.exports.warp_motors import Row, Rows, WarpMotors
 
 Indices = wp.array(dtype=wp.uint32)

@@ -120,7 +120,7 @@ def export(
     not_expressed = {name: float(np.median(np.abs(values[name]))) for name in exporter.not_expressed}
     errors: dict[str, float] = {}
     if exporter.replay is not None:
-        not_expressed |= {name: float(np.median(values[name])) for name in constants_of(bank.model.motor.terms)}
+        not_expressed |= {name: float(np.median(values[name])) for name in constants_of(bank.model.terms)}
         recorded = None if log is None else log_trial(log, joints, motors, step)
         errors = losses(exporter.replay, bank, step, recorded)
     table = {name: value.reshape(motors, -1) for name, value in (values | {"carried": carried(bank, step)}).items()}

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from motorprior.actuator.geared_motor import memory_rows, motor_table
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
     BASE_STATE,
@@ -26,13 +25,13 @@ from motorprior.actuator.geared_motor_step import (
     StepConstants,
     step,
 )
-from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.actuator.grey_box import GreyBoxActuator, memory_rows, motor_table
 from motorprior.actuator.optional_terms import REFERENCE
 from motorprior.exceptions import ConfigError
 
 MIN_STIFFNESS = 20.0  # minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
 _REFERENCE = MotorState._fields.index(REFERENCE)
-_TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `geared_motor`
+_TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1  # rows of the memory, as in `grey_box`
 Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
 
 
@@ -161,7 +160,7 @@ class WarpMotors:
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
         require_gear(bank, dt)
-        terms = bank.model.motor.terms
+        terms = bank.model.terms
         self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
         table = motor_table(bank.constants(), dt, terms).astype(np.float32)
         self._bank = wp.array(table, dtype=float, device=device)

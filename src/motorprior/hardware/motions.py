@@ -203,7 +203,7 @@ def _away(
     if kind == "trot":
         over, body = None, body_of(robot)  # it keeps its shape
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
-        gait = open_loop_gait(body, steps, forward, frequency, 0.0, 1.0, robot.control_dt)
+        gait = open_loop_gait(body, steps, forward, frequency, 0.0, 1.0)
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)

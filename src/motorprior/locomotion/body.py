@@ -182,23 +182,16 @@ def joint_targets(
     lift: float,
     out: np.ndarray,
 ) -> None:
-    """Joint angles of a gait, each leg at its own phase of the cycle.
+    """Write the joint angles (joints,) [rad] of a gait to ``out``, each leg at its own phase of the cycle.
 
     With stance share s = 1 / (1 + ratio), the ground under the foot at rest (x, y) moves by (v - ω y, ω x) s / f in
-    a stance, which is the stride. The foot is displaced from rest by a share of it (`foot_path`): the abduction turns
-    the leg's plane by the sideways part, hip and knee follow from `leg_angles`.
+    a stance, which is the stride: ``forward`` v [m/s], ``yaw_rate`` ω to the left [rad/s], ``frequency`` f > 0 [Hz],
+    ratio of the times in swing and stance > 0. The foot is displaced from rest by a share of the stride (`foot_path`):
+    the abduction turns the leg's plane by the sideways part, hip and knee follow from `leg_angles`.
 
-    Args:
-        body: of the robot.
-        phase: gait phase in [0, 1); 0 is where legs of phase 0 touch down.
-        forward: v [m/s].
-        yaw_rate: ω [rad/s], to the left.
-        frequency: f, steps per leg and second [Hz], > 0.
-        height: of the body above the nominal pose [m].
-        rise: additional slope of the legs' extension, forward and to the left of the origin [m/m].
-        swing_stance_ratio: time in swing over time in stance, > 0.
-        lift: height of a foot in the middle of its swing [m].
-        out: shape (joints,) [rad], overwritten.
+    At ``phase`` 0 of [0, 1) legs of phase 0 touch down. ``height`` is that of the body above the nominal pose [m],
+    ``lift`` that of a foot in the middle of its swing [m], ``rise`` an additional slope of the legs' extension, forward
+    and to the left of the origin [m/m].
     """
     out[:] = body.nominal_pose
     stance_share = 1.0 / (1.0 + swing_stance_ratio)
@@ -243,12 +236,10 @@ def add_support(
         out[knee] += force * by_knee * body.compliance[knee]
 
 
-def open_loop_gait(
-    body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float, control_dt: float
-) -> np.ndarray:
+def open_loop_gait(body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float) -> np.ndarray:
     """(steps, joints) angles [rad] of a gait without modulation or lead, from phase 0; see `joint_targets`."""
     targets, phase = np.zeros((steps, len(body.nominal_pose))), 0.0
     for row in targets:
         joint_targets(body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row)
-        phase = advance_phase(phase, frequency, control_dt)
+        phase = advance_phase(phase, frequency, body.control_dt)
     return targets

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -34,17 +34,10 @@ class Iteration:
     faults: dict[int, int]
 
 
-class EpisodeTask(NamedTuple):
-    """An episode to run: a candidate of `Ars.ask`, with sign 0 for the averaged parameters; the seed of its motors."""
-
-    direction: int
-    sign: int
-    seed: int
-
-
-def run_task(simulator: Any, search: PolicySearch, task: EpisodeTask) -> Any:
-    """Run one episode on a worker's simulator; returns a `simulation.scene.Episode`."""
-    return simulator.run(search.policy(task.direction, task.sign), task.seed)
+def run_task(simulator: Any, search: PolicySearch, task: tuple[int, int, int]) -> Any:
+    """Run one episode (direction, sign, seed), see `PolicySearch.policy`; returns a `simulation.scene.Episode`."""
+    direction, sign, seed = task
+    return simulator.run(search.policy(direction, sign), seed)
 
 
 def episode_seed(seed: int, iteration: int, direction: int) -> int:
@@ -79,7 +72,7 @@ class PolicySearch:
     def advance(self, executor: Executor) -> Iteration:
         """One ARS iteration: ask, run every candidate, tell."""
         iteration, seed = self.ars.iteration, self.ars.config.seed
-        tasks = [EpisodeTask(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
+        tasks = [(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
         episodes = executor.map(run_task, self, tasks)
         returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
         self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
@@ -92,7 +85,7 @@ class PolicySearch:
     def evaluate(self, executor: Executor) -> None:
         """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
         seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
-        episodes = executor.map(run_task, self, [EpisodeTask(0, 0, seed) for seed in seeds])
+        episodes = executor.map(run_task, self, [(0, 0, seed) for seed in seeds])
         found = float(np.mean([episode.total for episode in episodes]))
         if found > self.best_return:
             self.best, self.best_return, self.best_iteration = self.policy(0, 0), found, self.ars.iteration

@@ -159,11 +159,11 @@ def _notes_on_identifiability(
         named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
-    names_of = parameters_of(model.motor.terms)
+    names_of = parameters_of(model.terms)
     identified = motor_problem.identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
     metrics |= {f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED}
-    notes, free = [], ~motor_problem.fixed_constants(model.motor.terms, runs)
-    reached = motor_problem.near_bounds(z, model.motor.center) & free
+    notes, free = [], ~motor_problem.fixed_constants(model.terms, runs)
+    reached = motor_problem.near_bounds(z, model.center) & free
     for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
             notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")

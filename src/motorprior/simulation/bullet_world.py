@@ -40,8 +40,7 @@ EXPLICIT_STIFFNESS = 3e-4
 class BulletWorld:
     """A simulated robot in its own PyBullet client, which `close` ends; ``suspended`` fixes the base in the air.
 
-    Raises:
-        ConfigError: PyBullet is not installed, or the robot has no URDF.
+    ConfigError if PyBullet is not installed, or the robot has no URDF.
     """
 
     def __init__(self, robot: Robot, suspended: bool = False):
@@ -63,7 +62,6 @@ class BulletWorld:
         require_motors(actuator, self.robot.num_joints)
         actuator = with_factors(actuator, conditions.factors)
         self.close()  # only a fresh client gives the same bytes: resetSimulation and restoreState keep some caches
-        self._joints: tuple[np.ndarray, np.ndarray] | None = None
         self._client = self._bullet.connect(self._bullet.DIRECT)
         self._conditions, self._damping = conditions, conditions.strength * np.asarray(actuator.damping, np.float64)
         self._passive = self._damping + conditions.damping
@@ -72,6 +70,7 @@ class BulletWorld:
         oldest = -(-int(self._delays.max()) // self.substeps)
         self._commands = deque([joint_pos] * (oldest + 1), oldest + 1)
         self._prepare_joints(np.asarray(joint_pos, dtype=np.float64))
+        self._joints = self.joints()
         self._set_friction_and_masses(conditions)
         motors = actuator.arrays(PHYSICS_DT)
         actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
@@ -98,8 +97,7 @@ class BulletWorld:
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """See `world.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
-        q, dq = self._joints if self._joints is not None else self.joints()
-        forces = _drive(motors, target, q, dq, self._conditions.strength, self._passive, self.torque).tolist()
+        forces = _drive(motors, target, *self._joints, self._conditions.strength, self._passive, self.torque).tolist()
         self.call("setJointMotorControlArray", self.body, self._indices, self._bullet.TORQUE_CONTROL, forces=forces)
         if push is not None:
             where = self.base()[0].tolist()

@@ -115,12 +115,7 @@ def _loaded(file: str, robot: Robot, of_robot: str) -> MotorPrior:
 
 @register("posterior")
 def posterior_motors(
-    robot: Robot,
-    file: str,
-    prior: str,
-    limit_follows_gain: bool = False,
-    prior_share: float = 0.0,
-    of_robot: str = "",
+    robot: Robot, file: str, prior: str, limit_follows_gain: bool = False, prior_share: float = 0.0, of_robot: str = ""
 ) -> EpisodeMotors:
     """Samples of the posterior of one motor or of all the robot's, and the prior that it belongs to.
 

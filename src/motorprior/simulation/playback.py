@@ -57,10 +57,7 @@ def replay(
     """Reset the world to rest at ``start``, and hold each row of ``targets`` (C, joints) [rad] for one control step.
 
     ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in`` (L, joints) are held before the
-    recording begins; ``tolerate_fault`` returns the recording of a diverged simulation.
-
-    Raises:
-        SimulationFault: the state became NaN or the engine's memory was full.
+    recording begins; a diverged simulation is a SimulationFault unless ``tolerate_fault``.
     """
     held = targets if lead_in is None else np.concatenate([lead_in, targets])
     held = np.ascontiguousarray(held, dtype=np.float64)
@@ -105,11 +102,7 @@ def simulate(
 
 
 def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:
-    """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose.
-
-    Raises:
-        ConfigError: an unknown excitation.
-    """
+    """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose."""
     excitation = excitation_of(kind)
     rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
     steps = max(2, round(seconds / robot.control_dt))

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain, cycle
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -140,17 +140,11 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
             time.sleep(max(0.0, began + control_dt - time.monotonic()))
 
 
-class FootMotion(NamedTuple):
-    """(F, L) arrays over frames and feet."""
+def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F, L) height [m] and horizontal speed [m/s] of the feet's lowest points, in F frames of L feet.
 
-    clearance: np.ndarray  # height of the foot's lowest point [m]
-    sliding: np.ndarray  # horizontal speed of that point [m/s]
-
-
-def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
-    """Forward kinematics of every frame, from qpos (F, 7 + joints) and qvel (F, 6 + joints).
-
-    The lowest point of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
+    From qpos (F, 7 + joints) and qvel (F, 6 + joints). The lowest point of a foot of radius r moves with
+    v + ω × (0, 0, -r): a foot that rolls does not slide.
     """
     model = build_model(robot)
     data, velocity = mujoco.MjData(model), np.zeros(6)
@@ -166,4 +160,4 @@ def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> FootMotion:
             clearance[frame, column] = data.geom_xpos[geom, 2] - radius
             across = velocity[3] - velocity[1] * radius, velocity[4] + velocity[0] * radius
             sliding[frame, column] = np.hypot(*across)
-    return FootMotion(clearance, sliding)
+    return clearance, sliding

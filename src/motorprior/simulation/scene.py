@@ -1,6 +1,6 @@
-"""An episode: its settings, its engine, and the whole of it in one compiled call.
+"""An episode: its settings and engine, as a Gymnasium environment on any backend, and as one compiled call.
 
-That call has the same compiled functions in the same order as `env.WalkEnv`, so the results are the same bit for bit.
+`WalkEnv` and that call have the same compiled functions in the same order, so the results are the same bit for bit.
 """
 
 from __future__ import annotations
@@ -8,22 +8,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
+import gymnasium
 import numpy as np
+from gymnasium.spaces import Box
 
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.registry import DrawMotors
-from motorprior.backend import BackendState
-from motorprior.bounds import require_count
+from motorprior.backend import Backend, BackendState
+from motorprior.bounds import require_array, require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.locomotion.ars import update_stats
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
-    GaitState,
     SensorErrors,
     TaskWeights,
     begin_gait,
@@ -45,11 +46,7 @@ ENGINES: tuple[Engine, ...] = get_args(Engine)
 
 @dataclass(frozen=True)
 class WalkConfig:
-    """Settings of a walking episode.
-
-    Raises:
-        ConfigError: a number out of range, or an unknown engine.
-    """
+    """Settings of a walking episode; ConfigError for a number out of range, or an unknown engine."""
 
     episode_steps: int = 500
     """Control steps until the time limit."""
@@ -77,17 +74,10 @@ class WalkConfig:
 class Scene:
     """Simulation of a walking episode."""
 
-    robot: Robot
-    """With legs."""
-    draw_motors: DrawMotors
-    """The motors of an episode, from a generator seeded by the episode's seed."""
+    robot: Robot  # with legs
+    draw_motors: DrawMotors  # the motors of an episode, from a generator seeded by the episode's seed
     walk: WalkConfig = field(default_factory=WalkConfig)
-    physics_dt: float | None = None
-    """MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms."""
-
-    def world(self) -> World | BulletWorld:
-        """The robot in the engine, for `begin`."""
-        return BulletWorld(self.robot) if self.walk.engine == "pybullet" else World(self.robot, self.physics_dt)
+    physics_dt: float | None = None  # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
 
     def begin(self, world: World | BulletWorld, seed: int) -> ActuatorArrays:
         """Stand in the nominal pose on the motors and in the conditions of this seed; returns the motors' arrays."""
@@ -96,14 +86,11 @@ class Scene:
 
 
 class SimulatedBackend:
-    """A robot in the engine of a scene, with new motors and conditions in every episode.
-
-    Raises:
-        ConfigError: a robot that has no model for the engine.
-    """
+    """A robot in the engine of a scene, with new motors and conditions in every episode."""
 
     def __init__(self, scene: Scene):
-        self._scene, self.world = scene, scene.world()
+        self._scene, robot = scene, scene.robot
+        self.world = World(robot, scene.physics_dt) if scene.walk.engine == "mujoco" else BulletWorld(robot)
 
     def reset(self, seed: int) -> BackendState:
         """Stand in the nominal pose; ``seed`` determines everything random."""
@@ -142,21 +129,13 @@ def require_walks(episodes: Sequence[Episode], name: str) -> None:
         raise SimulationFault(f"{problem}: such walks cannot be evaluated", remedy=TOO_STIFF)
 
 
-class Walker(NamedTuple):
-    """A robot in an episode, without its world."""
-
-    motors: ActuatorArrays
-    sensors: SensorErrors
-    schedule: np.ndarray  # (steps, 2) commanded speed [m/s] and yaw rate [rad/s]; the last row stays in force
-    gait: GaitState
-    action: np.ndarray  # (actions,)
-    measured: np.ndarray  # (joints,) scratch: encoder readings [rad]
-    feet: np.ndarray  # (legs, 3) scratch: centres of the feet [m]
-
-
 @njit(cache=True, nogil=True)
 def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
-    """Return total reward, steps and fault."""
+    """Return total reward, steps and fault.
+
+    ``walker`` are the motors' arrays, the `SensorErrors`, the commands (steps, 2), the `GaitState`, and scratch: action
+    (actions,), encoder readings (joints,) [rad] and centres of the feet (legs, 3) [m].
+    """
     body, world, walker = without_refcounts(body), without_refcounts(world), without_refcounts(walker)
     policy, weights = without_refcounts(policy), without_refcounts(weights)
     mean, m2 = without_refcounts(mean), without_refcounts(m2)
@@ -195,7 +174,7 @@ class WalkSimulator:
         motors, gait = self._scene.begin(world, seed), new_gait(self._body)
         inputs = self._scene.walk.inputs(self._scene.robot, seed)
         measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
-        walker = Walker(motors, *inputs, gait, np.zeros_like(gait.command), measured, feet)
+        walker = motors, *inputs, gait, np.zeros_like(gait.command), measured, feet
         mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
         qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
         rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
@@ -207,3 +186,114 @@ class WalkSimulator:
 
     def close(self) -> None:
         """Nothing to close."""
+
+
+class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
+
+    The backend must hold each target for the robot's control period. Without ``walk`` the sensors are perfect, on level
+    ground. ``gait`` is the state of the gait.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
+
+    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig | None = None):
+        joints = [4.0 * np.pi] * robot.num_joints
+        # |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase
+        bounds = np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
+        self.observation_space = Box(-bounds, bounds, dtype=np.float64)
+        self.action_space = Box(-1.0, 1.0, (action_size(robot.num_joints),), np.float64)
+        self._robot, self._backend, self._walk = robot, backend, walk or WalkConfig()
+        self._body, self._weights = body_of(robot), self._walk.task.array()
+        self.gait = new_gait(self._body)
+        self._steps, self._running = 0, False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; without a seed the env's own generator draws one. ``options`` is unused.
+
+        Returns the observation and the info that `step` describes; raises SimulationFault if the backend has a fault.
+        """
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31)) if seed is None else int(seed)
+        state = self._backend.reset(drawn)
+        if state.fault != 0:
+            raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
+        self._steps, self._running = 0, True
+        self._sensors, self._schedule = self._walk.inputs(self._robot, drawn)
+        begin_gait(self._body, self.gait)
+        observe(self._body, state, self.gait.observation)
+        return self._observed(state), self._info(state)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Advance by one control step with an (actions,) action, clipped to [-1, 1].
+
+        Returns observation, reward [m], terminated (fell or fault), truncated (time is up), and an info with fault,
+        phase, command in force (2,) [m/s, rad/s], position_target and measured_joint_pos (joints,) [rad], base_pos (3,)
+        [m] and base_quat (4,).
+        """
+        if not self._running:
+            raise ConfigError("step() outside an episode", remedy="call reset() first")
+        command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
+        state = self._backend.step(self.gait.target.copy())
+        earned, terminated = evaluate_step(self._body, self.gait, state, self._weights)
+        self._steps += 1
+        observation = self._observed(state) if state.fault == 0 else self.gait.observation.copy()
+        truncated = not terminated and self._steps >= self._walk.episode_steps
+        self._running = not (terminated or truncated)
+        return observation, float(earned), bool(terminated), truncated, self._info(state)
+
+    def close(self) -> None:
+        """Close the backend."""
+        self._backend.close()
+
+    def _observed(self, state: BackendState) -> np.ndarray:
+        complete_observation(self._body, self.gait, self._sensors, self._schedule, self._steps, state.base_quat)
+        return self.gait.observation.copy()
+
+    def _info(self, state: BackendState) -> dict[str, Any]:
+        return {
+            "fault": int(state.fault),
+            "phase": self.gait.phase,
+            "command": self.gait.velocity_command.copy(),
+            "position_target": self.gait.target.copy(),
+            "measured_joint_pos": np.array(state.measured_joint_pos),
+            "base_pos": np.array(state.base_pos),
+            "base_quat": np.array(state.base_quat),
+        }
+
+
+def simulator_of(scene: Scene) -> WalkSimulator | BackendSimulator:
+    """Simulator of whole episodes of a scene, compiled with MuJoCo."""
+    if scene.walk.engine == "mujoco":
+        return WalkSimulator(scene)
+    return BackendSimulator(scene.robot, SimulatedBackend(scene), scene.walk)
+
+
+class BackendSimulator:
+    """Runs whole episodes on any backend; one per thread. On MuJoCo the bytes equal those of `WalkSimulator`."""
+
+    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
+        self._env = WalkEnv(robot, backend, walk)
+
+    def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
+        """See `WalkSimulator.run`; the trace has base poses and measured joint angles, and there is no motion."""
+        observation, info = self._env.reset(seed=seed)
+        mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
+        joints = len(info["measured_joint_pos"])
+        action, total, steps, ended, rows = np.zeros(action_size(joints)), 0.0, 0, False, []
+        while not ended:
+            if trace:
+                rows.append(np.concatenate([info["base_pos"], info["base_quat"], info["measured_joint_pos"]]))
+            update_stats(observation, steps, mean, m2)
+            act(policy, observation, action)
+            observation, earned, terminated, truncated, info = self._env.step(action)
+            total, steps, ended = total + earned, steps + 1, terminated or truncated
+        fault, poses = info["fault"], np.array(rows).reshape(-1, 7 + joints)
+        where, no_motion = np.zeros(2) if fault else info["base_pos"][:2], np.zeros((0, 6 + 2 * joints))
+        return Episode(total, steps, self._env.gait.speed_errors / steps, where, fault, mean, m2, poses, no_motion)
+
+    def close(self) -> None:
+        """Close the backend."""
+        self._env.close()

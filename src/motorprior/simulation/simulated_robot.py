@@ -25,11 +25,7 @@ _STREAM = 0x7710  # separates the motors of virtual robots from those of benches
 
 
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> PhysicalMotors:
-    """The motors of virtual robot number ``seed``, sampled independently; its firmware sets their gains.
-
-    Raises:
-        ConfigError: a fleet that is not of the geared family.
-    """
+    """The motors of virtual robot number ``seed``, whose firmware sets their gains; ConfigError unless geared."""
     return require_geared(fleet.sample(robot.num_joints, np.random.default_rng([_STREAM, seed])))
 
 

@@ -12,14 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from motorprior.artifacts import read_tensors, write_json, write_tensors, write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Iteration, PolicySearch
@@ -28,10 +25,9 @@ from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
-from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, motors_as_json, simulated_motors
 from motorprior.simulation.randomization import ROBUST, Randomization
-from motorprior.simulation.scene import Scene, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig, simulator_of
 from motorprior.simulation.world import FAULTS, TOO_STIFF
 from motorprior.stage import description, digest, is_finished, working
 
@@ -44,8 +40,6 @@ class WalkSettings(WalkConfig):
     """Control steps per episode. Policies of short episodes may fall later, from errors that grow slowly."""
     randomization: Randomization = ROBUST
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors, pushes."""
-    commands: Commands = field(default_factory=Commands)
-    """Commanded speeds and yaw rates; they may exceed the robot's usual range."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
@@ -116,7 +110,6 @@ def train_policy(
     training = Training(robot, motors, settings, given, path or "start")
     run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
     if out is None:
-        training.note(progress)
         run(ray_address)
         return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
     out = Path(out)
@@ -132,9 +125,8 @@ def train_policy(
         progress.note(f"{out} is finished with these settings: nothing was trained")
         return Policy.load(out / POLICY)
     require_executor(executor, ray_address)
-    training.note(progress)
     with working(out, wanted):
-        run(ray_address, TrainingFiles(out, wanted))
+        run(ray_address, (out, wanted))
         start_sha256 = None if path is None else digest(path)
         policy = training.policy(motors=motors_as_json(motors, out), start_sha256=start_sha256)
         policy.save(out / POLICY)
@@ -160,37 +152,6 @@ def weight_warning(policy: Policy, robot: Robot) -> str:
     )
 
 
-class TrainingFiles:
-    """Checkpoint of a running training, and metrics.jsonl with a point of the curve per line.
-
-    An interrupted training continues to the same bytes if the `stage.description` in its checkpoint is ``wanted``.
-    """
-
-    def __init__(self, folder: Path, wanted: Mapping[str, Any]):
-        self._folder, self._wanted = folder, wanted
-
-    def begin(self, search: PolicySearch) -> Curve:
-        """Restore a search from the checkpoint, if any; returns the curve so far. ArtifactError if it is damaged."""
-        curve, path = [], self._folder / CHECKPOINT
-        if path.is_file():
-            try:
-                state, header = read_tensors(path)
-                if header.get("wanted") == self._wanted:
-                    search.restore(state)
-                    curve = header["curve"]
-            except (ArtifactError, KeyError) as error:
-                problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
-                raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-        write_text(self._folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in curve))
-        return curve
-
-    def save(self, state: dict[str, np.ndarray], curve: Curve) -> None:
-        """Write the checkpoint after the last point of the curve, and add this point to the metrics."""
-        write_tensors(self._folder / CHECKPOINT, state, {"wanted": self._wanted, "curve": curve})
-        with (self._folder / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(curve[-1], sort_keys=True) + "\n")
-
-
 class Training:
     """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
@@ -210,24 +171,25 @@ class Training:
         shape = PolicyShape.of(self.robot, settings.hidden_units, settings.symmetric)
         self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
-    def note(self, progress: Progress) -> None:
-        """Report limits of the motors' prior, and a validation fleet that biases later evaluation on the twin."""
-        for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
-            progress.note(line)
-        if self.robot.fleets and self._validation == self.robot.default_fleet:
-            progress.note("note: results on the twin are biased: validation uses its fleet; evaluate on another fleet")
-
     def run(
         self,
         workers: int,
         progress: Progress,
-        name: str = "train",
-        executor: ExecutorKind = "threads",
-        ray_address: str | None = None,
-        files: TrainingFiles | None = None,
+        name: str,
+        executor: ExecutorKind,
+        ray_address: str | None,
+        files: tuple[Path, Mapping[str, Any]] | None = None,
     ) -> None:
-        """Train ``workers`` episodes at a time, see `make_executor`; from a checkpoint in ``files`` if there is one."""
+        """Train ``workers`` episodes at a time, see `make_executor`.
+
+        With ``files``, the folder of the checkpoint and the `stage.description`, an interrupted training of this
+        description continues to the same bytes.
+        """
         require_count("workers", workers)
+        for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
+            progress.note(line)
+        if self.robot.fleets and self._validation == self.robot.default_fleet:
+            progress.note("note: results on the twin are biased: validation uses its fleet; evaluate on another fleet")
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings
         with ExitStack() as stack:
@@ -236,7 +198,7 @@ class Training:
                 for simulator in self._simulators
             )
             if files is not None:
-                self.curve = files.begin(search)
+                self._resume(*files)
             if self.curve:
                 progress.note(f"{name}: continues after iteration {search.ars.iteration}")
             total = settings.iterations
@@ -247,33 +209,49 @@ class Training:
                 faults = {FAULTS[fault]: count for fault, count in point.faults.items()}
                 self.curve.append(asdict(point) | {"faults": faults})
                 if files is not None:
-                    files.save(search.state(), self.curve)
+                    self._save(*files)
                 upright = 100 * point.mean_steps / settings.episode_steps
                 speed_error = f"speed error {point.mean_speed_error:.2f} m/s"
                 task.advance(1, f"return {point.mean_return:.2f} m, upright {upright:.0f} %, {speed_error}")
                 if len(self.curve) == FIRST_ITERATIONS:
-                    self._require_physics()
+                    self._faults()
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
             ended = f"{name}: ended after {search.ars.iteration} iterations"
             progress.note(f"{ended}, no better policy since {search.best_iteration}")
-        self._require_physics()
-        for fault, count in self._faults().items():
-            progress.note(f"{count} of {self._episodes()} episodes ended early: {fault}")
+        faults, episodes = self._faults()
+        for fault, count in faults.items():
+            progress.note(f"{count} of {episodes} episodes ended early: {fault}")
 
-    def _faults(self) -> Counter[str]:
-        return sum((Counter(point["faults"]) for point in self.curve), Counter())
+    def _resume(self, folder: Path, wanted: Mapping[str, Any]) -> None:
+        """Restore search and curve from the checkpoint, if any, and the metrics; ArtifactError if it is damaged."""
+        path = folder / CHECKPOINT
+        if path.is_file():
+            try:
+                state, header = read_tensors(path)
+                if header.get("wanted") == wanted:
+                    self.search.restore(state)
+                    self.curve = header["curve"]
+            except (ArtifactError, KeyError) as error:
+                problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
+                raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
+        write_text(folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in self.curve))
 
-    def _episodes(self) -> int:
-        return len(self.curve) * 2 * self.settings.search.num_directions
+    def _save(self, folder: Path, wanted: Mapping[str, Any]) -> None:
+        """Write the checkpoint, and add the last point of the curve to the metrics."""
+        write_tensors(folder / CHECKPOINT, self.search.state(), {"wanted": wanted, "curve": self.curve})
+        with (folder / METRICS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(self.curve[-1], sort_keys=True) + "\n")
 
-    def _require_physics(self) -> None:
-        """Raise SimulationFault if more than MAX_FAULTS of the episodes had a fault: a diverged walk is no fall."""
-        faults, episodes = self._faults(), self._episodes()
+    def _faults(self) -> tuple[Counter[str], int]:
+        """Episodes by fault, and all episodes; SimulationFault if the share with one, no fall, exceeds MAX_FAULTS."""
+        faults = sum((Counter(point["faults"]) for point in self.curve), Counter[str]())
+        episodes = len(self.curve) * 2 * self.settings.search.num_directions
         if faults.total() > MAX_FAULTS * episodes:
             problem = f"{faults.total()} of {episodes} episodes had a simulation fault ({', '.join(faults)})"
             raise SimulationFault(f"{problem}: no policy is kept", remedy=TOO_STIFF)
+        return faults, episodes
 
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""

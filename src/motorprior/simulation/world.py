@@ -40,11 +40,7 @@ class World:
     """A simulated robot. Use one per thread.
 
     The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
-    [s], are the robot's own if not given. ``suspended`` fixes a free base in the air.
-
-    Raises:
-        ConfigError: a physics step that does not divide the control step; a fixed base cannot be suspended.
-        ArtifactError: see `build_model`.
+    [s], are the robot's own if not given; otherwise ConfigError. ``suspended`` fixes a free base in the air.
     """
 
     def __init__(

@@ -1,6 +1,9 @@
 """A fleet fitted to real logs: its centre with standard errors, and the spread between motors.
 
-Centre: descents from several starts (`identification.search`), with the fleet as prior.
+Centre: descents from several starts (`identification.search`), with the fleet as prior. The P parameters are constants
+of the central motor, positive ones by their logarithm; the residuals are the replay errors of logs. The simulated body
+is not fitted: on logs of a real quadruped, foot friction and centre of mass did not improve the replay
+(docs/calibrate.md).
 
 Single motors: offsets y from the centre have the prior N(0, s²), where s is the spread between motors. About the centre
 the residuals are linear, r + J·y. A wide prior overfits, so s is a multiple of the starting fleet's spread, selected
@@ -15,27 +18,125 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
+from motorprior.bench.families import FAMILIES
 from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.exceptions import ConfigError
 from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress
-from motorprior.studies.fleet_problem import FleetProblem
+from motorprior.robots.robot import Robot
+from motorprior.signals import rms
+from motorprior.studies.log_replay import Replayer, logged_constants, motors_with_logged_gains
 
+FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
+PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
+IDENTIFIABLE = 0.5  # a constant is identifiable if its posterior variance is below this share of the prior's
+DEVIATION = 0.015  # [rad] residual deviation before the first fit
+_MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
+READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
+_PRIOR_SCALE = 2.0  # factor on the fleet's centre uncertainty, which may stem from similar logs
 _UNIT = 1.0 / (3.0 * WIDE)  # unit of the parameters, in prior standard deviations: differences span a third of one
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 _MIN_SPREAD = 0.01  # relative
 
 
 @dataclass(frozen=True)
-class _Optimum:
-    """Result of a search: (P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
+class Parameter:
+    """One fitted constant of the central motor."""
 
-    x: np.ndarray
-    cost: float
-    covariance: np.ndarray
+    name: str  # in the fleet's file
+    unit: str  # of the constant
+    is_log: bool  # whether the parameter is the constant's logarithm
+    mean: float  # prior mean of the parameter
+    deviation: float  # prior standard deviation of the parameter
+    spread: float  # standard deviation between motors in the starting fleet
+    minimum: float  # of the constant
+
+    @classmethod
+    def of(cls, name: str, unit: str, distribution: Distribution) -> Parameter:
+        """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
+        values, is_log, center = distribution.values, distribution.kind == "lognormal", distribution.center
+        if distribution.kind == "uniform":
+            is_log = values["low"] > 0.0
+            low, high = np.log([values["low"], values["high"]]) if is_log else (values["low"], values["high"])
+            deviation = spread = float(high - low) / np.sqrt(12.0)
+        else:
+            deviation, spread = _PRIOR_SCALE * values.get("center_uncertainty", 0.0), values.get("spread", 0.0)
+        mean = float(np.log(center)) if is_log else center
+        return cls(name, unit, is_log, mean, deviation, spread, values.get("minimum", 0.0))
+
+    def value(self, x: float) -> float:
+        """The constant."""
+        return float(np.exp(x)) if self.is_log else max(float(x), self.minimum)
+
+    def is_identifiable(self, error: float) -> bool:
+        """Whether the logs halve the variance of the constant; ``error`` is its standard error after the fit."""
+        return error**2 < IDENTIFIABLE * self.deviation**2
+
+
+class FleetProblem:
+    """Residuals of logs as a function of the centre, and of offsets of single motors.
+
+    ``deviation`` is the standard deviation of the replay error of a joint [rad]. Raises ConfigError if the fleet has no
+    uncertain constant.
+    """
+
+    def __init__(self, fleet: Fleet, robot: Robot, replayers: Mapping[str, Replayer], deviation: float = DEVIATION):
+        self.fleet, self.robot, self.replayers, self.deviation = fleet, robot, replayers, deviation
+        # constants in all logs, which are not fitted
+        self.logged = frozenset.intersection(*(logged_constants(each.log) for each in replayers.values()))
+        names, units = [name for name in FITTED if name not in self.logged], FAMILIES[fleet.family].units
+        found = [Parameter.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
+        self.parameters = tuple(parameter for parameter in found if parameter.deviation > 0.0)
+        if not self.parameters:
+            raise ConfigError(
+                f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
+                remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
+                "(docs/calibrate.md)",
+            )  # fmt: skip
+        self.mean = np.array([each.mean for each in self.parameters])  # of the prior of the centre
+        self.prior_std = np.array([each.deviation for each in self.parameters])
+        # indices of the parameters that differ between motors, and of the excited joints of all logs
+        self.varying = [i for i, each in enumerate(self.parameters) if each.name in PER_MOTOR and each.spread > 0.0]
+        self.joints = sorted({int(joint) for replayer in replayers.values() for joint in replayer.excited})
+
+    def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
+        """One motor per joint of the robot, with the logged gains of the log ``name``, if it has any.
+
+        ``x`` is the (P,) centre. Offsets of single motors are flat (excited joints · varying parameters).
+        """
+        count = self.robot.num_joints
+        values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}
+        own = np.tile(x, (count, 1))
+        if offsets is not None:
+            own[np.ix_(self.joints, self.varying)] += offsets.reshape(len(self.joints), len(self.varying))
+        for column, parameter in enumerate(self.parameters):
+            values[parameter.name] = np.array([parameter.value(each) for each in own[:, column]])
+        return motors_with_logged_gains(FAMILIES[self.fleet.family].motors(values), self.replayers[name].log).actuator()
+
+    def error(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+        """(rows, joints) simulated minus measured [rad] of a log; see `Replayer.error`."""
+        replayer = self.replayers[name]
+        return replayer.error(replayer.joint_pos(self.actuator(name, x, offsets)))
+
+    def residuals(self, names: Sequence[str], x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+        """(N,) errors in units of their deviation; every joint of every log has the same weight."""
+        weight, errors = np.sqrt(READINGS) / self.deviation, [self.error(name, x, offsets) for name in names]
+        return np.concatenate([weight / np.sqrt(len(error)) * error.ravel() for error in errors])
+
+    def rmse(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> float:
+        """Mean RMSE over the excited joints of a log [rad]."""
+        return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
+
+    def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
+        """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
+        errors = [self.error(name, x) for name in self.replayers]
+        deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))
+        return FleetProblem(self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION))
 
 
 class _CentreProblem:
-    """Residuals of some logs, see `search.Problem`; parameters are relative to the prior, in _UNIT.
+    """Residuals of some logs, see `search.Problem`; x is relative to the prior's mean, in _UNIT.
 
     mujoco.sysid is not used: it fits parameters of a model's own actuators within bounds, while these motors, with
     delay, rotor and backlash, run outside the engine, and the fleet is a Gaussian prior.
@@ -44,24 +145,23 @@ class _CentreProblem:
     count = observations = 1
 
     def __init__(self, problem: FleetProblem, logs: Sequence[str]):
-        self._problem, self._logs = problem, logs
+        self._problem, self._logs, self.scale = problem, logs, _UNIT * problem.prior_std
         self.weight = float(len(problem.residuals(logs, problem.mean)))
-
-    def center(self, x: np.ndarray) -> np.ndarray:
-        """(P,) of the problem."""
-        return self._problem.mean + _UNIT * self._problem.prior_std * x
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, N) at x (L, P)."""
-        return np.stack([self._problem.residuals(self._logs, self.center(row)) for row in x])
+        return np.stack([self._problem.residuals(self._logs, self._problem.mean + self.scale * row) for row in x])
 
 
-def _optimum(problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int) -> _Optimum:
-    centre, size, scale = _CentreProblem(problem, logs), len(problem.mean), _UNIT * problem.prior_std
-    search, prior = Search(centre), GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
+def _optimum(
+    problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """(P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
+    centre, size = _CentreProblem(problem, logs), len(problem.mean)
+    search, scale, prior = Search(centre), centre.scale, GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
     found = search.descend(((start - problem.mean) / scale)[None], prior, ((iterations, WIDE),))
     covariance = np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision)) * scale * scale[:, None]
-    return _Optimum(centre.center(found.x[0]), float(found.energy[0]), covariance)
+    return problem.mean + scale * found.x[0], float(found.energy[0]), covariance
 
 
 @dataclass(frozen=True)
@@ -89,23 +189,24 @@ def calibrate(
     searches = 1 + starts + len(logs_left_out) + 1
     with progress.start(f"calibrate on {len(names)} real logs", searches) as task:
 
-        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> _Optimum:
+        def fit(problem: FleetProblem, logs: Sequence[str], start: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
             task.advance()
             return _optimum(problem, logs, start, iterations)
 
-        first = fit(problem, names, mean).x
+        first, _, _ = fit(problem, names, mean)
         problem = problem.with_residual_deviation(first)
-        best = min((fit(problem, names, start) for start in (first, *(mean + samples))), key=lambda each: each.cost)
-        left_out = {name: fit(problem, [log for log in names if log != name], mean).x for name in logs_left_out}
-        offsets, spread, offsets_left_out = single_motors(problem, best.x, left_out)
+        found = [fit(problem, names, start) for start in (first, *(mean + samples))]
+        center, _, covariance = min(found, key=lambda each: each[1])
+        left_out = {name: fit(problem, [log for log in names if log != name], mean)[0] for name in logs_left_out}
+        offsets, spread, offsets_left_out = single_motors(problem, center, left_out)
         task.advance()
-    error = np.sqrt(np.diag(best.covariance))
+    error = np.sqrt(np.diag(covariance))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron & Stein 1981)
         without = np.array(list(left_out.values()))
         error = np.maximum(error, np.sqrt((len(without) - 1) * np.var(without, axis=0)))
     both = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
-    return Calibration(best.x, error, offsets, spread, both)
+    return Calibration(center, error, offsets, spread, both)
 
 
 def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,9 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks
+from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks, simulator_of
 from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import share_upright
 
@@ -34,31 +34,22 @@ EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training a
 PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
 FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
 
+SEED_OF_WALK = partial(add, EVALUATION_SEED)  # of an evaluation, by its number
 ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
-
-
-def evaluation_seed(number: int) -> int:
-    """Seed of walk ``number`` of an evaluation."""
-    return EVALUATION_SEED + number
 
 
 def run_walks(
     scene: Scene,
     policy: PolicyArrays,
     numbers: Sequence[int],
-    seed_of: Callable[[int], int] = evaluation_seed,
+    seed_of: Callable[[int], int] = SEED_OF_WALK,
     motors: Callable[[int], Actuator] | None = None,
     executor: Callable[[Callable[[], Any]], Executor] = ONE_AT_A_TIME,
 ) -> list[Episode]:
-    """Episodes, with their traces, of a policy, one per number in ``numbers``.
+    """Episodes of a policy in a scene, with their traces, one per number; those of one number differ by policy only.
 
-    Args:
-        scene: robot, engine, motors and episode.
-        policy: of this robot.
-        numbers: numbers of the walks; walks of one number are equal but for the policy.
-        seed_of: number -> seed of motors, sensors, ground and pushes.
-        motors: number -> motors, instead of those that the scene numbers.
-        executor: runs the walks; for Ray, all arguments must be picklable.
+    ``seed_of`` gives the seed of a number's motors, sensors, ground and pushes, ``motors`` its motors instead of the
+    scene's. For Ray, all arguments must be picklable.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:

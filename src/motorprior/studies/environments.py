@@ -62,9 +62,8 @@ ENVIRONMENTS = {
 }
 
 
-def twin_scene(robot: Robot, fleet: Fleet, walk: WalkConfig, engine: Engine = "mujoco") -> Scene:
+def twin_scene(robot: Robot, fleet: Fleet, walk: WalkConfig) -> Scene:
     """The simulation of a twin, with other motors of the fleet in every walk."""
-    walk = replace(walk, engine=engine)
     return Scene(robot, partial(_twin_motors, robot, fleet), walk, robot.twin_physics_dt)
 
 

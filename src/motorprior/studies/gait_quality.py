@@ -72,7 +72,7 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
     speed = along / time
     defined = walks and abs(along) >= _MIN_DISTANCE
     distance, pace = (abs(along), abs(speed)) if defined else (math.nan, math.nan)
-    feet = foot_motion(robot, qpos, qvel)
+    clearance, sliding = foot_motion(robot, qpos, qvel)
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
     return {
         "upright": upright,
@@ -80,11 +80,8 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         "speed_error": abs(speed - forward) / abs(forward) if walks else math.nan,
         "heading_deg_per_m": math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
         "lateral_share": abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
-        **{
-            f"foot_lift_mm/{leg.name}": 1e3 * _lift(each)
-            for leg, each in zip(robot.legs, feet.clearance.T, strict=True)
-        },
-        "slip": float(np.mean(np.sum(feet.sliding * (feet.clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
+        **{f"foot_lift_mm/{leg.name}": 1e3 * _lift(each) for leg, each in zip(robot.legs, clearance.T, strict=True)},
+        "slip": float(np.mean(np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
         "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
         "cost_of_transport": power / (robot.weight * pace),
     }

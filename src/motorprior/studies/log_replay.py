@@ -65,11 +65,8 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
 class Replayer:
     """Replays one log on many sets of motors. Use one per thread.
 
-    A log without postures counts as standing. The rows of a segment after a fall are not compared.
-
-    Raises:
-        LogError: not the joints of this robot, no excited joint, gains that change, a segment with two postures, or one
-            that starts with a fallen robot.
+    A log without postures counts as standing. The rows of a segment after a fall are not compared. LogError for the
+    joints of another robot, no excited joint, gains that change, and a segment with two postures or without posture.
     """
 
     def __init__(self, log: MotorLog, robot: Robot):
@@ -158,11 +155,7 @@ def replayers_of(
     """Every log with its posture, ready to replay; notes state posture and logged gains.
 
     The posture ``auto`` is the logged one. If there is none, it is the one in which the fleet's central motor has the
-    lower replay error by a margin, or standing.
-
-    Raises:
-        ConfigError: a posture for a robot with a fixed base.
-        LogError: a segment with two postures.
+    lower replay error by a margin, or standing. ConfigError for a posture of a robot with a fixed base.
     """
     if posture != "auto" and robot.base == "fixed":
         problem = f"posture {posture!r}, but the base of {robot.name!r} is fixed"

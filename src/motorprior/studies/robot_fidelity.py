@@ -12,13 +12,7 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
-from motorprior.evaluation.bench_truth import (
-    FLOOR_OFFSET,
-    HELD_OUT,
-    HELD_OUT_SEED,
-    ModelOfMotors,
-    bench_errors,
-)
+from motorprior.evaluation.bench_truth import FLOOR_OFFSET, HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.body import body_of, open_loop_gait
@@ -78,7 +72,7 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
     body = body_of(robot)
     frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.max_speed
     height, ratio = rng.uniform(0.0, 0.25) * body.swing_height, float(np.exp(rng.uniform(-0.3, 0.3)))
-    return open_loop_gait(body, steps, forward, frequency, height, ratio, robot.control_dt)
+    return open_loop_gait(body, steps, forward, frequency, height, ratio)
 
 
 def robot_fidelity(

@@ -332,7 +332,8 @@ def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, .
         environment = ENVIRONMENTS[name]
         fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
         motors = partial(motors_of_walk, robot, fleet, bench.seed, run.robot_number)
-        scene = twin_scene(robot, fleet, replace(walk, randomization=environment.randomization), environment.engine)
+        own_walk = replace(walk, randomization=environment.randomization, engine=environment.engine)
+        scene = twin_scene(robot, fleet, own_walk)
         episodes[name] = run_walks(scene, policy, numbers, seed_of, motors, executor)
     return [
         {"bench": bench.seed, "environment": environment, "condition": run.name, "seed": run.seed, "walk": number}

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents import latent_fit
@@ -38,7 +37,7 @@ def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0
     mean, truth = 0.3 * rng.standard_normal((TRAINED, SIZE)), 0.3 * rng.standard_normal((NEW, SIZE))
     mean[:, :fixed] = truth[:, :fixed] = 0.0
     truth[2, PARAMETERS.index("viscous_damping")] += shift
-    box, z, classes = standardised(GreyBox(GearedMotor(np.zeros(SIZE), np.eye(SIZE)), 0.002), mean)
+    box, z, classes = standardised(GreyBox(np.zeros(SIZE), np.eye(SIZE), 0.002), mean)
     monkeypatch.setattr(latent_fit, "latent_search", lambda box, *_: Search(LinearProblem(box, truth)))
     found = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant

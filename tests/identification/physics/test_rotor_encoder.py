@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from series import complete
 
-from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import ROTOR_POS, ROTOR_VEL, GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
 from motorprior.identification.physics.window_runs import WindowRuns

@@ -173,6 +173,6 @@ def outliers(
     worst, rows = p_values.argmin(axis=1), np.arange(len(t))
     p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
     names = [f"latent {index}" for index in range(model.num_latents)]
-    if isinstance(model, GreyBox) and len(model.motor.center) == model.num_latents:  # one latent per constant
-        names = parameters_of(model.motor.terms)
+    if isinstance(model, GreyBox) and len(model.center) == model.num_latents:  # one latent per constant
+        names = parameters_of(model.terms)
     return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst], (away * std)[rows, worst])

@@ -83,7 +83,7 @@ def spread_source(model: Decoder, classes: JointClasses) -> dict[str, Any]:
     units = {name: classes.of_motors.count(name) for name in classes.names}
     found = {"units": units, "degrees_of_freedom": motors - count, "assumed": {}, "assumed_units": 0.0, "source": ""}
     if isinstance(model, GreyBox) and (count > 1 or motors < MIN_MOTORS):
-        names = parameters_of(model.motor.terms)
+        names = parameters_of(model.terms)
         assumed = {name: ASSUMED_STD.get(name, OTHER_STD) for name in names}
         found |= {"assumed": assumed, "assumed_units": PRIOR_MOTORS, "source": ASSUMED_SOURCE}
     return found

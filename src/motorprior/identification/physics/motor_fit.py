@@ -319,8 +319,8 @@ def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndar
     Else a compliance that the logs do not show takes a part of the delay, which is then too short. The motors of a
     class decide together: the mean of stiff and compliant gears is neither.
     """
-    terms = model.motor.terms
-    initial, fixed = initial_center(terms, runs) - model.motor.center, fixed_constants(terms, runs)
+    terms = model.terms
+    initial, fixed = initial_center(terms, runs) - model.center, fixed_constants(terms, runs)
     rows = {PARAMETERS.index(name): np.log(factor) for name, factor in STIFF_GEAR.items()}
     off = {row: np.clip(initial[row] + factor, -_WITHIN, _WITHIN) for row, factor in rows.items()}
     return _fixed_unless_identified(motor_search(model, runs), x, fixed, off, STEPS[1:], runs.classes, cost=0.0)
@@ -366,8 +366,8 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
 
     The prior is the fleet's if ``together``, estimated at x; otherwise `separate_prior` around x.
     """
-    search, terms, windows = motor_search(model, runs), model.motor.terms, runs.windows
-    fixed, initial = fixed_constants(terms, runs), initial_center(terms, runs) - model.motor.center
+    search, terms, windows = motor_search(model, runs), model.terms, runs.windows
+    fixed, initial = fixed_constants(terms, runs), initial_center(terms, runs) - model.center
     prior = separate_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         found = search.at(x, prior)

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor import GearedMotor
 from motorprior.actuator.geared_motor_step import LOG_REACH, MAX_DELAY, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
@@ -190,7 +189,7 @@ def encoded(values: Mapping[str, Any], terms: tuple[str, ...]) -> np.ndarray:
 
 def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> GreyBox:
     """The decoder around a central motor (P,), with one latent per constant."""
-    return GreyBox(GearedMotor(center, np.eye(len(center)), terms), preset.period, gain_unit=preset.gain_unit)
+    return GreyBox(center, np.eye(len(center)), preset.period, terms, gain_unit=preset.gain_unit)
 
 
 def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
@@ -212,7 +211,7 @@ def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, name
 
 def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
     """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
-    rows, fixed = parameters_of(model.motor.terms), fixed_constants(model.motor.terms, runs)
+    rows, fixed = parameters_of(model.terms), fixed_constants(model.terms, runs)
     limits = [(name,) for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
     found = {name: ratio.min(axis=0) <= THRESHOLD for (name,), ratio in _loss_ratios(model, runs, z, limits).items()}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
@@ -229,10 +228,10 @@ def _loss_ratios(
     model: GreyBox, runs: WindowRuns, z: np.ndarray, groups: Iterable[tuple[str, ...]]
 ) -> dict[tuple[str, ...], np.ndarray]:
     """(2, M) losses with half and with double of each group of constants, over the losses of the fitted motors."""
-    motor, ratios, fitted = model.motor, {}, motor_search(model, runs).losses(z)
+    ratios, fitted = {}, motor_search(model, runs).losses(z)
     for names in groups:
-        rows = np.isin(parameters_of(motor.terms), names)
-        changed = [replace(motor, center=motor.center + np.log(factor) * rows) for factor in (0.5, 2.0)]
-        losses = [motor_search(replace(model, motor=each), runs).losses(z) for each in changed]
+        rows = np.isin(parameters_of(model.terms), names)
+        changed = [replace(model, center=model.center + np.log(factor) * rows) for factor in (0.5, 2.0)]
+        losses = [motor_search(each, runs).losses(z) for each in changed]
         ratios[names] = np.stack(losses) / fitted
     return ratios

@@ -21,9 +21,8 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.geared_motor import ROTOR_POS, ROTOR_VEL, added_twist
 from motorprior.actuator.geared_motor_step import StepConstants
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import ROTOR_POS, ROTOR_VEL, GreyBox, GreyBoxActuator, added_twist
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
 from motorprior.actuator.optional_terms import OperatingConditions
