@@ -19,19 +19,17 @@ import tyro  # noqa: E402
 from motorprior import __version__  # noqa: E402
 from motorprior.cli import robot, show  # noqa: E402
 from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
-from motorprior.commands.adapt import Adapt, run_adapt  # noqa: E402
-from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
 from motorprior.commands.excite import Excite, run_excite  # noqa: E402
 from motorprior.commands.export import Export, run_export  # noqa: E402
-from motorprior.commands.identify import Identify, run_identify  # noqa: E402
+from motorprior.commands.identify import Adapt, Identify, run_adapt, run_identify  # noqa: E402
 from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E402
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
-from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
-from motorprior.commands.validate import Validate  # noqa: E402
-from motorprior.commands.validate_log import ValidateLog  # noqa: E402
+from motorprior.commands.simulate import Bench, Simulate, run_bench, run_simulate  # noqa: E402
+from motorprior.commands.validate import Validate, ValidateLog  # noqa: E402
+from motorprior.commands.walk import Walk  # noqa: E402
 from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
 
 
@@ -64,7 +62,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
-    "walk": (show.WalkCommand, show.walk),
+    "walk": (Walk, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),
     "transfer": (show.TransferCommand, show.transfer),
     "doctor": (robot.Doctor, robot.doctor),

@@ -17,8 +17,7 @@ from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
-from motorprior.commands.validate import Validate, run_validate
-from motorprior.commands.validate_log import ValidateLog, run_validate_log
+from motorprior.commands.validate import Validate, ValidateLog, run_validate, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.evaluation import errors as log_errors
@@ -163,26 +162,17 @@ def calibrate(config: Calibrate) -> None:
     TERMINAL.note(f"{config.out / FLEET}, {config.out / PICTURE}")
 
 
-@dataclass(frozen=True)
-class WalkCommand(Walk):
-    """Train a walking policy."""
-
-    seeds: int = 1
-    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
-
-
-def walk(config: WalkCommand) -> None:
+def walk(config: Walk) -> None:
     """See `run_walk`, and `run_walk_seeds` for several seeds."""
-    one = Walk(**{field.name: getattr(config, field.name) for field in fields(Walk)})
     evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
     if config.seeds == 1:
-        folder, best = config.out, run_walk(one, TERMINAL).provenance
+        folder, best = config.out, run_walk(config, TERMINAL).provenance
         print(f"best policy: iteration {best['iteration']}, mean return {best['best_return']:.2f} m on {evaluated}")
         if best["best_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
             TERMINAL.note(f"warning: a negative return: the robot falls or barely walks -> {remedy}")
     else:
-        results = run_walk_seeds(one, config.seeds, TERMINAL)
+        results = run_walk_seeds(config, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
         table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
         print(config.out / CURVES)

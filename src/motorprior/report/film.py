@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from importlib.util import find_spec
 from io import BytesIO
 from itertools import chain
@@ -36,11 +36,16 @@ def film(
 
     Each walk has a title, and F notes; ``note`` gets the reason if stick figures are drawn for lack of OpenGL.
     """
-    with _drawing(robot, note) as draw:
+    with ExitStack() as stack:
+        try:
+            draw = stack.enter_context(renderer(robot))
+        except ConfigError as error:
+            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
+            draw = stick_figure(robot)
         for frame in range(len(walks[0])):
             whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))
             for row, (walk, title, texts) in enumerate(zip(walks, titles, notes, strict=True)):
-                picture = draw(walk[frame])
+                picture = Image.fromarray(draw(walk[frame]))
                 _label(picture, title, texts[frame])
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
@@ -124,24 +129,11 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
         writer.close()
 
 
-@contextmanager
-def _drawing(robot: Robot, note: Callable[[str], None]) -> Iterator[Callable[[np.ndarray], Image.Image]]:
-    """A function from a qpos to a picture."""
-    with ExitStack() as stack:
-        try:
-            render = stack.enter_context(renderer(robot))
-        except ConfigError as error:
-            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
-            yield stick_figure(robot)
-        else:
-            yield lambda qpos: Image.fromarray(render(qpos))
-
-
-def stick_figure(robot: Robot) -> Callable[[np.ndarray], Image.Image]:
-    """A function from a qpos (7 + joints,) to a side view from the right; the camera follows, a tick is 0.1 m."""
+def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
+    """A `renderer` of a side view from the right, without OpenGL; the camera follows the robot, a tick is 0.1 m."""
     lines, scale = skeleton(robot), 146.0 / robot.standing_height  # [pixel/m]
 
-    def draw(qpos: np.ndarray) -> Image.Image:
+    def draw(qpos: np.ndarray) -> np.ndarray:
         image = Image.new("RGB", (WIDTH, HEIGHT), "white")
         pen, camera = ImageDraw.Draw(image), float(qpos[0])
         reach = WIDTH / 2 / scale
@@ -155,7 +147,7 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], Image.Image]:
             ends = [(WIDTH / 2 + (x - camera) * scale, _GROUND - z * scale) for x, _, z in line]
             pen.line(ends, fill=color, width=7)
             pen.circle(ends[1], 5, fill=color)
-        return image
+        return np.asarray(image)
 
     return draw
 
