@@ -65,9 +65,9 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "walk": (Walk, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),
     "transfer": (show.TransferCommand, show.transfer),
-    "doctor": (robot.Doctor, robot.doctor),
-    "deploy": (robot.Deploy, robot.deploy),
-    "record": (robot.Record, robot.record),
+    "doctor": (robot.Doctor, robot.run),
+    "deploy": (robot.Deploy, robot.run),
+    "record": (robot.Record, robot.run),
     "report": (_positional(show.Report, run=Path), show.report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])

@@ -120,7 +120,7 @@ def _described(config: Show) -> str:
 
 
 def validate(config: Validate) -> None:
-    """See `run_validate`; the tables of held-out motors and of the distribution only where they were measured."""
+    """See `run_validate`; priors without physics have no table of the distribution."""
     results = run_validate(config, TERMINAL)
     titles = {
         "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
@@ -128,8 +128,7 @@ def validate(config: Validate) -> None:
         "held_out": "The same on held-out motors, adapted to 10 s of log each",
     }
     for motors, title in titles.items():
-        if results.where(motors=motors):
-            table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
+        table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
     if figures := results.where(quantity=_DISTRIBUTION).to_figures():
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
         table("Preset rollout on held-out motors", ["figure", "value"], rows)

@@ -55,7 +55,7 @@ def _mean_cell(means: Results) -> str:
     return f"{cell} ({low:.1f}-{high:.1f})"
 
 
-def fidelity_table(results: Results, columns: Sequence[str], motors: str = "train") -> ColumnsAndRows:
+def fidelity_table(results: Results, columns: Sequence[str], motors: str) -> ColumnsAndRows:
     """Medians of those ``columns`` that were measured, hf is torque above 20 Hz; models in the usual order."""
     found = results.where(motors=motors, statistic="median")
     columns = [column for column in columns if found.where(quantity=column)]
