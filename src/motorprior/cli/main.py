@@ -54,7 +54,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (_positional(Identify, logs=PATHS), _printing(run_identify)),
-    "show": (_positional(show.Show, file=Path), show.show),
+    "show": (_positional(show.Show, file=Path), lambda config: print(show.described(config))),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), _printing(run_adapt)),

@@ -92,12 +92,7 @@ def demo(config: Demo) -> None:
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
-def show(config: Show) -> None:
-    """Print what the file holds."""
-    print(_described(config))
-
-
-def _described(config: Show) -> str:
+def described(config: Show) -> str:
     """What the file holds."""
     path = config.file
     if path.suffix == ".toml" and "model" in read_toml(path, "give the .toml file of a robot or a fleet"):
