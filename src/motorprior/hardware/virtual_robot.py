@@ -111,27 +111,26 @@ class VirtualRobot:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self._started = 0.0
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Move until ``ended`` returns True; then unplug."""
         try:
-            self._started = time.monotonic()
+            started = time.monotonic()
             while not ended():
-                self._step()
+                self._step(started)
         finally:
             os.close(self._slave)
             os.close(self._master)
 
-    def _step(self) -> None:
+    def _step(self, started: float) -> None:
         """Wait for bytes or the next telemetry, and advance the robot to the present."""
         firmware, data = self.firmware, b""
         next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
-        timeout = max(0.0, self._started + 1e-3 * next_frame - time.monotonic())
+        timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())
         if select.select([self._master], [], [], timeout)[0]:
             with contextlib.suppress(OSError):
                 data = os.read(self._master, 4096)
-        out = firmware.advance(int(1e3 * (time.monotonic() - self._started)) - firmware.now)
+        out = firmware.advance(int(1e3 * (time.monotonic() - started)) - firmware.now)
         firmware.receive(data)
         if out:
             with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
