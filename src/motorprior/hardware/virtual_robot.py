@@ -124,14 +124,17 @@ class VirtualRobot:
 
     def _step(self, started: float) -> None:
         """Wait for bytes or the next telemetry, and advance the robot to the present."""
-        firmware, data = self.firmware, b""
+        firmware = self.firmware
         next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
         timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())
-        if select.select([self._master], [], [], timeout)[0]:
-            with contextlib.suppress(OSError):
-                data = os.read(self._master, 4096)
+        data = self._read() if select.select([self._master], [], [], timeout)[0] else b""
         out = firmware.advance(int(1e3 * (time.monotonic() - started)) - firmware.now)
         firmware.receive(data)
         if out:
             with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
                 os.write(self._master, out)
+
+    def _read(self) -> bytes:
+        with contextlib.suppress(OSError):
+            return os.read(self._master, 4096)
+        return b""
