@@ -12,10 +12,9 @@ from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
 from motorprior.cli.console import TERMINAL, command_line, table
-from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
-from motorprior.commands.replay import Replay, run_replay
+from motorprior.commands.replay import FLEET, PICTURE, Calibrate, Replay, run_calibrate, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
 from motorprior.commands.validate import Validate, ValidateLog, run_validate, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
