@@ -15,10 +15,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
 
 import tyro  # noqa: E402
+from rich.console import Console  # noqa: E402
 
 from motorprior import __version__  # noqa: E402
 from motorprior.cli import robot, show  # noqa: E402
-from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
+from motorprior.cli.show import TERMINAL  # noqa: E402
 from motorprior.commands.demo import Demo  # noqa: E402
 from motorprior.commands.excite import Excite, run_excite  # noqa: E402
 from motorprior.commands.export import Export, run_export  # noqa: E402
@@ -149,12 +150,12 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
     except KeyboardInterrupt:
-        CONSOLE.print("interrupted: what was finished is kept, run the same command again")
+        TERMINAL.note("interrupted: what was finished is kept, run the same command again")
         raise SystemExit(130) from None
 
 
 def _fail(message: str) -> NoReturn:
-    CONSOLE.print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
+    Console(stderr=True, highlight=False).print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
     raise SystemExit(2) from None
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tyro
 
-from motorprior.cli.console import TERMINAL
+from motorprior.cli.show import TERMINAL
 from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra

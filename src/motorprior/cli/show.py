@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
-from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import FLEET, PICTURE, Calibrate, Replay, run_calibrate, run_replay
@@ -26,6 +31,7 @@ from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.read_log import read_log
 from motorprior.priors.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
+from motorprior.progress import Lines
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
@@ -34,7 +40,27 @@ from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
 
+TERMINAL = Lines()
 _DISTRIBUTION = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample_auc")
+
+
+def command_line() -> str:
+    """The command line of this process, without options on which no result depends."""
+    words = ["motorprior", *sys.argv[1:]]
+    for option in ("--out", "--workers"):
+        if option in words:
+            del words[(at := words.index(option)) : at + 2]
+    return shlex.join(word for word in words if not word.startswith(("--out=", "--workers=")))
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; the first column is text, the others are numbers."""
+    printed = Table(title=Text(title), title_justify="left")
+    for index, column in enumerate(columns):
+        printed.add_column(Text(column), justify="left" if index == 0 else "right")
+    for row in rows:
+        printed.add_row(*(Text(cell) for cell in row))
+    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(printed)
 
 
 @dataclass(frozen=True)
