@@ -15,7 +15,7 @@ from motorprior.studies.statistics import summarise
 
 LOG = "env_real_1_joint_log.csv.gz"
 SECTIONS = (
-    *("Results", "In the simulation of the training"),
+    *("Results", "Robustness on held-out robots", "In the simulation of the training"),
     *("Bench: excitation and response", "Learning to walk"),
 )
 

@@ -22,7 +22,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
-from motorprior.studies.compare import TrainedPolicy, run_walks
+from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
 from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.statistics import WalkRow, scores, summarise
 from motorprior.studies.study_settings import Study
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 CONDITIONS = ("ideal_pd", "friction_pd", "random_pd", "paper", "sampled_prior", "adapted_prior", "oracle")
 FILM = "film.gif"
+MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
 # the study of docs/transfer.md has 0.4 and 0.5; with so wide a PD, policies need more iterations than here to walk
@@ -121,6 +122,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         (out / FILM).write_bytes(film.data)
         sections = [
             study_page.results_section(found, study.commanded, film),
+            study_page.robustness(_maps(bench, progress)),
             study_page.own_simulations(found),
             motors,
             page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
@@ -154,6 +156,22 @@ def _folders(bench: Study, name: str) -> list[Path]:
     return [bench.out / "policies" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
+def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
+    robot = load_robot(bench.robot)
+    return [TrainedPolicy.load(folder / POLICY, robot) for folder in _folders(bench, name)]
+
+
+def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
+    """Condition -> robustness map of its policies on held-out robots."""
+    found = {}
+    with progress.start("robustness on held-out robots", len(MAPPED)) as task:
+        fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
+        for name in MAPPED:
+            found[name] = robustness_map(_policies(bench, name), fleet, bench.commands, bench.seed)
+            task.advance(1, name)
+    return found
+
+
 def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
     """A film of one robot of the environment hard on policies of FILMED."""
     from motorprior.report.film import comparison_gif
@@ -169,7 +187,7 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
     fleet = load_robot_fleet(robot, bench.out_of_family)
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
     for name in FILMED:
-        trained = TrainedPolicy.load(_folders(bench, name)[seed] / POLICY, robot)
+        trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
         scene = twin_scene(trained.robot, fleet, walk)
         (episodes[f"trained on: {model_label(name)}"],) = run_walks(

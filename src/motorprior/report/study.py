@@ -1,4 +1,4 @@
-"""Sections of the pages of the transfer study and of the demo: tables and a forest plot."""
+"""Sections of the pages of the transfer study and of the demo: tables, a forest plot, robustness."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, Table, picture
-from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
+from motorprior.report.plots_style import TEXT, describe, model_color, model_label, new_figure, panels
+from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
     ALL_ENVIRONMENTS,
@@ -162,3 +163,28 @@ def headline(summary: StudyStatistics) -> str:
         f"{percent('adapted_prior')} on the prior adapted to {LOG_SECONDS:g} s of log of the robot; "
         f"{percent('ideal_pd')} on an ideal PD; {percent(best)} on the best baseline, the {model_label(best)}."
     )
+
+
+def robustness(maps: Mapping[str, np.ndarray]) -> Section:
+    """Condition -> (pushes, frictions) time upright [-], on one scale."""
+    text = "Held-out robots of the fleet with stronger pushes and other floors than in any training, walks of 5 s."
+    caption = "Time upright [%], over all policies."
+    return Section("Robustness on held-out robots", (text,), (picture(_heat_maps(maps), caption),))
+
+
+def _heat_maps(maps: Mapping[str, np.ndarray]) -> Figure:
+    figure = new_figure(2.6)
+    for column, (axes, (name, values)) in enumerate(
+        zip(panels(figure, 1, len(maps), sharey=True)[0], maps.items(), strict=True)
+    ):
+        axes.imshow(values, vmin=0.0, vmax=1.0, cmap="Blues", origin="lower", aspect="auto")
+        axes.grid(False)
+        for row, line in enumerate(values):
+            for at, value in enumerate(line):
+                ink = "white" if value > 0.6 else "black"
+                axes.text(at, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=TEXT, color=ink)
+        axes.set_xticks(range(len(FRICTIONS)), [f"{each:g}" for each in FRICTIONS])
+        axes.set_yticks(range(len(PUSHES)), [f"{each:g}" for each in PUSHES])
+        y = "largest push [N·s]" if column == 0 else None
+        describe(axes, x="friction of the floor [-]", y=y, title=model_label(name))
+    return figure

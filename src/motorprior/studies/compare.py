@@ -24,12 +24,15 @@ from motorprior.simulation.env import simulator_of
 from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks
-from motorprior.studies.environments import ENCODER_NOISE, twin_scene
+from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.gait_quality import share_upright
 
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 NUM_WALKS = 24  # walks of an evaluation
 EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
+# of `robustness_map`
+PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
+FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
 
 ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
 
@@ -207,3 +210,21 @@ def compare(
                 rows += evaluate(policy, scenes, model, seed)
                 task.advance(len(motors))
     return Results.of(rows)
+
+
+def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int) -> np.ndarray:
+    """(pushes, frictions) mean time upright [-] of policies in walks of 5 s, each on the same robots of a fleet.
+
+    ``study`` is the seed of the study, which numbers the robots, see `motors_of_robot`.
+    """
+    found = np.zeros((len(PUSHES), len(FRICTIONS)))
+    for trained in policies:
+        walk = WalkConfig(DURATION_STEPS, commands=commands)
+        motors = partial(motors_of_walk, trained.robot, fleet, study, None)
+        for row, push in enumerate(PUSHES):
+            for column, friction in enumerate(FRICTIONS):
+                around = replace(NOISY, push=push, friction=(friction, friction))
+                scene = twin_scene(trained.robot, fleet, replace(walk, randomization=around))
+                episodes = run_walks(scene, trained.policy.arrays, range(4), partial(walk_seed, study), motors)
+                found[row, column] += np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])
+    return found / len(policies)
