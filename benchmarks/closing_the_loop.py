@@ -33,7 +33,7 @@ from figures import report
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
-from motorprior.commands.identify import POSTERIOR, Adapt, run_adapt
+from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import commands

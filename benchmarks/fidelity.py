@@ -16,8 +16,8 @@ import tyro
 import simulated_arms
 from figures import markdown
 from motorprior.artifacts import read_json, write_json, write_text
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.simulate import Bench, run_bench
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.identification.presets import network_steps
 from motorprior.priors.fit_prior import PRIOR

@@ -25,8 +25,8 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.families import TrueMotors
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.simulate import Bench, run_bench
 from motorprior.evaluation.bench_truth import (
     HELD_OUT,
     MAX_WORK,

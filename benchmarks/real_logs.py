@@ -33,8 +33,8 @@ import tyro
 from figures import markdown, measured
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import write_json, write_text
+from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
-from motorprior.commands.replay import Calibrate, run_calibrate
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd

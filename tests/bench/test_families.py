@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.bench.bench_folder import bench_from_json, read_bench
 from motorprior.bench.fleet import load_fleet
-from motorprior.commands.simulate import Bench, run_bench
+from motorprior.commands.bench import Bench, run_bench
 
 
 @pytest.mark.parametrize("name", ["foreign_direct", "mixed"])

@@ -14,7 +14,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.main import main
-from motorprior.commands.simulate import Bench, run_bench
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.progress import TextTask
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

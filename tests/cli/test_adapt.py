@@ -9,8 +9,8 @@ import pytest
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.simulate import Bench, run_bench
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.stage import read_results
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
-from motorprior.commands.simulate import Bench, run_bench
 from motorprior.exceptions import LogError
 from motorprior.hardware.motions import hardware_targets
 from motorprior.logs.loads import with_torque_balance

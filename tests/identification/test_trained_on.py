@@ -10,7 +10,7 @@ import pytest
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.validate import ValidateLog, run_validate_log
+from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.priors import validate

@@ -17,11 +17,13 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
+from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
-from motorprior.commands.replay import FLEET, PICTURE, Calibrate, Replay, run_calibrate, run_replay
+from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
-from motorprior.commands.validate import Validate, ValidateLog, run_validate, run_validate_log
+from motorprior.commands.validate import Validate, run_validate
+from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.evaluation import errors as log_errors

@@ -1,4 +1,4 @@
-"""Motor logs of simulated motors: on a virtual dynamometer, or in a simulated robot."""
+"""Excite a simulated robot and record a motor log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.bench.bench_folder import record_bench
 from motorprior.bounds import require_number, require_seed
 from motorprior.logs.loads import with_loads
 from motorprior.logs.readers.motor_log_file import write_log
@@ -19,34 +18,6 @@ from motorprior.simulation.playback import excitation_targets, simulated_log
 from motorprior.stage import description, is_finished, working
 
 LOG = "log.parquet"
-
-
-@dataclass(frozen=True)
-class Bench:
-    """Record motor logs on a virtual dynamometer."""
-
-    out: Path
-    """Folder for log.parquet and bench.json."""
-    fleet: str | None = None
-    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
-    preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, shorter), narrow (sinusoids on
-    one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
-    motors: int = 32
-    """Number of motors sampled from the fleet."""
-    steps: int = 10_000
-    """Samples per motor."""
-    seed: int = 0
-    """Seed of the motors and their excitation."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
-    excitation: Path | None = None
-    """Play this file of `motorprior excite` in every segment, on its loads; otherwise the preset's excitation."""
-
-
-def run_bench(config: Bench, progress: Progress = SILENT) -> None:
-    """Record, unless the stage is finished; errors as `record_bench`."""
-    record_bench(**asdict(config), progress=progress)
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,28 @@
-"""Motor priors compared with the physical motors that they learned from, or with a held-out log."""
+"""Closed-loop fidelity of motor priors, compared with the physical motors that they learned from."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_text
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
 from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.evaluation.bench_truth import ModelOfMotors
-from motorprior.evaluation.free_runs import Validation
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.priors.adapt import note_training_log
 from motorprior.priors.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
 from motorprior.priors.prior_file import load_prior
-from motorprior.priors.validate import validate
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import PAGE, description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, read_results, working, write_results
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 
@@ -109,51 +104,3 @@ def _measure(
             results += adaptation(robot, priors[name], bench, lengths, adapted[name], seed, task.advance)
             results += distribution(priors[name], bench)
     return results
-
-
-@dataclass(frozen=True)
-class ValidateLog:
-    """Compare a prior and baselines on a held-out log."""
-
-    prior: Path
-    """Prior that `motorprior identify` wrote from other logs of the robot that the log names."""
-    log: Path
-    """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period, of any motors."""
-    out: Path
-    """Folder for figures.json and report.html."""
-    fitted_on: tuple[Path, ...] = ()
-    """Other logs of the same motors: the prior is adapted to them, the baselines are fitted to them, and the whole log
-    is the test. If none is given, the log's first half is used for this and its second half is the test."""
-    seconds: float | None = None
-    """Use the log's first seconds [s] in place of its first half; not with fitted_on."""
-    adam_steps: int | None = None
-    """Adam steps of the pooled network; the preset's own number if not given."""
-    seed: int = 0
-    """Seed of the baselines' searches and weights."""
-
-
-def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
-    """See `validate`; reads the results of the finished stage. Errors as `validate`, or for an unreadable file."""
-    log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in (config.log, *config.fitted_on))
-    prior = load_prior(config.prior, log)
-    wanted = description("validate-log", asdict(config), [config.prior, config.log, *config.fitted_on])
-    if is_finished(config.out, wanted):
-        note_training_log(prior, log, progress)
-        return read_results(config.out)
-    with working(config.out, wanted):
-        found = validate(
-            prior, log, fitted_on=fitted_on, seconds=config.seconds, adam_steps=config.adam_steps, seed=config.seed,
-            folder=config.out / "baselines", progress=progress,
-        )  # fmt: skip
-        _write_page(config, prior, found)
-    return read_results(config.out)
-
-
-def _write_page(config: ValidateLog, prior: MotorPrior, found: Validation) -> None:
-    from motorprior.report.page import page
-    from motorprior.report.sections import models_of_logs, samples, write_validation  # here: they import matplotlib
-
-    write_validation(config.out, found)
-    title = f"Motors in a held-out log: {config.log.name}"
-    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(prior)]
-    write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

@@ -1,0 +1,143 @@
+"""A fleet of physical motors fitted to logs of a real robot, by replaying their commands."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
+from motorprior.bounds import require_count, require_seed
+from motorprior.commands.replay import read_logs
+from motorprior.evaluation.bench_truth import band
+from motorprior.evaluation.free_runs import Trace
+from motorprior.progress import SILENT, Progress
+from motorprior.results import Result, Results
+from motorprior.robots.load import load_robot
+from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.studies.calibration import Calibration, calibrate, calibrated_fleet
+from motorprior.studies.fleet_problem import FleetProblem
+from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
+
+FLEET, PICTURE = "fleet.toml", "calibration.png"
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Fit a fleet of physical motors to real logs of a robot."""
+
+    logs: Path
+    """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
+    out: Path
+    """Folder for fleet.toml, figures.json and calibration.png."""
+    robot: str = DEFAULT_ROBOT
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    fleet: str | None = None
+    """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not given."""
+    posture: PostureName = "auto"
+    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
+    which the fleet's central motor replays it clearly better."""
+    starts: int = 3
+    """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
+    iterations: int = 6
+    """Maximum iterations of each search."""
+    samples: int = 20
+    """Samples of the robot's motors from the fitted fleet, for the bands."""
+    seed: int = 0
+    """Seed of the starts and the motors."""
+
+
+def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
+    """Calibrate, or read the results of the finished stage; errors for a log, fleet or setting that cannot be used."""
+    for name in ("starts", "iterations", "samples"):
+        require_count(name, getattr(config, name))
+    require_seed(config.seed)
+    robot = load_robot(config.robot)
+    fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
+    inputs = [*fleet_files(robot, config.fleet), *folder.files, *robot.files]
+    wanted = description("calibrate", asdict(config), inputs)
+    if is_finished(config.out, wanted):
+        return read_results(config.out)
+    with working(config.out, wanted):
+        replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
+        problem = FleetProblem(fleet, robot, replayers)
+        found = calibrate(problem, config.starts, config.iterations, config.seed, progress)
+        fitted = calibrated_fleet(problem, found)
+        heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
+        write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
+        covered = _covered(config, problem, found, fitted, progress)
+        rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted)]
+        write_results(config.out, Results.of(rows))
+    return read_results(config.out)
+
+
+def _covered(
+    config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
+) -> list[Result]:
+    """The share of the measured angles in the 90 % bands of the fitted fleet; plots a joint of each log."""
+    from motorprior.report.plots import draw_traces  # here: they import matplotlib
+    from motorprior.report.plots_style import png_bytes
+
+    rng, traces, covered = np.random.default_rng(config.seed), [], []
+    with progress.start(f"{config.samples} samples of the fleet", len(problem.replayers)) as task:
+        for name, replayer in problem.replayers.items():
+            log = replayer.log
+            motors = [motors_with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.samples)]
+            replayed = [replayer.joint_pos(each.actuator()) for each in motors]
+            low, high = band(np.array(replayed), 90)
+            inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
+            covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
+            central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
+            columns = (log.position_target, log.joint_pos, central, low, high)
+            target, measured, *drawn = (each[:, joint] for each in columns)
+            models: dict[str, np.ndarray] = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
+            traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
+            task.advance()
+    (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
+    return covered
+
+
+def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
+    """Source of each constant, for the fleet's file."""
+    sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
+    for name in problem.logged & sources.keys():
+        sources[name] += "; the logs contain the gains"
+    for parameter, error in zip(problem.parameters, found.error, strict=True):
+        result = "identified" if parameter.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
+        sources[parameter.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
+    return sources
+
+
+def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
+    """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
+    rows: list[Result] = []
+    for name in problem.replayers:
+        center = found.center
+        fits = {"start": (problem.mean, None), "center": (center, None), "per_motor": (center, found.offsets)}
+        if found.left_out:
+            center, offsets = found.left_out[name]
+            fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
+        rows += [Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name) for m, fit in fits.items()]
+    results = Results.of(rows)
+    return rows + [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
+
+
+def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
+    """Fitted value and standard errors of every constant; of logarithms if lognormal."""
+    rows = []
+    for parameter, x, error in zip(problem.parameters, found.center, found.error, strict=True):
+        share = "1" if parameter.is_log else parameter.unit
+        values = {
+            "center": (parameter.unit, parameter.value(x)),
+            "start": (parameter.unit, parameter.value(parameter.mean)),
+            "error": (share, error),
+            "prior_std": (share, parameter.deviation),
+            "spread": (share, fleet.parameters[parameter.name].values["spread"]),
+            "identified": ("1", parameter.is_identifiable(error)),
+        }
+        rows += [
+            Result(f"calibrate_{key}", unit, float(value), part=parameter.name) for key, (unit, value) in values.items()
+        ]
+    return rows
