@@ -19,7 +19,7 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
+from motorprior.hardware.virtual_robot import Firmware
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
@@ -102,8 +102,7 @@ class SimulatedPort(SerialLink):
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
-        config = FirmwareConfig(self._period, with_currents=currents)
-        self.firmware = Firmware(robot, self.body, config)
+        self.firmware = Firmware(robot, self.body, period, currents)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))

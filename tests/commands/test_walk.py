@@ -75,15 +75,15 @@ def test_a_start_that_nothing_improves_on_is_kept_and_one_of_another_shape_is_re
 
 
 def test_every_seed_is_the_training_of_that_seed_and_is_not_repeated(tmp_path: Path):
-    config = walk(tmp_path / "seeds", seed=3, workers=2)
-    results = run_walk_seeds(config, 3)
+    config = walk(tmp_path / "seeds", seed=3, workers=2, seeds=3)
+    results = run_walk_seeds(config)
     assert results.distinct("seed") == [3, 4, 5]
     run_walk(walk(tmp_path / "one", seed=4))
     for name in (POLICY, METRICS):
         assert (tmp_path / "seeds" / "seed_4" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
     written = {path: path.stat().st_mtime_ns for path in config.out.glob(f"*/{POLICY}")}
     assert len({path.read_bytes() for path in written}) == 3 and (config.out / PICTURE).is_file()
-    assert run_walk_seeds(config, 3) == results
+    assert run_walk_seeds(config) == results
     assert {path: path.stat().st_mtime_ns for path in written} == written
 
 

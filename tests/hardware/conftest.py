@@ -16,7 +16,7 @@ from motorprior.commands.virtual_robot import VirtualRobotSettings, make_virtual
 from motorprior.hardware.protocol import Command
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.virtual_robot import IDLE, Firmware, FirmwareConfig, VirtualRobot
+from motorprior.hardware.virtual_robot import IDLE, Firmware, VirtualRobot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot
@@ -40,8 +40,8 @@ def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class ObservedFirmware(Firmware):
     """Its ``events`` are (time on the monotonic clock [s], IDLE or "command"), one per command."""
 
-    def __init__(self, robot: Robot, body: SimulatedRobot, config: FirmwareConfig):
-        super().__init__(robot, body, config)
+    def __init__(self, robot: Robot, body: SimulatedRobot):
+        super().__init__(robot, body)
         self.events: list[tuple[float, str]] = []
 
     def execute(self, command: Command) -> None:
@@ -56,7 +56,7 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
 
         def start() -> VirtualRobot:
             robot, body = make_virtual_robot(PUPPER_V2, VirtualRobotSettings())
-            robot.firmware = ObservedFirmware(PUPPER_V2, body, FirmwareConfig())
+            robot.firmware = ObservedFirmware(PUPPER_V2, body)
             unplugged = Event()
             thread = Thread(target=robot.run, args=(unplugged.is_set,), daemon=True)
             thread.start()

@@ -18,7 +18,7 @@ from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, hardware_target
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings
-from motorprior.hardware.virtual_robot import Firmware, FirmwareConfig
+from motorprior.hardware.virtual_robot import Firmware
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.logs.readers.deploy_recording import read_deploy_recording
@@ -48,7 +48,7 @@ class CopiedBody:
 
 def test_motors_have_the_gains_that_were_sent_until_idle():
     body = CopiedBody(SimulatedBackend(Scene(PUPPER_V2, draw_pd)).reset(0))
-    firmware = Firmware(PUPPER_V2, body, FirmwareConfig())
+    firmware = Firmware(PUPPER_V2, body)
     for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=PUPPER_V2.nominal_pose)):
         firmware.receive(framed(command, 12))
     firmware.advance(10)
@@ -82,7 +82,7 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(spy.state)
-    firmware, reader = Firmware(PUPPER_V2, body, FirmwareConfig()), FrameReader(Telemetry, 12)
+    firmware, reader = Firmware(PUPPER_V2, body), FrameReader(Telemetry, 12)
     gate, target = SafetyGate(PUPPER_V2, WIRE.safety), spy.state.measured_joint_pos
     gate.arm(Gains.of(WIRE), PUPPER_V2.nominal_pose, 0.0)
     for step in range(200):

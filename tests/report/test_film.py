@@ -9,13 +9,14 @@ from PIL import Image
 from motorprior.report.film import can_write_mp4, film, write_mp4
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.rendering import HEIGHT, WIDTH
+from motorprior.simulation.scene import Episode
 
 
-def walk(frames: int = 3) -> np.ndarray:
-    qpos = np.zeros((frames, 19))
+def walk(fell: int) -> Episode:
+    qpos, nothing = np.zeros((3, 19)), np.zeros(0)
     qpos[:, 2], qpos[:, 3], qpos[:, 7:] = PUPPER_V2.standing_height, 1.0, PUPPER_V2.nominal_pose
     qpos[1:, 8] += 0.5
-    return qpos
+    return Episode(0.0, fell, 0.0, np.zeros(2), 0, nothing, nothing, qpos, nothing)
 
 
 @pytest.mark.parametrize("library", ["disable", None])
@@ -23,13 +24,14 @@ def test_walks_are_stacked_labelled_and_move(library: str | None, monkeypatch: p
     if library:
         monkeypatch.setenv("MUJOCO_GL", library)
     notes: list[str] = []
-    pictures = list(film(PUPPER_V2, [walk(), walk()], ["one", "two"], [["a"] * 3, ["b"] * 3], notes.append))
+    pictures = list(film(PUPPER_V2, {"one": walk(3), "two": walk(0)}, 3, 1, notes.append))
     assert len(notes) == 1 or not library
     frames = np.array([np.asarray(picture, int) for picture in pictures])
     assert frames.shape == (3, 2 * HEIGHT, WIDTH, 3)
     upper, lower = frames[:, :HEIGHT], frames[:, HEIGHT:]
     assert np.abs(upper - lower)[:, 60:].max() < 10 < np.abs(upper - lower)[:, :60].max()
-    assert np.abs(upper[0] - upper[1]).max() > 40 and np.abs(upper[1] - upper[2]).max() < 10
+    robot = upper[:, 60:]
+    assert np.abs(robot[0] - robot[1]).max() > 40 and np.abs(robot[1] - robot[2]).max() < 10
 
 
 def test_an_mp4_where_its_encoder_is_installed(tmp_path: Path):

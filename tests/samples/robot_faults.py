@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.hardware.protocol import Command, Telemetry
-from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware, FirmwareConfig
+from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware
 from motorprior.robots.robot import Robot
 from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.simulation.simulated_robot import SimulatedRobot
@@ -24,8 +24,7 @@ class FaultyPort(SimulatedPort):
         self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
         super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
-        config = FirmwareConfig(period, with_currents=currents)
-        self.firmware = Firmware(robot, FaultyBody(self.body, self), config)
+        self.firmware = Firmware(robot, FaultyBody(self.body, self), period, currents)
 
     def inject(self, kind: str, joint: int = 0) -> None:
         """Inject a fault, see `FaultyBody`; or telemetry_stops, telemetry_late, restart (its clock)."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.report.study import difference_table, measure_table, own_table
+from motorprior.report.study import difference_table, measure_table, own_simulations
 from motorprior.studies.statistics import WalkRow, read_walks, scores, summarise, write_walks
 
 
@@ -63,7 +63,7 @@ def test_every_bench_and_every_policy_is_shown():
         if (walk["bench"], walk["environment"], walk["condition"], walk["seed"]) == (1, "own", "oracle", 2):
             walk["upright"] = 0.2
     summary = summarise(walks)
-    (shown,) = (row for row in own_table(summary).rows if row[0] == "oracle")
+    (shown,) = (row for row in own_simulations(summary).tables[0].rows if row[0] == "oracle")
     assert [len(cell.split()) for cell in shown[1:]] == [4, 4, 4] and shown[2].split()[2] == "20"
     figures = summary.as_results().to_figures()
     assert figures["own/oracle/policies_upright"] == 11 / 12

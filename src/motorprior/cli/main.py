@@ -15,10 +15,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
 
 import tyro  # noqa: E402
+from rich.console import Console  # noqa: E402
 
 from motorprior import __version__  # noqa: E402
 from motorprior.cli import robot, show  # noqa: E402
-from motorprior.cli.console import CONSOLE, TERMINAL  # noqa: E402
+from motorprior.cli.show import TERMINAL  # noqa: E402
 from motorprior.commands.adapt import Adapt, run_adapt  # noqa: E402
 from motorprior.commands.bench import Bench, run_bench  # noqa: E402
 from motorprior.commands.calibrate import Calibrate  # noqa: E402
@@ -32,6 +33,7 @@ from motorprior.commands.replay import Replay  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.commands.validate import Validate  # noqa: E402
 from motorprior.commands.validate_log import ValidateLog  # noqa: E402
+from motorprior.commands.walk import Walk  # noqa: E402
 from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
 
 
@@ -56,7 +58,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "calibrate": (_positional(Calibrate, logs=Path), show.calibrate),
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (_positional(Identify, logs=PATHS), _printing(run_identify)),
-    "show": (_positional(show.Show, file=Path), show.show),
+    "show": (_positional(show.Show, file=Path), lambda config: print(show.described(config))),
     "validate": (_positional(Validate, priors=PATHS), show.validate),
     "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
     "adapt": (_positional(Adapt, prior=Path, log=Path), _printing(run_adapt)),
@@ -64,12 +66,12 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),
     "excite": (_positional(Excite, runs=PATHS), partial(run_excite, progress=TERMINAL)),
     "replay": (_positional(Replay, logs=Path), show.replay),
-    "walk": (show.WalkCommand, show.walk),
+    "walk": (Walk, show.walk),
     "play": (_positional(Play, policies=PATHS), show.play),
     "transfer": (show.TransferCommand, show.transfer),
-    "doctor": (robot.Doctor, robot.doctor),
-    "deploy": (robot.Deploy, robot.deploy),
-    "record": (robot.Record, robot.record),
+    "doctor": (robot.Doctor, robot.run),
+    "deploy": (robot.Deploy, robot.run),
+    "record": (robot.Record, robot.run),
     "report": (_positional(show.Report, run=Path), show.report),
 }
 RUN = dict([*LOGS.values(), *COMMANDS.values()])
@@ -152,12 +154,12 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
     except KeyboardInterrupt:
-        CONSOLE.print("interrupted: what was finished is kept, run the same command again")
+        TERMINAL.note("interrupted: what was finished is kept, run the same command again")
         raise SystemExit(130) from None
 
 
 def _fail(message: str) -> NoReturn:
-    CONSOLE.print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
+    Console(stderr=True, highlight=False).print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
     raise SystemExit(2) from None
 
 

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import ModuleType
 
 import tyro
 
-from motorprior.cli.console import TERMINAL
+from motorprior.cli.show import TERMINAL
 from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
 from motorprior.hardware.teleop import non_blocking
-from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 PRINT = non_blocking(TERMINAL.note, sys.stderr)
@@ -62,37 +58,21 @@ class Doctor(RobotChoice):
     """Remove the current from the motors first, so that legs move by hand; a standing robot sinks."""
 
 
-@contextmanager
-def _opened(choice: RobotChoice) -> Iterator[tuple[ModuleType, Robot, str]]:
-    """`hardware.commands`, the robot and its port, while this is open."""
+def run(config: Deploy | Record | Doctor) -> None:
+    """See `run_deploy`, `run_record` and `run_doctor` of `hardware.commands`."""
     require_robot_extra()
     from motorprior.hardware import commands, serial_link
 
-    if choice.virtual and choice.port is not None:
-        raise ConfigError(f"--port {choice.port} and --virtual", remedy="give one of them")
-    robot = load_robot(DEFAULT_ROBOT)
-    if choice.virtual:
-        with running_virtual_robot(robot.name, choice.robot) as port:
-            yield commands, robot, port
-    else:
-        yield commands, robot, serial_link.resolve_port(choice.port)
-
-
-def deploy(config: Deploy) -> None:
-    """See `hardware.commands.run_deploy`."""
-    Policy.load(config.policy)  # an error comes before a virtual robot is started
-    with _opened(config) as (commands, robot, port):
-        commands.run_deploy(robot, config.policy, port, config, PRINT)
-
-
-def record(config: Record) -> None:
-    """See `hardware.commands.run_record`."""
-    choice = replace(config, robot=replace(config.robot, suspended=config.robot.suspended or not config.standing))
-    with _opened(choice) as (commands, robot, port):
-        commands.run_record(robot, port, config, PRINT)
-
-
-def doctor(config: Doctor) -> None:
-    """See `hardware.commands.run_doctor`."""
-    with _opened(config) as (commands, robot, port):
-        commands.run_doctor(robot, port, config.seconds, config.idle, PRINT)
+    if config.virtual and config.port is not None:
+        raise ConfigError(f"--port {config.port} and --virtual", remedy="give one of them")
+    robot, body = load_robot(DEFAULT_ROBOT), config.robot
+    if isinstance(config, Record):
+        body = replace(body, suspended=body.suspended or not config.standing)
+    with running_virtual_robot(robot.name, body) if config.virtual else nullcontext() as virtual:
+        port = virtual or serial_link.resolve_port(config.port)
+        if isinstance(config, Deploy):
+            commands.run_deploy(robot, config.policy, port, config, PRINT)
+        elif isinstance(config, Record):
+            commands.run_record(robot, port, config, PRINT)
+        else:
+            commands.run_doctor(robot, port, config.seconds, config.idle, PRINT)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
-from motorprior.cli.console import TERMINAL, command_line, table
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
@@ -28,6 +33,7 @@ from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.read_log import read_log
 from motorprior.priors.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
+from motorprior.progress import Lines
 from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
@@ -36,7 +42,27 @@ from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
 
+TERMINAL = Lines()
 _DISTRIBUTION = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample_auc")
+
+
+def command_line() -> str:
+    """The command line of this process, without options on which no result depends."""
+    words = ["motorprior", *sys.argv[1:]]
+    for option in ("--out", "--workers"):
+        if option in words:
+            del words[(at := words.index(option)) : at + 2]
+    return shlex.join(word for word in words if not word.startswith(("--out=", "--workers=")))
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table; the first column is text, the others are numbers."""
+    printed = Table(title=Text(title), title_justify="left")
+    for index, column in enumerate(columns):
+        printed.add_column(Text(column), justify="left" if index == 0 else "right")
+    for row in rows:
+        printed.add_row(*(Text(cell) for cell in row))
+    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(printed)
 
 
 @dataclass(frozen=True)
@@ -93,12 +119,7 @@ def demo(config: Demo) -> None:
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
-def show(config: Show) -> None:
-    """Print what the file holds."""
-    print(_described(config))
-
-
-def _described(config: Show) -> str:
+def described(config: Show) -> str:
     """What the file holds."""
     path = config.file
     if path.suffix == ".toml" and "model" in read_toml(path, "give the .toml file of a robot or a fleet"):
@@ -121,7 +142,7 @@ def _described(config: Show) -> str:
 
 
 def validate(config: Validate) -> None:
-    """See `run_validate`; the tables of held-out motors and of the distribution only where they were measured."""
+    """See `run_validate`; priors without physics have no table of the distribution."""
     results = run_validate(config, TERMINAL)
     titles = {
         "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
@@ -129,8 +150,7 @@ def validate(config: Validate) -> None:
         "held_out": "The same on held-out motors, adapted to 10 s of log each",
     }
     for motors, title in titles.items():
-        if results.where(motors=motors):
-            table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
+        table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
     if figures := results.where(quantity=_DISTRIBUTION).to_figures():
         rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
         table("Preset rollout on held-out motors", ["figure", "value"], rows)
@@ -163,26 +183,17 @@ def calibrate(config: Calibrate) -> None:
     TERMINAL.note(f"{config.out / FLEET}, {config.out / PICTURE}")
 
 
-@dataclass(frozen=True)
-class WalkCommand(Walk):
-    """Train a walking policy."""
-
-    seeds: int = 1
-    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
-
-
-def walk(config: WalkCommand) -> None:
+def walk(config: Walk) -> None:
     """See `run_walk`, and `run_walk_seeds` for several seeds."""
-    one = Walk(**{field.name: getattr(config, field.name) for field in fields(Walk)})
     evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
     if config.seeds == 1:
-        folder, best = config.out, run_walk(one, TERMINAL).provenance
+        folder, best = config.out, run_walk(config, TERMINAL).provenance
         print(f"best policy: iteration {best['iteration']}, mean return {best['best_return']:.2f} m on {evaluated}")
         if best["best_return"] < 0.0:
             remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
             TERMINAL.note(f"warning: a negative return: the robot falls or barely walks -> {remedy}")
     else:
-        results = run_walk_seeds(one, config.seeds, TERMINAL)
+        results = run_walk_seeds(config, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
         table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
         print(config.out / CURVES)

@@ -28,7 +28,7 @@ from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 @dataclass(frozen=True)
 class Validate:
-    """Compare priors with the physical motors of a bench."""
+    """Compare priors with the physical motors of a bench, and with held-out motors."""
 
     priors: tuple[Path, ...]
     """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
@@ -36,8 +36,6 @@ class Validate:
     """Folder for figures.json."""
     seed: int = 0
     """Seed of the held-out excitation."""
-    held_out: bool = True
-    """Measure on held-out motors, too, and compare the prior's samples with them (a minute more)."""
     adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
     """Lengths of log [s] to which the prior is adapted for held-out motors."""
     robot: str = DEFAULT_ROBOT
@@ -93,8 +91,6 @@ def _measure(
     with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
         results = fidelity(robot, motors, models, "train", seed, task)
         task.advance()
-    if not config.held_out:
-        return results
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(config.adapt_seconds)) as task:
         motors, adapted = held_out_motors(bench), adapt_all(robot, priors, bench)

@@ -46,14 +46,14 @@ class VirtualRobotSettings:
 def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
     """A virtual robot and its body, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
-    from motorprior.hardware.virtual_robot import FirmwareConfig, VirtualRobot
+    from motorprior.hardware.virtual_robot import Firmware, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
     motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
     body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
-    config = FirmwareConfig(1000 // settings.rate, settings.currents, settings.imu)
-    return VirtualRobot(robot, body, config), body
+    firmware = Firmware(robot, body, 1000 // settings.rate, settings.currents, settings.imu)
+    return VirtualRobot(firmware), body
 
 
 @contextmanager

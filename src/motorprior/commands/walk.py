@@ -40,10 +40,12 @@ class Walk(WalkSettings):
     """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    seeds: int = 1
+    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> Policy:
-    """Train or resume, unless the folder is finished with these settings; errors as `train_policy`.
+    """Train or resume one seed, unless the folder is finished with these settings; errors as `train_policy`.
 
     A training with other settings is replaced.
     """
@@ -54,8 +56,8 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> P
     )  # fmt: skip
 
 
-def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Results:
-    """Train with ``seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
+def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
+    """Train with ``config.seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
 
     The executor "threads" trains several seeds at a time. The picture has the learning curves. Returns the mean return
     [m] of each best policy in its training simulation, or on the validation fleet if there is one.
@@ -63,11 +65,11 @@ def run_walk_seeds(config: Walk, seeds: int, progress: Progress = SILENT) -> Res
     from motorprior.report.plots import learning_curves, read_curves
     from motorprior.report.plots_style import png_bytes  # here, since they import matplotlib
 
-    require_count("seeds", seeds)
+    require_count("seeds", config.seeds)
     require_count("workers", config.workers)
-    threads = min(seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
+    threads = min(config.seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
     first, workers = config.search.seed, max(1, config.workers // threads)
-    folders = {seed: config.out / SEED_FOLDER.format(seed) for seed in range(first, first + seeds)}
+    folders = {seed: config.out / SEED_FOLDER.format(seed) for seed in range(first, first + config.seeds)}
     walks = [
         replace(config, out=out, search=replace(config.search, seed=seed), workers=workers)
         for seed, out in folders.items()

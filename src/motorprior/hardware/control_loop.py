@@ -9,7 +9,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -71,9 +71,9 @@ def clock_figures(run: Timing, period: float) -> dict[str, float]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot, until ``stop`` returns True before a step; raises if the host is too slow."""
+    """Plays motions on an armed robot, until ``stop`` holds a signal before a step; raises if the host is too slow."""
 
-    def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Callable[[], bool]):
+    def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Sequence[str]):
         self._link, self._period, self._stop = link, link.robot.control_dt, stop
         self._slow_host = SlowHost(limits, self._period)
         self._deadline, self._paused = time.monotonic() + self._period, False
@@ -85,14 +85,14 @@ class ControlLoop:
         after_step: Callable[[int, Measurement], None] = lambda *_: None,
         timing: Timing | None = None,
     ) -> None:
-        """Play ``motion`` until it ends or ``stop`` returns True.
+        """Play ``motion`` until it ends or ``stop`` holds a signal.
 
         ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
         fast. ``timing`` is filled also if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
-        while not self._stop():
+        while not self._stop:
             measurement = self._next_measurement()
             target = motion(measurement)
             if target is None:

@@ -129,7 +129,7 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
     motion.forward, motion.yaw_rate = command
     show, steps, deadline = _status_line(link, motion, session.status), 0, time.monotonic()
     end = deadline + seconds
-    while deadline < end and not session.stop():
+    while deadline < end and not session.stop:
         deadline += policy.control_dt
         link.receive(deadline)
         measurement = link.check()

@@ -34,31 +34,24 @@ _RECHECK_AFTER = 0.1  # [s]; a longer confirmation or compilation is followed by
 _UNTRUSTED = ("program error", "impossible command", "frozen IMU")  # the policy, or its input, is not to be trusted
 
 
-class StopRequest:
-    """Signals that ask to stop; the second one makes the robot idle at once. ``names`` are those received."""
-
-    def __init__(self) -> None:
-        self.names: list[str] = []
-
-    def __call__(self) -> bool:
-        """Whether to stop."""
-        return bool(self.names)
-
-    def on_signal(self, number: int, _: FrameType | None) -> None:
-        """Handle a signal; the second one raises RobotFault, further ones must not interrupt the way to idle."""
-        self.names.append(signal.Signals(number).name)
-        if len(self.names) == 2:
-            raise RobotFault("stopped", f"a second signal, {self.names[1]}")
-
-
 @contextmanager
-def stop_on_signals() -> Iterator[StopRequest]:
-    """Ctrl-C, SIGTERM, a lost terminal (SIGHUP) and Ctrl-Z (SIGTSTP) end the motion cleanly within this context."""
+def stop_on_signals() -> Iterator[list[str]]:
+    """Names of the received signals Ctrl-C, SIGTERM, lost terminal (SIGHUP) and Ctrl-Z (SIGTSTP), which ask to stop.
+
+    The second signal raises RobotFault, so that the robot is idle at once.
+    """
+    received: list[str] = []
+
+    def on_signal(number: int, _: FrameType | None) -> None:
+        received.append(signal.Signals(number).name)
+        if len(received) == 2:  # further ones must not interrupt the way to idle
+            raise RobotFault("stopped", f"a second signal, {received[1]}")
+
     # SIGTSTP would stop the host where it is, and the watchdog would drop the robot.
-    request, numbers = StopRequest(), (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
-    before = {number: signal.signal(number, request.on_signal) for number in numbers}
+    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP
+    before = {number: signal.signal(number, on_signal) for number in numbers}
     try:
-        yield request
+        yield received
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -90,7 +83,7 @@ class Session:
 
     link: RobotLink
     gains: Gains  # gains to send
-    stop: StopRequest = field(default_factory=StopRequest)  # ends the run when it is set
+    stop: Sequence[str] = ()  # names of signals; ends the run once there is one
     need_imu: bool = True  # reject a robot whose IMU is not read
     confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming
     status: Callable[[str], None] = lambda _: None  # gets a line to show now and then
@@ -120,7 +113,7 @@ class Session:
                 link.arm(self.gains)
                 loop = ControlLoop(link, link.limits, self.stop)
                 self._ramp(loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
-                if not self.stop():
+                if not self.stop:
                     link.gate.slow, self._stopping = False, stopping
                     work(loop)
                 if crouch:
@@ -133,7 +126,7 @@ class Session:
                 raise
             finally:
                 link.idle()
-        self.outcome = self.outcome or "".join(self.stop.names[:1]) or "time"
+        self.outcome = self.outcome or "".join(self.stop[:1]) or "time"
 
     def _ramp(self, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
         """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
@@ -153,7 +146,7 @@ class Session:
         link.ignore("stuck")  # the ground may block a foot while the body descends; to continue is safer than to fall
         never = float("inf")  # a late crouch is better than none
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
-        loop = ControlLoop(link, lenient, lambda: False)  # a stop of the previous motion must not stop this one
+        loop = ControlLoop(link, lenient, ())  # a stop of the previous motion must not stop this one
         if self._stopping is not None:
             loop.run_motion(self._stopping(), Mode.WALK)
         self._stopping = None

@@ -9,7 +9,7 @@ import struct
 import sys
 import termios
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
@@ -115,7 +115,7 @@ def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleo
         yield Teleop(keyboard, gamepad, gait, (forward, yaw_rate))
 
 
-def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: Print) -> None:
+def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print) -> None:
     """Wait until ``arm`` is typed; raises RobotFault if something else is typed, or a signal comes."""
     if yes:
         return
@@ -123,7 +123,7 @@ def confirm_arming(stop: Callable[[], bool], yes: bool, how_to_stop: str, show: 
         termios.tcflush(sys.stdin, termios.TCIFLUSH)  # input from before the question does not count
     show(f"Stand clear, one hand at the power switch. {how_to_stop}")
     show("Type arm and press Enter:")
-    while not stop():
+    while not stop:
         if select.select([sys.stdin], [], [], 0.1)[0]:
             if sys.stdin.readline().strip() == "arm":
                 return

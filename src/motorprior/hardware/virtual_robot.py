@@ -14,7 +14,6 @@ import select
 import time
 import tty
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -39,20 +38,17 @@ class RobotBody(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class FirmwareConfig:
-    """Build options of a firmware."""
-
-    telemetry_period: int = 10  # [ms]; 5 in older versions
-    with_currents: bool = False  # it sends ``cur``
-    with_imu: bool = True  # otherwise attitude and rates are 0, as in the current version
-
-
 class Firmware:
-    """Simulated firmware of a robot, which moves ``body``."""
+    """Simulated firmware of a robot, which moves ``body``.
 
-    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
-        self._body, self._config = body, config
+    The telemetry ``period`` [ms] is 5 in older versions. The firmware sends motor currents only ``with_currents``, and
+    zeros as attitude and rates, as in the current version, if not ``with_imu``.
+    """
+
+    def __init__(
+        self, robot: Robot, body: RobotBody, period: int = 10, with_currents: bool = False, with_imu: bool = True
+    ):
+        self.period, self._body, self._with_currents, self._with_imu = period, body, with_currents, with_imu
         self._wire, self._joints = robot.require_wire(), robot.num_joints
         self._reader = FrameReader(Command, self._joints)
         self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
@@ -70,7 +66,7 @@ class Firmware:
 
     def advance(self, milliseconds: int) -> bytes:
         """Simulate; returns the bytes sent meanwhile."""
-        out, end, period = bytearray(), self.now + milliseconds, self._config.telemetry_period
+        out, end, period = bytearray(), self.now + milliseconds, self.period
         while self.now < end:
             out += "".join(f"{line}\r\n" for line in self._text).encode()
             self._text.clear()
@@ -99,43 +95,41 @@ class Firmware:
             self.mode = IDLE
 
     def _telemetry(self) -> Telemetry:
-        sensors, config = self._sensors, self._config
-        measured = np.concatenate([sensors.attitude, sensors.rates]) if config.with_imu else np.zeros(6)
+        sensors = self._sensors
+        measured = np.concatenate([sensors.attitude, sensors.rates]) if self._with_imu else np.zeros(6)
         body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
-        current = sensors.current if config.with_currents else None
+        current = sensors.current if self._with_currents else None
         return Telemetry(ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, **body)
 
 
 class VirtualRobot:
     """A virtual robot in real time: a host opens the pseudo-terminal ``port`` like the port of a Teensy."""
 
-    def __init__(self, robot: Robot, body: RobotBody, config: FirmwareConfig):
-        self.firmware = Firmware(robot, body, config)
-        self._period = config.telemetry_period
+    def __init__(self, firmware: Firmware):
+        self.firmware = firmware
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self._started = 0.0
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Move until ``ended`` returns True; then unplug."""
         try:
-            self._started = time.monotonic()
+            started = time.monotonic()
             while not ended():
-                self._step()
+                self._step(started)
         finally:
             os.close(self._slave)
             os.close(self._master)
 
-    def _step(self) -> None:
+    def _step(self, started: float) -> None:
         """Wait for bytes or the next telemetry, and advance the robot to the present."""
-        next_frame = self.firmware.now + self._period - self.firmware.now % self._period  # [ms]
-        timeout = max(0.0, self._started + 1e-3 * next_frame - time.monotonic())
-        ready, _, _ = select.select([self._master], [], [], timeout)
-        data = self._read() if ready else b""
-        out = self.firmware.advance(int(1e3 * (time.monotonic() - self._started)) - self.firmware.now)
-        self.firmware.receive(data)
+        firmware = self.firmware
+        next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
+        timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())
+        data = self._read() if select.select([self._master], [], [], timeout)[0] else b""
+        out = firmware.advance(int(1e3 * (time.monotonic() - started)) - firmware.now)
+        firmware.receive(data)
         if out:
             with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
                 os.write(self._master, out)

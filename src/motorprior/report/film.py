@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from importlib.util import find_spec
 from io import BytesIO
 from itertools import chain
@@ -26,22 +26,26 @@ _GROUND = 240  # row of the floor in a stick figure
 
 
 def film(
-    robot: Robot,
-    walks: Sequence[np.ndarray],
-    titles: Sequence[str],
-    notes: Sequence[Sequence[str]],
-    note: Callable[[str], None],
+    robot: Robot, walks: Mapping[str, Episode], steps: int, stride: int, note: Callable[[str], None]
 ) -> Iterator[Image.Image]:
-    """The pictures of a film of walks (F, 7 + joints): base position, quaternion, joint angles.
+    """Pictures of the first control steps of walks by title, every ``stride`` steps; a robot that falls stays there.
 
-    Each walk has a title, and F notes; ``note`` gets the reason if stick figures are drawn for lack of OpenGL.
+    A line states time, distance along the heading, and a fall. ``note`` gets the reason if stick figures are drawn for
+    lack of OpenGL.
     """
-    with _drawing(robot, note) as draw:
-        for frame in range(len(walks[0])):
+    traces = [until_end(episode.trace[:steps], steps) for episode in walks.values()]
+    distances = [np.append(0.0, np.cumsum(steps_along_heading(each[:, :2], headings(each)))) for each in traces]
+    with ExitStack() as stack:
+        try:
+            draw = stack.enter_context(renderer(robot))
+        except ConfigError as error:
+            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
+            draw = stick_figure(robot)
+        for step in range(0, steps, stride):
             whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))
-            for row, (walk, title, texts) in enumerate(zip(walks, titles, notes, strict=True)):
-                picture = draw(walk[frame])
-                _label(picture, title, texts[frame])
+            for row, (title, episode) in enumerate(walks.items()):
+                picture, fell = Image.fromarray(draw(traces[row][step])), "fell" if step >= episode.steps else ""
+                _label(picture, title, f"{step * robot.control_dt:.2f} s    {distances[row][step]:z.2f} m    {fell}")
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
 
@@ -50,10 +54,10 @@ def write_film(folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: 
     """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path."""
     as_mp4 = can_write_mp4()
     path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
-    traces, notes, seconds = _frames(robot, walks, steps, rate)
-    count = len(traces[0])
+    stride = _stride(robot, rate)
+    count, seconds = len(range(0, steps, stride)), stride * robot.control_dt
     with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = film(robot, traces, list(walks), notes, progress.note)
+        pictures = film(robot, walks, steps, stride, progress.note)
         counted = (picture for picture in pictures if task.advance() is None)
         if as_mp4:
             write_mp4(temporary, counted, seconds)
@@ -65,25 +69,13 @@ def write_film(folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: 
 def comparison_gif(
     robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None], rate: float = 5.0
 ) -> bytes:
-    """A GIF of the first control steps of walks by title, at a rate [Hz]; a robot that falls stays there."""
-    traces, notes, seconds = _frames(robot, walks, steps, rate)
-    return gif_bytes(film(robot, traces, list(walks), notes, note), seconds)
+    """A GIF of a `film` at a rate [Hz]."""
+    stride = _stride(robot, rate)
+    return gif_bytes(film(robot, walks, steps, stride, note), stride * robot.control_dt)
 
 
-def _frames(
-    robot: Robot, walks: Mapping[str, Episode], steps: int, rate: float
-) -> tuple[list[np.ndarray], list[list[str]], float]:
-    """Frames of walks at a rate [Hz], their notes (time, distance along the heading, fall), and seconds per frame."""
-    stride = max(1, round(1.0 / (rate * robot.control_dt)))
-    traces, notes = [], []
-    for episode in walks.values():
-        trace = until_end(episode.trace[:steps], steps)
-        distance = np.append(0.0, np.cumsum(steps_along_heading(trace[:, :2], headings(trace))))
-        traces.append(trace[::stride])
-        fell = ["fell" if step >= episode.steps else "" for step in range(steps)]
-        shown = range(0, steps, stride)
-        notes.append([f"{step * robot.control_dt:.2f} s    {distance[step]:z.2f} m    {fell[step]}" for step in shown])
-    return traces, notes, stride * robot.control_dt
+def _stride(robot: Robot, rate: float) -> int:
+    return max(1, round(1.0 / (rate * robot.control_dt)))
 
 
 def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
@@ -124,24 +116,11 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
         writer.close()
 
 
-@contextmanager
-def _drawing(robot: Robot, note: Callable[[str], None]) -> Iterator[Callable[[np.ndarray], Image.Image]]:
-    """A function from a qpos to a picture."""
-    with ExitStack() as stack:
-        try:
-            render = stack.enter_context(renderer(robot))
-        except ConfigError as error:
-            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
-            yield stick_figure(robot)
-        else:
-            yield lambda qpos: Image.fromarray(render(qpos))
-
-
-def stick_figure(robot: Robot) -> Callable[[np.ndarray], Image.Image]:
-    """A function from a qpos (7 + joints,) to a side view from the right; the camera follows, a tick is 0.1 m."""
+def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
+    """A `renderer` of a side view from the right, without OpenGL; the camera follows the robot, a tick is 0.1 m."""
     lines, scale = skeleton(robot), 146.0 / robot.standing_height  # [pixel/m]
 
-    def draw(qpos: np.ndarray) -> Image.Image:
+    def draw(qpos: np.ndarray) -> np.ndarray:
         image = Image.new("RGB", (WIDTH, HEIGHT), "white")
         pen, camera = ImageDraw.Draw(image), float(qpos[0])
         reach = WIDTH / 2 / scale
@@ -155,7 +134,7 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], Image.Image]:
             ends = [(WIDTH / 2 + (x - camera) * scale, _GROUND - z * scale) for x, _, z in line]
             pen.line(ends, fill=color, width=7)
             pen.circle(ends[1], 5, fill=color)
-        return image
+        return np.asarray(image)
 
     return draw
 

@@ -72,19 +72,14 @@ def new_figure(height: float) -> Figure:
 def panels(
     figure: Figure, rows: int, columns: int = 1, *, heights: tuple[float, ...] | None = None, **share: Any
 ) -> np.ndarray:
-    """(rows, columns) styled axes; ``share`` is sharex / sharey."""
+    """(rows, columns) axes with a frame on two sides and a faint grid; ``share`` is sharex / sharey."""
     axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **share)
     for each in axes.flat:
-        style(each)
+        each.spines[["top", "right"]].set_visible(False)
+        each.tick_params(labelsize=TEXT)
+        each.grid(True, color=FAINT, linewidth=0.6)
+        each.set_axisbelow(True)
     return axes
-
-
-def style(axes: Axes) -> None:
-    """A frame on two sides and a faint grid."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(labelsize=TEXT)
-    axes.grid(True, color=FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
 
 
 def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str | None = None) -> None:

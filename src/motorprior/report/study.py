@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,6 @@ from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
     ALL_ENVIRONMENTS,
-    COMPARED,
     OWN,
     OWN_OUT_OF_FAMILY,
     REFERENCE,
@@ -36,7 +35,7 @@ def study_sections(summary: StudyStatistics) -> list[Section]:
         "with 95 % intervals."
     )
     drawn = picture(
-        forest_plot(summary, conditions_in(summary)),
+        forest_plot(summary),
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the training simulation.",
     )
     tables = tuple(measure_table(summary, measure) for measure in MEASURES)
@@ -54,13 +53,8 @@ def conditions_in(summary: StudyStatistics) -> list[str]:
 
 
 def own_simulations(summary: StudyStatistics) -> Section:
-    """Time upright of every policy in the simulation of its training."""
+    """Time upright of every policy in the simulation of its training: a row per condition, a cell per bench."""
     text = "A policy that falls in the simulation of its training has not converged, or its motors cannot walk so fast."
-    return Section("In the simulation of the training", (text,), tables=(own_table(summary),))
-
-
-def own_table(summary: StudyStatistics) -> Table:
-    """A row per condition, a cell per bench: time upright of every policy in the simulation of its training."""
     rows = []
     for condition in conditions_in(summary):
         for env in (OWN, OWN_OUT_OF_FAMILY):
@@ -68,7 +62,8 @@ def own_table(summary: StudyStatistics) -> Table:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
                 rows.append((condition if env == OWN else f"{condition}, out-of-family motors", *cells))
     caption = "time upright of every policy in the simulation of its training [%]"
-    return Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
+    table = Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
+    return Section("In the simulation of the training", (text,), tables=(table,))
 
 
 # title, factor, format
@@ -83,7 +78,7 @@ def measure_table(summary: StudyStatistics, measure: str) -> Table:
         for (env, condition, kind), found in summary.estimates.items()
         if kind == measure
     }
-    return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean over benches [95 % interval]")
+    return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
 
 
 def _table(summary: StudyStatistics, order: Iterable[str], cells: Mapping[tuple[str, str], str], caption: str) -> Table:
@@ -111,8 +106,9 @@ def with_interval(found: Estimate, factor: float, form: str) -> str:
     return f"{factor * found.value:{form}}{ends}"
 
 
-def forest_plot(summary: StudyStatistics, conditions: Sequence[str]) -> Figure:
+def forest_plot(summary: StudyStatistics) -> Figure:
     """Time upright, a panel per environment and a row per condition, hollow in the training simulation."""
+    conditions = conditions_in(summary)
     upright = {(env, name): each for (env, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [env for env in ENVIRONMENTS if env in {env for env, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
@@ -133,8 +129,7 @@ def forest_plot(summary: StudyStatistics, conditions: Sequence[str]) -> Figure:
 
 
 def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Section:
-    """Question, result and uncertainty; the film; time upright, speed and transfer gap."""
-    conditions = conditions_in(summary)
+    """Question, result and uncertainty; the film; time upright and speed."""
     policies = max(each.shape[1] for each in summary.upright.values())
     asked = (
         f"Policies are trained in simulation on models of a robot's motors, and then walk robots that they have never "
@@ -144,13 +139,9 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
         f"95 % intervals over the robots, of at most {policies} policies per condition, all for one bench of motors. "
         "Intervals exclude variation between trainings and benches; those of the study include it (docs/transfer.md)."
     )
-    table = Table(
-        ("trained on", *(f"{env}: {name}" for env in _EXPLAINED for name in ("upright [%]", "speed [m/s]", "gap"))),
-        [(name, *(cell for env in _EXPLAINED for cell in _cells(summary, env, name))) for name in conditions],
-        "Means with 95 % intervals; gap: time upright in the training simulation minus that on held-out robots [%].",
-    )
-    drawn = picture(forest_plot(summary, conditions), "Time upright; hollow: in the training simulation.")
-    return Section("Results", (headline(summary), asked, uncertainty), (drawn, film), (table,))
+    drawn = picture(forest_plot(summary), "Time upright; hollow: in the training simulation.")
+    tables = tuple(measure_table(summary, measure) for measure in MEASURES)
+    return Section("Results", (headline(summary), asked, uncertainty), (drawn, film), tables)
 
 
 def headline(summary: StudyStatistics) -> str:
@@ -172,13 +163,6 @@ def headline(summary: StudyStatistics) -> str:
         f"{percent('adapted_prior')} on the prior adapted to {LOG_SECONDS:g} s of log of the robot; "
         f"{percent('ideal_pd')} on an ideal PD; {percent(best)} on the best baseline, the {model_label(best)}."
     )
-
-
-def _cells(summary: StudyStatistics, env: str, condition: str) -> list[str]:
-    own = OWN if env == "fleet" or (OWN_OUT_OF_FAMILY, condition) not in summary.upright else OWN_OUT_OF_FAMILY
-    speed, upright = (summary.estimates[env, condition, measure] for measure in COMPARED)
-    gap = summary.estimates[own, condition, "upright"].value - upright.value
-    return [with_interval(upright, 100.0, ".0f"), with_interval(speed, 1.0, ".2f"), f"{100.0 * gap:+.0f}"]
 
 
 def robustness(maps: Mapping[str, np.ndarray]) -> Section:

@@ -8,15 +8,7 @@ from motorprior.evaluation.errors import MAX_ERROR
 from motorprior.results import Results
 from motorprior.studies.robot_fidelity import DIVERGED
 
-MODELS = (  # actuator models, in the order of every table
-    "ideal_pd", "tuned_pd", "actuator_net", "paper", "paper_wide", "one_network", "latent_network",
-    "per_motor", "rollout", "physical",
-)  # fmt: skip
 ColumnsAndRows = tuple[list[str], list[list[str]]]
-
-
-def _order(model: str) -> int:
-    return MODELS.index(model) if model in MODELS else len(MODELS)
 
 
 def transfer_table(results: Results) -> ColumnsAndRows:
@@ -24,7 +16,7 @@ def transfer_table(results: Results) -> ColumnsAndRows:
     columns = ["trained on", "seeds", "own: speed [m/s]", "upright", "drift in 5 s [m]"]
     columns += ["twin: speed [m/s]", "upright", "drift in 5 s [m]"]
     rows = []
-    for name in sorted(results.where(quantity="speed", motors="twin").distinct("model"), key=_order):
+    for name in results.distinct("model"):
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
         for motors in ("own", "twin"):
             found = results.where(motors=motors, model=name)
@@ -55,12 +47,11 @@ def _mean_cell(means: Results) -> str:
     return f"{cell} ({low:.1f}-{high:.1f})"
 
 
-def fidelity_table(results: Results, columns: Sequence[str], motors: str = "train") -> ColumnsAndRows:
-    """Medians of those ``columns`` that were measured, hf is torque above 20 Hz; models in the usual order."""
+def fidelity_table(results: Results, columns: Sequence[str], motors: str) -> ColumnsAndRows:
+    """Medians of those ``columns`` that were measured; hf is torque above 20 Hz."""
     found = results.where(motors=motors, statistic="median")
     columns = [column for column in columns if found.where(quantity=column)]
     models = found.where(quantity=columns[0]).distinct("model") if columns else []
-    models.sort(key=_order)
     titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
     return ["model", *titles], [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
 
