@@ -14,8 +14,9 @@ from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.simulation.driven_joints import DrivenJoints
 
-HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><site name="out" pos=".1 0 0"/><body name="palm">
-<joint name="wrist" axis="0 1 0"/><site name="in" pos=".02 0 -.05"/><geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
+HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<site name="out" pos=".1 0 0"/><body name="palm"><joint name="wrist" axis="0 1 0"/>
+<site name="in" pos=".02 0 -.05"/><geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
 <body pos="0 0 -.12"><joint name="finger_l" axis="0 1 0"/>
   <geom type="capsule" fromto="0 0 0 .02 0 -.05" size=".006" mass=".02" contype="0"/></body>
 <body pos="0 0 -.12"><joint name="finger_r" axis="0 -1 0"/>
