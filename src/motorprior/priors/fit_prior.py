@@ -22,12 +22,13 @@ from motorprior.evaluation import reference
 from motorprior.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
 from motorprior.exceptions import ConfigError
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
+from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsaved
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest
 from motorprior.logs.operations import joined
-from motorprior.priors.train import Arrays, Checkpoint, identify, work_of
+from motorprior.priors.train import identify, work_of
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
@@ -103,7 +104,7 @@ def fit_recipe(
     data = training_data(log, recipe, log.source)  # an error in the log leaves an earlier prior in the folder
     fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
     if out is None:
-        return fitted(lambda name, compute: compute())
+        return fitted(unsaved)
     with locked(out), working(out, wanted):
         fitted(partial(_checkpoint, out, wanted)).save(out / PRIOR)
         for path in out.glob(CHECKPOINT.format("*")):

@@ -7,10 +7,8 @@ they save MIN_GAIN of the loss of all motors. The constants are refined on longe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +20,7 @@ from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import motor_fit, motor_problem, term_selection
+from motorprior.identification.physics.motor_fit import Checkpoint, MotorFits, unsaved
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -31,9 +30,6 @@ from motorprior.progress import ReportProgress
 WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
 SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last descents, or windows if more
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
-
-Arrays: TypeAlias = dict[str, np.ndarray]
-Checkpoint: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not saved
 
 
 @dataclass(frozen=True)
@@ -61,11 +57,11 @@ def identify(
     preset: Preset,
     seed: int,
     report: ReportProgress = lambda work, text: None,
-    checkpoint: Checkpoint = lambda name, compute: compute(),
+    checkpoint: Checkpoint = unsaved,
 ) -> TrainingResult:
     """Train a prior, deterministically. Raises `MotorPriorError` if it diverges.
 
-    ``checkpoint`` saves the selected terms and the fitted motors of grey boxes for a run that continues this one.
+    ``checkpoint`` saves searches and fitted motors of grey boxes for a run that continues this one.
     """
     assumed = None
     if preset.grey_boxes:
@@ -86,9 +82,8 @@ def _grey_boxes(
 ) -> tuple[TrainingResult, np.ndarray]:
     """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
-    chosen = Selection.of(checkpoint("terms", lambda: _selected(data, preset, seed, report).arrays()))
-    fitted = checkpoint("motors", lambda: _fitted(data, preset, runs, chosen.terms, seed, report).arrays())
-    found = motor_fit.MotorFits.of(fitted)
+    chosen = _selected(data, preset, seed, report, checkpoint)
+    found = _fitted(data, preset, runs, chosen.terms, seed, report, checkpoint)
     preset = replace(preset, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
     model = motor_problem.grey_box(found.center, found.terms, preset)
@@ -105,7 +100,9 @@ def _grey_boxes(
     return TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
 
 
-def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgress) -> Selection:
+def _selected(
+    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, checkpoint: Checkpoint
+) -> Selection:
     if not preset.tries_terms:
         report(WORK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
@@ -113,21 +110,30 @@ def _selected(data: TrainingData, preset: Preset, seed: int, report: ReportProgr
     motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
     left = [WORK] * len(TERMS)  # the number of later rounds is unknown
-    chosen = select_terms(WindowRuns(part, preset, some), seed, lambda text: report(left.pop() if left else 0, text))
+    runs = WindowRuns(part, preset, some)
+    chosen = select_terms(runs, seed, lambda text: report(left.pop() if left else 0, text), checkpoint)
     report(sum(left), "terms selected")
     return chosen
 
 
 def _fitted(
-    data: TrainingData, preset: Preset, runs: WindowRuns, terms: tuple[str, ...], seed: int, report: ReportProgress
-) -> motor_fit.MotorFits:
+    data: TrainingData,
+    preset: Preset,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    seed: int,
+    report: ReportProgress,
+    checkpoint: Checkpoint,
+) -> MotorFits:
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
     part = runs if some is data else WindowRuns(some, preset)
     fit = partial(motor_fit.fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=part)
-    found = fit(preset.logged_terms, report=lambda: report(WORK, "constants"))
+    plain = partial(fit, preset.logged_terms, report=lambda: report(WORK, "constants"))
+    found = MotorFits.of(checkpoint("motors", lambda: plain().arrays()))
     if set(terms) - set(preset.logged_terms):
-        more = fit(terms, report=lambda: report(0, f"with {', '.join(terms)}"), nested=found)
+        longer = partial(fit, terms, report=lambda: report(0, f"with {', '.join(terms)}"), nested=found)
+        more = MotorFits.of(checkpoint("motors_with_terms", lambda: longer().arrays()))
         found = more if more.loss.mean() <= (1.0 - MIN_GAIN) * found.loss.mean() else found
     if not found.loss.max() < 1e6:
         raise MotorPriorError(

@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -50,6 +50,8 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, Steps
 from motorprior.identification.windows import TrainingData
 
+Arrays: TypeAlias = dict[str, np.ndarray]
+Checkpoint: TypeAlias = Callable[[str, Callable[[], Arrays]], Arrays]  # (name, compute): computes what is not saved
 RIGID_STARTS, RIGID_CANDIDATES, RIGID_RADIUS = 2, 256, 1.5
 RESTARTS, CANDIDATES = 48, 256  # maximum number of restarts, and candidates of each
 LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
@@ -81,15 +83,20 @@ class MotorFits:
     terms: tuple[str, ...]
     is_rigid: bool = False
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> Arrays:
         """For a file."""
         has = np.array([name in self.terms for name in TERMS], np.float64)
         return {"center": self.center, "offsets": self.offsets, "loss": self.loss, "has": has}
 
     @classmethod
-    def of(cls, arrays: dict[str, np.ndarray]) -> MotorFits:
+    def of(cls, arrays: Arrays) -> MotorFits:
         """From `arrays`."""
         return cls(arrays["center"], arrays["offsets"], arrays["loss"], tuple(compress(TERMS, arrays["has"])))
+
+
+def unsaved(name: str, compute: Callable[[], Arrays]) -> Arrays:
+    """A `Checkpoint` that saves nothing."""
+    return compute()
 
 
 def fit_motors(

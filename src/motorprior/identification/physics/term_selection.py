@@ -19,14 +19,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import compress
+from itertools import count
 from typing import Any, cast
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.motor_fit import STEPS, MotorFits, fit_motors, fit_rigid_motors
+from motorprior.identification.physics.motor_fit import (
+    STEPS,
+    Checkpoint,
+    MotorFits,
+    fit_motors,
+    fit_rigid_motors,
+    unsaved,
+)
 from motorprior.identification.physics.motor_problem import (
     centred,
     fixed_constants,
@@ -63,18 +70,6 @@ class Selection:
     terms: tuple[str, ...]
     saved: dict[str, float]
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """For a file: a number per term of TERMS."""
-        has, tried = (np.array([name in names for name in TERMS], np.float64) for names in (self.terms, self.saved))
-        return {"has": has, "tried": tried, "saved": np.array([self.saved.get(name, 0.0) for name in TERMS])}
-
-    @classmethod
-    def of(cls, arrays: dict[str, np.ndarray]) -> Selection:
-        """From `arrays`."""
-        saved = dict(zip(TERMS, arrays["saved"].tolist(), strict=True))
-        has, tried = (tuple(compress(TERMS, arrays[key])) for key in ("has", "tried"))
-        return cls(has, {name: saved[name] for name in tried})
-
 
 @dataclass(frozen=True)
 class _State:
@@ -87,10 +82,13 @@ class _State:
     parts: np.ndarray  # (m, s) held-out loss by part
 
 
-def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None) -> Selection:
+def select_terms(
+    runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None, checkpoint: Checkpoint = unsaved
+) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every candidate in the first round, then for every selected or removed term.
+    ``report`` is called for every candidate in the first round, then for every selected or removed term. ``checkpoint``
+    saves every search.
     """
     motors = runs.num_motors
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
@@ -98,7 +96,7 @@ def select_terms(runs: WindowRuns, seed: int, report: Callable[[str], None] = la
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
-    fits = _TermEvaluation(runs, parts, seed)
+    fits = _TermEvaluation(runs, parts, seed, checkpoint)
     rigid = fits.rigid(given)
     best, saved = fits.with_all_constants(rigid), {}
     groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
@@ -172,22 +170,31 @@ def _logarithm(loss: np.ndarray) -> np.ndarray:
 class _TermEvaluation:
     """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
-    def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int):
+    def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int, checkpoint: Checkpoint):
         self._runs, self._parts, self._seed = runs, parts, seed
+        self._checkpoint, self._searches = checkpoint, count()
         self._train, self._test = parts % 2 == 0, parts % 2 == 1
         self._trained = runs.chosen(self._train)
 
     def rigid(self, terms: tuple[str, ...]) -> _State:
         """The simplest motors, with a rigid gear."""
-        found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)  # they would hide a limit of speed
-        return self._state(terms, found.center + found.offsets)
+
+        def raw() -> np.ndarray:
+            found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)  # they would hide a limit of speed
+            return found.center + found.offsets
+
+        return self._state(terms, raw)
 
     def with_all_constants(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
         center, terms = rigid.raw.mean(axis=0), rigid.terms
         nested = MotorFits(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
-        found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
-        return self._state(terms, found.center + found.offsets)
+
+        def raw() -> np.ndarray:
+            found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
+            return found.center + found.offsets
+
+        return self._state(terms, raw)
 
     def simplest_with(self, rigid: _State, added: tuple[str, ...]) -> _State:
         """The simplest motors with more terms."""
@@ -234,13 +241,19 @@ class _TermEvaluation:
 
         x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
         prior = separate_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
-        found = search.at(x, prior)
-        if added:
-            found = search.at(search.best_of(draw(0, found), prior), prior)
-        found = search.until_found_again(search.descend(found.x, prior, steps), prior, draw, restarts, steps)
-        return self._state(terms, center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH)))
 
-    def _state(self, terms: tuple[str, ...], raw: np.ndarray) -> _State:
+        def fitted() -> np.ndarray:
+            found = search.at(x, prior)
+            if added:
+                found = search.at(search.best_of(draw(0, found), prior), prior)
+            found = search.until_found_again(search.descend(found.x, prior, steps), prior, draw, restarts, steps)
+            return center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH))
+
+        return self._state(terms, fitted)
+
+    def _state(self, terms: tuple[str, ...], fitted: Callable[[], np.ndarray]) -> _State:
+        """The fit with decoder outputs ``fitted``, which an interrupted run may have saved."""
+        raw = self._checkpoint(f"search_{next(self._searches)}", lambda: {"raw": fitted()})["raw"]
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
         losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(raw - center)
         held_out, groups = losses[:, self._test], self._parts[self._test]
