@@ -50,6 +50,12 @@ class Settings:
     arms: int = 20  # simulated arms of `simulated_arms`, whose figures are written, too
 
 
+def record(settings: Settings, preset: str) -> None:
+    """The bench log of one preset; recorded if it does not exist."""
+    folder = settings.out / "bench" / preset
+    run_bench(Bench(folder, settings.fleet, preset, settings.motors, settings.steps, settings.seed), PROGRESS)
+
+
 def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: bool = True) -> Path:
     """The prior of one preset; trained if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
@@ -64,8 +70,7 @@ def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: 
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
     for preset in ("rollout", "paper"):
-        folder = settings.out / "bench" / preset
-        run_bench(Bench(folder, settings.fleet, preset, settings.motors, settings.steps, settings.seed), PROGRESS)
+        record(settings, preset)
     priors = tuple(identify(settings, preset, preset) for preset in PRESETS)
     results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
     position_only = identify(settings, "rollout", "position_only", torque=False)

@@ -1,4 +1,4 @@
-"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. Tables of docs/training.md.
+"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. See docs/training.md.
 
     python benchmarks/walking.py --out runs/walking
 
@@ -24,14 +24,13 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from figures import markdown
+from figures import report
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import record_bench
 from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import make_executor
-from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.executor import ThreadExecutor
+from motorprior.locomotion.policy import PolicyArrays
 from motorprior.priors.fit_prior import PRIOR, fit_prior
 from motorprior.progress import Lines
 from motorprior.results import Result, Results
@@ -39,9 +38,10 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.training import POLICY, train_policy
-from motorprior.studies.compare import EVALUATION_SEED
+from motorprior.simulation.scene import Episode, Scene, WalkConfig
+from motorprior.simulation.training import train_policy
+from motorprior.stage import FIGURES, RESULTS
+from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import (
     WARM_UP,
@@ -81,14 +81,6 @@ class Settings:
     workers: int = 2  # threads
 
 
-def prior_of(settings: Settings) -> Path:
-    """Prior identified from the virtual bench."""
-    bench, folder = settings.out / "bench", settings.out / "prior"
-    log = record_bench(settings.robot, settings.fleet, out=bench, progress=PROGRESS)
-    fit_prior(log, out=folder, progress=PROGRESS)
-    return folder / PRIOR
-
-
 @dataclass(frozen=True)
 class Environments:
     """The three environments in which policies are evaluated (PLACES)."""
@@ -96,28 +88,23 @@ class Environments:
     settings: Settings
     robot: Robot
     fleet: Fleet
-    prior: Path
+    prior: MotorPrior
 
     @property
     def steps(self) -> int:
         """Control steps of a walk."""
         return round(self.settings.seconds / self.robot.control_dt)
 
-    def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
-        """Simulator of one environment."""
-        if place == "sampled":
-            motors = simulated_motors(MotorPrior.load(self.prior), self.robot)
-            return WalkSimulator(Scene(self.robot, motors.draw, walk, motors.physics_dt))
-        walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
-        return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
-
     def episodes(self, place: str, policy: PolicyArrays, commands: Commands) -> list[Episode]:
         """One episode per sample, with the same commands."""
         walk = WalkConfig(self.steps, commands=commands)
-        executor = make_executor(partial(self.simulator, place, walk), self.settings.workers)
-        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(self.settings.draws)])
-        executor.close()
-        return episodes
+        if place == "sampled":
+            motors = simulated_motors(self.prior, self.robot)
+            scene = Scene(self.robot, motors.draw, walk, motors.physics_dt)
+        else:
+            scene = twin_scene(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
+        executor = partial(ThreadExecutor, workers=self.settings.workers)
+        return run_walks(scene, policy, range(self.settings.draws), executor=executor)
 
     def turns(self, place: str, policy: PolicyArrays, seed: int) -> list[Result]:
         """How a policy follows COMMANDS."""
@@ -193,30 +180,20 @@ def means(walks: Results, speed: str) -> list[Result]:
     return rows
 
 
-def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
-    return simulator.run(policy, seed, trace=True)
-
-
-def trained(settings: Settings, prior: Path, seed: int) -> Path:
-    """The policy of a seed; trained if the file does not exist."""
-    folder = settings.out / f"seed_{seed}"
-    train_policy(
-        settings.robot, f"prior:{prior}", out=folder, iterations=settings.iterations, seed=seed,
-        workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
-    )  # fmt: skip
-    return folder / POLICY
-
-
 def measure(settings: Settings) -> Results:
     """All results."""
-    robot = load_robot(settings.robot)
-    prior = prior_of(settings)
+    robot, folder = load_robot(settings.robot), settings.out / "prior"
+    log = record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
+    prior = fit_prior(log, out=folder, progress=PROGRESS)
     environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
     found, gait = [], zero_policy(robot.num_joints)
     for place in PLACES:
         found += [replace(row, motors=UNTRAINED + place, seed=0) for row in environments.evaluate(place, gait)]
     for seed in range(settings.seeds):
-        policy = Policy.load(trained(settings, prior, seed)).arrays
+        policy = train_policy(
+            settings.robot, f"prior:{folder / PRIOR}", out=settings.out / f"seed_{seed}", seed=seed,
+            iterations=settings.iterations, workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
+        ).arrays  # fmt: skip
         for place in PLACES:
             found += [replace(row, seed=seed) for row in environments.evaluate(place, policy)]
             found += environments.turns(place, policy, seed)
@@ -235,38 +212,12 @@ def figures_of(results: Results) -> dict[str, float]:
     return figures
 
 
-def tables(results: Results) -> str:
-    """Markdown tables of the policies, of the untrained gait and of turns."""
-    walked = Results.of(row for row in results if not row.quantity.startswith(TURNS))
-    turns = Results.of(row for row in results if row.quantity.startswith(TURNS))
-    untrained = tuple(UNTRAINED + place for place in PLACES)
-    return "\n\n".join([table(walked, PLACES), table(walked, untrained), table(turns, PLACES)])
-
-
-def table(results: Results, places: tuple[str, ...]) -> str:
-    """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
-    walked = results.where(motors=places)
-    columns = [(place, speed) for place in places for speed in walked.distinct("part")]
-    head, rows = ["measure"], []
-    head += [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
-    for quantity in walked.distinct("quantity"):
-        cells = []
-        for place, speed in columns:
-            values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
-            cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})" if values else "")
-        unit = walked.where(quantity=quantity).rows[0].unit
-        rows.append([f"{quantity}{'' if unit == '1' else f' [{unit}]'}", *cells])
-    return markdown(head, rows)
-
-
 def main() -> None:
-    """Measure; write results.json, figures.json and tables.md; print the tables."""
+    """Measure; write results.json and figures.json; print the figures."""
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
-    results.save(settings.out / "results.json")
-    write_json(settings.out / "figures.json", figures_of(results))
-    write_text(settings.out / "tables.md", tables(results) + "\n")
-    print(tables(results))
+    results.save(settings.out / RESULTS)
+    report(figures_of(results), settings.out / FIGURES)
 
 
 if __name__ == "__main__":
