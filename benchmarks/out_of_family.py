@@ -49,8 +49,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
     folder, seed = settings.out / family, settings.seed
     own = fidelity.Settings(folder, family, settings.motors, settings.steps, settings.adam_steps, seed)
-    fidelity.record(own, "rollout")
-    priors = tuple(fidelity.identify(own, preset, preset) for preset in PRESETS)
+    priors = tuple(fidelity.identify(own, preset) for preset in PRESETS)
     validate = Validate(priors, folder / "validate", seed, adapt_seconds=(ADAPTED_SECONDS,))
     results = run_validate(validate, fidelity.PROGRESS)
     bench = read_bench(folder / "bench" / "rollout")[1]

@@ -185,33 +185,27 @@ def go2(settings: Settings) -> Iterator[Test]:
 
 
 def _motors_out(settings: Settings, robot: Robot, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
-    """The motors of one leg left out, tested on one of the logs."""
-    test = paths[fold % len(paths)]
-    folder = settings.out / robot.name / MOTORS_OUT / str(fold)
+    """The motors of one leg, tested on the rest of a log; models fitted to the other legs, or to the log's start."""
+    test, folder = paths[fold % len(paths)], settings.out / robot.name / MOTORS_OUT / str(fold)
     wanted = description("validate", _fold_settings(settings), [*paths, test, *robot.files])
 
     def compute() -> Figures:
         train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
-        return leave_motors_out(settings, train, read_parquet(test), group, folder)
+        others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
+        own = read_parquet(test).with_joints(group)
+        first, _ = start_and_rest(own)
+        alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
+        prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
+        per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
+        models: dict[str, MotorModel] = {
+            "per_motor": per_motor.model.motors(per_motor.mean),
+            "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
+        }
+        found = tested(prior, own, models)
+        del found["whole"]  # per_motor was fitted to the start
+        return found
 
     return measured(folder, wanted, compute)
-
-
-def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
-    """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
-    others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
-    own = log.with_joints(group)
-    first, _ = start_and_rest(own)
-    alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
-    prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
-    per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
-    models: dict[str, MotorModel] = {
-        "per_motor": per_motor.model.motors(per_motor.mean),
-        "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
-    }
-    found = tested(prior, own, models)
-    del found["whole"]  # per_motor was fitted to the start
-    return found
 
 
 def so101(settings: Settings) -> Iterator[Test]:
