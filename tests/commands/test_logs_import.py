@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from findings import of_check
+from motor_logs import joints_of, log_of
 from swinging_bars import INERTIA, swing, write_table
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
@@ -50,11 +51,7 @@ def write_swing(folder: Path) -> tuple[Path, str]:
 
 
 def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
-    angle = np.tile(ANGLE[:, :1], (1, PUPPER.num_joints))
-    return MotorLog(
-        time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER.joint_names, robot=PUPPER.name,
-        motor=PUPPER.motor, source="a test", posture=posture,
-    )  # fmt: skip
+    return log_of(TIME, np.tile(ANGLE[:, :1], (1, PUPPER.num_joints)), posture=posture, **joints_of(PUPPER))
 
 
 @pytest.mark.parametrize("write", [write_pt, write_csv])

@@ -7,6 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.identify import Identify, run_identify
@@ -21,10 +22,9 @@ from motorprior.progress import SILENT, Lines
 def log(seed: int) -> MotorLog:
     time = 0.01 * np.arange(200)
     angle = np.sin(9.0 * time + seed)[:, None]
-    return MotorLog(
-        time=time, position_target=angle + 0.01 * seed, joint_pos=angle, joint_vel=0.9 * angle, joint_torque=angle**2,
-        joint_names=("j",), robot="r", motor="m", source=f"log {seed}", load_inertia=0.0 * angle + 0.01,
-        external_torque=0.0 * angle,
+    return log_of(
+        time, angle + 0.01 * seed, angle, joint_vel=0.9 * angle, joint_torque=angle**2, source=f"log {seed}",
+        load_inertia=0.0 * angle + 0.01, external_torque=0.0 * angle,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from motor_logs import log_of
 
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import PhysicalMotors
@@ -40,11 +41,8 @@ def swing(seconds: float) -> Bars:
     angle = _angles(motors, target)
     seen = angle + 3e-4 * rng.standard_normal(angle.shape)
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
-    log = MotorLog(
-        time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
-        source="bars", logged_kp=kp, logged_kd=kd,
-    )  # fmt: skip
-    return Bars(log, motors)
+    known = {"joint_names": ("left", "right"), "robot": "bars", "motor": "any", "logged_kp": kp, "logged_kd": kd}
+    return Bars(log_of(time, target, seen, **known), motors)
 
 
 def _angles(motors: PhysicalMotors, target: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from motor_logs import log_of
 
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
@@ -41,10 +42,7 @@ def slow_motion(robot: str) -> MotorLog:
     time = 0.01 * np.arange(2000)
     rate, phase = 2.0 * np.pi * np.array([0.05, 0.07]), np.array([0.0, 1.0])
     angle, speed = 0.7 * np.sin(rate * time[:, None] + phase), 0.7 * rate * np.cos(rate * time[:, None] + phase)
-    log = MotorLog(
-        time=time, position_target=angle, joint_pos=angle.copy(), joint_names=JOINTS, robot="arm", motor="servo",
-        source="weighed arm",
-    )  # fmt: skip
+    log = log_of(time, angle, angle.copy(), joint_names=JOINTS, robot="arm", motor="servo")
     gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
     log.position_target[:] = angle - gravity(angle) / KP + FRICTION * np.sign(speed) + LAG * speed

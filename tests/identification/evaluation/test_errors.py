@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from swinging_load import swinging_load
+from motor_logs import log_of, swinging_load
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
@@ -102,10 +102,7 @@ def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str,
 
 def a_log(moving: list[bool]) -> MotorLog:
     target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
-    return MotorLog(
-        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=("hip", "knee"), robot="r",
-        motor="m", source="log",
-    )  # fmt: skip
+    return log_of(0.01 * np.arange(50), target, joint_names=("hip", "knee"))
 
 
 def test_joints_that_are_not_excited_do_not_count():

@@ -1,0 +1,29 @@
+"""Motor logs in memory."""
+
+from typing import Any
+
+import numpy as np
+
+from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import Robot
+
+
+def log_of(time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, **fields: Any) -> MotorLog:
+    """Joints a, b, … with (N,) or (N, J) targets and angles, which are the targets if not given; or other fields."""
+    columns = [np.reshape(each, (len(time), -1)) for each in (target, target if pos is None else pos)]
+    names = tuple("abcdef"[: columns[0].shape[1]])
+    known = {"joint_names": names, "robot": "r", "motor": "m", "source": "made"}
+    return MotorLog(**(known | {"time": time, "position_target": columns[0], "joint_pos": columns[1]} | fields))
+
+
+def joints_of(robot: Robot) -> dict[str, Any]:
+    """Fields of a log of this robot."""
+    return {"joint_names": robot.joint_names, "robot": robot.name, "motor": robot.motor}
+
+
+def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
+    """A joint that swings a known load: a sine at 500 Hz, its target 10 mrad ahead, and what the log states besides."""
+    time = 0.002 * np.arange(rows)
+    angle = np.sin(9.0 * time)[:, None]
+    load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
+    return log_of(time, angle + 0.01, angle, **load, **stated)
