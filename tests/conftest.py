@@ -22,20 +22,11 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")  
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from grey_boxes import make_grey_box  # noqa: E402
 
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
-from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox  # noqa: E402
-from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
 
-SMALL_SERVO = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
-    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
-    "backlash": 0.015, "gear_damping": 0.03,
-}  # fmt: skip
-"""A small geared servo, in SI units."""
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST_FIRST = (
@@ -72,20 +63,8 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def grey_box() -> Callable[..., GreyBox]:
-    """`grey_box(spread=…, coulomb=…)`: deviation of logarithms per latent, constants of the central motor [SI]."""
-
-    def make(
-        spread: float = 0.2, latents: int = 3, seed: int = 0, terms: tuple[str, ...] = (), **constants: float
-    ) -> GreyBox:
-        rng = np.random.default_rng(seed)
-        values, names = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants, parameters_of(terms)
-        center = np.array([
-            values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0)))
-            for name in names
-        ])  # fmt: skip
-        return GreyBox(GearedMotor(center, spread * rng.standard_normal((latents, len(names))), terms), 0.002)
-
-    return make
+    """See `make_grey_box`."""
+    return make_grey_box
 
 
 @pytest.fixture(scope="session")

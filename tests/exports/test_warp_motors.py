@@ -7,32 +7,23 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from grey_boxes import make_grey_box
 
 wp = pytest.importorskip("warp", reason="needs the extra newton or mjlab")
 
 import exports as bench  # noqa: E402
 from motorprior.actuator import kernels  # noqa: E402
-from motorprior.actuator.geared_motor import GearedMotor  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
+from motorprior.actuator.grey_box import GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
-from motorprior.actuator.optional_terms import INITIAL, SIGNED, TERMS  # noqa: E402
+from motorprior.actuator.optional_terms import TERMS  # noqa: E402
 from motorprior.exceptions import ConfigError  # noqa: E402
 from motorprior.exports.exporter import sampled  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
 
-CENTRAL = INITIAL | {
-    "kp": 9.0, "kd_over_kp": 0.09, "velocity_filter": 0.005, "delay": 0.006, "torque_limit": 1.5, "armature": 0.003,
-    "coulomb": 0.1, "stribeck_torque": 0.02, "viscous_damping": 0.005, "load_friction": 0.2, "gear_stiffness": 80.0,
-    "backlash": 0.01, "gear_damping": 0.02,
-}  # fmt: skip
-
 
 def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
-    names = parameters_of(terms)
-    center = np.array([0.0 if name in SIGNED else np.log(CENTRAL[name]) for name in names])
-    model = GreyBox(GearedMotor(center, 0.15 * np.eye(len(names)), terms), bench.DT)
-    zeros = np.zeros((2, len(names)))
+    model, zeros = make_grey_box(spread=0.09, terms=terms), np.zeros((2, 3))
     return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
 
 
