@@ -15,6 +15,7 @@ from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -163,3 +164,17 @@ def test_a_step_that_the_model_cannot_run_at_is_refused_with_one_that_it_can(mod
         model(2).arrays(dt)
     assert error.value.remedy is not None and remedy in error.value.remedy
     model(2).arrays(float(remedy.split()[0]))
+
+
+@pytest.mark.parametrize("name", ["pupper_v2", "mixed", "foreign_direct", "foreign_servo"])
+def test_motors_that_are_switched_off_only_take_energy(name):
+    """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
+    motors, dt, rng = load_fleet(name).sample(16, 0), 1e-4, np.random.default_rng(1)
+    driven = {"kp", "kd", "ki", "cogging"} & {field.name for field in fields(motors)}
+    motors, load = replace(motors, **dict.fromkeys(driven, np.zeros(16))), np.geomspace(1e-3, 2e-2, 16)
+    external = np.repeat(rng.uniform(-0.6, 0.6, (20, 16)), 400, axis=0)
+    answer = run(motors.actuator(), Trial(np.zeros_like(external), external, load, dt))
+    work = np.cumsum(external[:-1] * np.diff(answer.joint_pos, axis=0), axis=0)
+    kinetic = 0.5 * load * answer.joint_vel[1:] ** 2
+    assert np.all(work - kinetic >= -1e-4 * kinetic.max())
+    assert kinetic.max() > 0.01

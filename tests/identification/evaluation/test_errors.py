@@ -10,6 +10,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
+from motorprior.evaluation.bench_truth import bench_errors
 from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
@@ -64,6 +65,8 @@ def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log
     found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
     rows = error_results(LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e")
     assert error_table(rows, {"e": "all"})[1] == [["unstable", "diverged", "diverged", "diverged (motor_000)"]]
+    bench = bench_errors(load_fleet("mixed").sample(MOTORS, 4), {"unstable": lambda _: unstable}, 0)["impacts"]
+    assert np.all(bench["unstable"] == MAX_ERROR) and np.all(bench["physical"] < 0.1)
 
 
 def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
