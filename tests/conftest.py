@@ -29,6 +29,7 @@ from motorprior.actuator.grey_box import GreyBox  # noqa: E402
 
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
+SHARED = ("go2", "so101", "xl330", "pupper_v2", "robots")
 LONGEST_FIRST = (
     "commands/test_demo.py", "cli/test_adapt.py",
     "identification/test_train.py", "cli/test_documented_commands.py", "identification/test_recovery.py",
@@ -54,10 +55,10 @@ def _place(item: pytest.Item) -> int:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real motor logs, from MOTORPRIOR_SHARED or `shared/data` beside the checkout; without it, skip."""
+    """Folder of real motor logs and models, from MOTORPRIOR_SHARED or `shared/data` beside the checkout, or skip."""
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
-    if not folder.is_dir():
-        pytest.skip("no real motor logs: MOTORPRIOR_SHARED names their folder, or shared/data beside the checkout")
+    if missing := [name for name in SHARED if not (folder / name).is_dir()]:
+        pytest.skip(f"no real motor logs: {folder} has no {', '.join(missing)}; MOTORPRIOR_SHARED names their folder")
     return folder
 
 

@@ -1,7 +1,6 @@
 """Small logs made from a seed, and the real ones."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,12 +72,3 @@ def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
         base_orientation=rng.normal(size=(200, 2)),
         posture=np.repeat([0, 3, 1], [80, 20, 100]),
     )
-
-
-@pytest.fixture(scope="session")
-def pupper_folder(shared_data: Path) -> Path:
-    """The published recordings of a real Pupper v2."""
-    folder = shared_data / "pupper_v2"
-    if not folder.is_dir():
-        pytest.skip(f"no Pupper logs in {shared_data}")
-    return folder

@@ -23,9 +23,9 @@ kd = 0.5
 torque_limit = 5.0
 """
 MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<joint name="shoulder" axis="0 1 0" range="-2 2" limited="true"/>
+<joint name="shoulder" axis="0 1 0" range="-120 120"/>
 <body pos="0.2 0 0"><inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
-<joint name="elbow" axis="0 1 0" range="-2 2" limited="true"/>
+<joint name="elbow" axis="0 1 0" range="-120 120"/>
 </body></body></worldbody></mujoco>"""
 MAP = 'robot = "arm"\nmotor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
 
