@@ -13,7 +13,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
-from swinging_bars import swing, write_table
+from swinging_bars import bars_table, swing
 
 from motorprior.cli.main import RUN, parse
 from motorprior.commands import demo
@@ -93,7 +93,7 @@ def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
         shutil.copy(path, robots / "xl330")
     shutil.copytree(shared_data / "so101" / "original", robots / "so101" / "original")
     shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", robots / "so101")
-    write_table(swing(4.0), robots)
+    bars_table(swing(4.0), robots)
     with patch.object(demo, "record_benches", side_effect=Begun):
         yield robots
 

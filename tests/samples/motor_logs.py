@@ -1,11 +1,15 @@
-"""Motor logs in memory."""
+"""Motor logs in memory, and tables of them."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
+
+TABLE_MAP = 'motor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "pos_{joint}"\n'
+"""Of the tables of `write_table`, without joints."""
 
 
 def log_of(time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, **fields: Any) -> MotorLog:
@@ -27,3 +31,11 @@ def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
     angle = np.sin(9.0 * time)[:, None]
     load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
     return log_of(time, angle + 0.01, angle, **load, **stated)
+
+
+def write_table(log: MotorLog, path: Path, second: float = 1.0, radian: float = 1.0) -> Path:
+    """A CSV of time, targets and angles, with these numbers for a second and a radian."""
+    names = [f"{what}_{joint}" for what in ("goal", "pos") for joint in log.joint_names]
+    rows = np.column_stack([second * log.time, radian * log.position_target, radian * log.joint_pos])
+    np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    return path

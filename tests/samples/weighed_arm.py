@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from motor_logs import log_of
+from motor_logs import TABLE_MAP, log_of, write_table
 
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
@@ -27,7 +27,6 @@ MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="
 <body pos="0.2 0 0"><inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
 <joint name="elbow" axis="0 1 0" range="-120 120"/>
 </body></body></worldbody></mujoco>"""
-MAP = 'robot = "arm"\nmotor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
 
 
 def write_arm(folder: Path) -> str:
@@ -49,12 +48,9 @@ def slow_motion(robot: str) -> MotorLog:
     return log
 
 
-def write_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
+def arm_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
     """A table in rad, and its column map, in which the sign of a joint may be turned."""
-    table, columns = folder / "arm.csv", folder / "columns.toml"
-    names = [f"{what}_{joint}" for what in ("goal", "angle") for joint in JOINTS]
-    rows = np.column_stack([log.time, log.position_target, log.joint_pos])
-    np.savetxt(table, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    columns = folder / "columns.toml"
     signs = "".join(f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS)
-    columns.write_text(MAP + signs, "utf-8")
-    return table, str(columns)
+    columns.write_text(f'robot = "arm"\n{TABLE_MAP}{signs}', "utf-8")
+    return write_table(log, folder / "arm.csv"), str(columns)
