@@ -19,7 +19,6 @@ from motorprior.cli.main import RUN, parse
 from motorprior.commands import demo
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.column_map import load_column_map
-from motorprior.logs.readers.ros_bag import CLOCK
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
@@ -157,11 +156,6 @@ def test_the_description_on_the_page_is_that_of_the_example():
 
 def test_the_column_maps_on_the_page_are_understood(tmp_path: Path):
     path = tmp_path / "columns.toml"
-    path.write_text(blocks("your-motors.md", "toml")[0], "utf-8")
-    known = load_column_map(path)
-    assert [joint.name for joint in known.joints] == ["shoulder_pan", "shoulder_lift"]
-    assert known.gain_unit == "firmware" and {joint.kp for joint in known.joints} == {16.0}
-    assert known.firmware == {"profile_acceleration": 39} and known.posture == "fixed"
-    path.write_text(blocks("your-motors.md", "toml")[2], "utf-8")
-    bag = load_column_map(path)
-    assert bag.columns_of("joint_pos", bag.joints) == ["/lowstate:motor_state[0].q"] and bag.time == CLOCK
+    for index in (0, 2):  # of a table and of a bag
+        path.write_text(blocks("your-motors.md", "toml")[index], "utf-8")
+        assert load_column_map(path).joints

@@ -12,7 +12,7 @@ TABLE_MAP = 'motor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoin
 """Of the tables of `write_table`, without joints."""
 
 
-def log_of(time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, **fields: Any) -> MotorLog:
+def log_of(time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, /, **fields: Any) -> MotorLog:
     """Joints a, b, … with (N,) or (N, J) targets and angles, which are the targets if not given; or other fields."""
     columns = [np.reshape(each, (len(time), -1)) for each in (target, target if pos is None else pos)]
     names = tuple("abcdef"[: columns[0].shape[1]])
