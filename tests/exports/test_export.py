@@ -59,29 +59,26 @@ def arm(tmp_path: Path) -> Iterator[Path]:
         yield path
 
 
+ON_WRIST = {"model": "arm.xml", "joints": ("wrist",)}
+
+
 @pytest.mark.parametrize(
-    ("format", "options", "value"),
-    [("urdf", {}, "urdf"), ("mjcf", {}, "mjcf"), ("mjcf", {"model": "arm.xml", "joints": ("knee",)}, "knee")],
+    ("format", "options", "before_end", "value"),
+    [
+        ("urdf", {}, "", "urdf"),
+        ("mjcf", {}, "", "mjcf"),
+        ("mjcf", ON_WRIST | {"joints": ("knee",)}, "", "knee"),
+        ("mjcf", ON_WRIST, '<actuator><velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
+        ("mjcf-detailed", ON_WRIST, '<keyframe><key qpos="0 0 0"/></keyframe>', "keyframes"),
+    ],
 )
-def test_a_bad_request_is_refused(prior: MotorPrior, arm: Path, format: str, options: dict, value: str):
+def test_a_bad_request_or_a_model_that_would_be_driven_wrongly_is_refused(
+    prior: MotorPrior, arm: Path, format: str, options: dict, before_end: str, value: str
+):
+    arm.write_text(MODEL.replace("</mujoco>", f"{before_end}</mujoco>"))
     with pytest.raises(ConfigError, match=value) as refused:
         mp.export(prior, format, arm.parent / "out", **options)
     assert refused.value.remedy
-
-
-@pytest.mark.parametrize(
-    ("format", "before", "after", "value"),
-    [
-        ("mjcf", "</actuator>", '<velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
-        ("mjcf-detailed", "</actuator>", '</actuator><keyframe><key qpos="0 0 0"/></keyframe>', "keyframes"),
-    ],
-)
-def test_a_model_that_would_be_driven_wrongly_is_refused(
-    prior: MotorPrior, arm: Path, format: str, before: str, after: str, value: str
-):
-    arm.write_text(MODEL.replace(before, after))
-    with pytest.raises(ConfigError, match=value):
-        mp.export(prior, format, arm.parent / "out", model=arm, joints=("wrist",))
 
 
 def test_defaults_of_the_model_do_not_change_the_servo_and_its_range_of_commands_stays(prior: MotorPrior, arm: Path):

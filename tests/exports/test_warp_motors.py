@@ -13,7 +13,6 @@ wp = pytest.importorskip("warp", reason="needs the extra newton or mjlab")
 
 import exports as bench  # noqa: E402
 from motorprior.actuator import kernels  # noqa: E402
-from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
 from motorprior.actuator.optional_terms import TERMS  # noqa: E402
@@ -22,13 +21,13 @@ from motorprior.exports.exporter import sampled  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
 
 
-def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
-    model, zeros = make_grey_box(spread=0.09, terms=terms), np.zeros((2, 3))
+def prior_of(terms: tuple[str, ...] = (), **constants: float) -> MotorPrior:
+    model, zeros = make_grey_box(spread=0.09, terms=terms, **constants), np.zeros((2, 3))
     return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
 
 
-def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
-    motors = prior_of(terms).sample(count, seed=1)
+def motors_of_prior(count: int, terms: tuple[str, ...] = (), **constants: float) -> GreyBoxActuator:
+    motors = prior_of(terms, **constants).sample(count, seed=1)
     assert isinstance(motors, GreyBoxActuator)
     return motors
 
@@ -135,22 +134,14 @@ def test_a_partial_reset_restarts_the_masked_motors_only():
     np.testing.assert_array_equal(motors.table.numpy(), other.table.numpy())
 
 
-def with_constant(motors, name, value):
-    center = motors.model.motor.center.copy()
-    center[parameters_of(()).index(name)] = np.log(value)
-    return replace(motors, model=replace(motors.model, motor=replace(motors.model.motor, center=center)))
-
-
 def test_a_step_that_cannot_resolve_the_gear_is_refused():
     with pytest.raises(ConfigError, match="gear") as refused:
-        WarpMotors(
-            with_constant(with_constant(motors_of_prior(1), "gear_stiffness", 5000.0), "kp", 100.0), 1, bench.DT, "cpu"
-        )
+        WarpMotors(motors_of_prior(1, gear_stiffness=5000.0, kp=100.0), 1, bench.DT, "cpu")
     assert "use a step of" in str(refused.value.remedy)
 
 
 def test_a_gear_that_is_softened_for_the_step_moves_as_ours():
-    stiff = with_constant(motors_of_prior(2), "gear_stiffness", 5000.0)
+    stiff = motors_of_prior(2, gear_stiffness=5000.0)
     ours, theirs = (bench.free_run(make(stiff), 2, 500) for make in (bench.compiled, bench.kernel))
     assert np.abs(ours).max() > 0.3 and np.abs(ours - theirs).max() < 2e-3
 
