@@ -6,34 +6,21 @@ import pytest
 from motorprior.actuator.physical import SUBSTEP, PhysicalActuator, PhysicalMotors
 from motorprior.bench.dynamometer import Trial, run
 
-STIFF = {"gear_stiffness": 3000.0, "gear_damping": 1.0}
-
-
-def motor(**changes):
-    """One motor without any imperfection but a soft gear; changes by name."""
-    values = dict.fromkeys(PhysicalMotors.__dataclass_fields__, 0.0)
-    values |= {"kp": 6.0, "kd": 0.3, "torque_limit": 100.0, "stall_torque": 1e6, "no_load_speed": 1e6}
-    values |= {"armature": 0.003, "velocity_filter": 1e-6, "stribeck_velocity": 0.3, "gear_stiffness": 80.0}
-    values |= changes
-    return PhysicalActuator(PhysicalMotors(**{name: np.array([value]) for name, value in values.items()}))
-
-
-def step_response(time, size, inertia, kp, kd):
-    """Angle of inertia·q̈ + kd·q̇ + kp·q = kp·size, from rest at 0, underdamped."""
-    decay = kd / (2 * inertia)
-    wave = np.sqrt(kp / inertia - decay**2)
-    return size * (1 - np.exp(-decay * time) * (np.cos(wave * time) + decay / wave * np.sin(wave * time)))
-
 
 @pytest.mark.parametrize(("kp", "kd", "load"), [(6.0, 0.3, 0.01), (3.0, 0.1, 0.003)])
-def test_a_rigid_motor_without_friction_is_a_second_order_system(kp, kd, load):
-    steps = 2000
-    targets = np.full((steps, 1), 0.3)
+def test_a_rigid_motor_without_friction_is_a_second_order_system(kp: float, kd: float, load: float):
+    """Inertia·q̈ + kd·q̇ + kp·q = kp·target, from rest at 0, underdamped."""
+    values = dict.fromkeys(PhysicalMotors.__dataclass_fields__, 0.0)
+    values |= {"kp": kp, "kd": kd, "torque_limit": 100.0, "stall_torque": 1e6, "no_load_speed": 1e6, "armature": 0.003}
+    values |= {"velocity_filter": 1e-6, "stribeck_velocity": 0.3, "gear_stiffness": 3000.0, "gear_damping": 1.0}
+    motor = PhysicalMotors(**{name: np.array([value]) for name, value in values.items()})
+    targets = np.full((2000, 1), 0.3)
     targets[0] = 0.0
-    trial = Trial(targets, np.zeros((steps, 1)), np.array([load]), SUBSTEP)
-    response = run(motor(kp=kp, kd=kd, **STIFF), trial)
-    time = np.arange(steps - 1) * SUBSTEP
-    expected = step_response(time, 0.3, load + 0.003, kp, kd)
+    response = run(PhysicalActuator(motor), Trial(targets, 0.0 * targets, np.array([load]), SUBSTEP))
+    time, inertia = np.arange(len(targets) - 1) * SUBSTEP, load + 0.003
+    decay = kd / (2 * inertia)
+    wave = np.sqrt(kp / inertia - decay**2)
+    expected = 0.3 * (1 - np.exp(-decay * time) * (np.cos(wave * time) + decay / wave * np.sin(wave * time)))
     # twist of the gear: 0.3 rad·kp/3000 = 6e-4 rad; Euler and the filter are late by about a substep, at
     # most 0.3 rad·sqrt(kp/inertia)·0.25 ms = 2e-3 rad
     np.testing.assert_allclose(response.joint_pos[1:, 0], expected, atol=2.5e-3)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from findings import of_check
-from motor_logs import TABLE_MAP, joints_of, log_of, write_table
+from motor_logs import TABLE_MAP, joints_of, log_of, of_check, write_table
 from swinging_bars import INERTIA, bars_table, swing
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 

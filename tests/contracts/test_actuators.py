@@ -106,7 +106,7 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
     assert torques(make(12), inputs).tobytes() == torques(make(12), inputs).tobytes()
     arrays, step = make(12).arrays(DT), inputs[:, 0].copy()
     reset_actuator(arrays, step[0], step[1])
-    step_actuator(arrays, DT, *step, np.zeros(12))
+    step_actuator(arrays, DT, step[0], step[1], step[2], np.zeros(12))
     measure_joint_pos(arrays, step[1], np.zeros(12))
     np.testing.assert_array_equal(step, before[:, 0])
 

@@ -21,12 +21,12 @@ from motorprior.exports.exporter import sampled  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
 
 
-def prior_of(terms: tuple[str, ...] = (), **constants: float) -> MotorPrior:
+def prior_of(terms: tuple[str, ...] = (), **constants: Any) -> MotorPrior:
     model, zeros = make_grey_box(spread=0.09, terms=terms, **constants), np.zeros((2, 3))
     return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
 
 
-def motors_of_prior(count: int, terms: tuple[str, ...] = (), **constants: float) -> GreyBoxActuator:
+def motors_of_prior(count: int, terms: tuple[str, ...] = (), **constants: Any) -> GreyBoxActuator:
     motors = prior_of(terms, **constants).sample(count, seed=1)
     assert isinstance(motors, GreyBoxActuator)
     return motors

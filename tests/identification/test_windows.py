@@ -19,10 +19,8 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
     rows, rng = sum(lengths), np.random.default_rng(0)
     series = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
     channels: dict[str, Any] = {name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series}
-    return log_of(
-        np.arange(rows) * 0.002, channels.pop("position_target"), channels.pop("joint_pos"),
-        segment=np.repeat(np.arange(len(lengths)), lengths), **(channels | changes),
-    )  # fmt: skip
+    segment = np.repeat(np.arange(len(lengths)), lengths)
+    return log_of(np.arange(rows) * 0.002, np.zeros((rows, joints)), **({"segment": segment} | channels | changes))
 
 
 def test_windows_are_all_that_lie_inside_a_segment():

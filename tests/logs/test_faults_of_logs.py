@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from findings import of_check
-from motor_logs import log_of
+from motor_logs import log_of, of_check
 from third_party_files import write_bam
 
 import motorprior as mp

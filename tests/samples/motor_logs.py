@@ -1,10 +1,11 @@
-"""Motor logs in memory, and tables of them."""
+"""Motor logs in memory, tables of them, and what the log doctor finds."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -39,3 +40,8 @@ def write_table(log: MotorLog, path: Path, second: float = 1.0, radian: float = 
     rows = np.column_stack([second * log.time, radian * log.position_target, radian * log.joint_pos])
     np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
     return path
+
+
+def of_check(report: LogReport, check: str) -> list[Finding]:
+    """Findings of one check."""
+    return [finding for finding in report.findings if finding.check == check]

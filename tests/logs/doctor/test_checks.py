@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from findings import of_check
+from motor_logs import of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog

@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from findings import of_check
-from motor_logs import log_of
+from motor_logs import log_of, of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
