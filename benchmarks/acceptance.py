@@ -16,9 +16,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import tyro
@@ -26,24 +24,6 @@ import tyro
 BENCHMARKS = Path(__file__).parent
 SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
 COLLECTED = "acceptance.json"
-
-
-@dataclass(frozen=True)
-class Run:
-    """Compute the figures."""
-
-    data: Path  # folder with the real logs of `benchmarks/real_logs.py`
-    out: Path  # run folder
-
-
-@dataclass(frozen=True)
-class Compare:
-    """Compare two collections of figures."""
-
-    before: tyro.conf.Positional[Path]  # acceptance.json of the earlier run
-    after: tyro.conf.Positional[Path]  # acceptance.json of the later run
-    rtol: float = 1e-3  # relative tolerance [-]
-    atol: float = 1e-6  # absolute tolerance, in the unit of the figure
 
 
 def commands(data: Path, out: Path) -> dict[str, list[str]]:
@@ -57,48 +37,45 @@ def commands(data: Path, out: Path) -> dict[str, list[str]]:
     }
 
 
-def run(config: Run) -> None:
-    """Run all unfinished commands and collect the figures."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    for name, arguments in commands(config.data, config.out).items():
-        done = config.out / f"{name}.done"
+def run(data: Path, out: Path) -> None:
+    """Run all unfinished commands and collect all figures except times, named after the run.
+
+    Args:
+        data: folder with the real logs of `benchmarks/real_logs.py`.
+        out: run folder.
+    """
+    environment, figures = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, {}
+    for name, arguments in commands(data, out).items():
+        done = out / f"{name}.done"
         if not done.exists():
             subprocess.run([sys.executable, *arguments], check=True, env=environment)
             done.touch()
-    text = json.dumps(collected(config.out), indent=0, sort_keys=True)
-    (config.out / COLLECTED).write_text(text + "\n")
+        found = json.loads((out / name / "figures.json").read_text())
+        figures |= {f"{name}/{key}": value for key, value in found.items() if "seconds" not in key}
+    (out / COLLECTED).write_text(json.dumps(figures, indent=0, sort_keys=True) + "\n")
 
 
-def collected(out: Path) -> dict[str, float]:
-    """All figures except times, named after the run."""
-    figures: dict[str, float] = {}
-    for path in (out / name / "figures.json" for name in ("demo", "real_logs", "fidelity", "out_of_family")):
-        found = json.loads(path.read_text())
-        figures |= {f"{path.parent.name}/{name}": value for name, value in found.items() if "seconds" not in name}
-    return figures
+def compare(
+    before: tyro.conf.Positional[Path], after: tyro.conf.Positional[Path], rtol: float = 1e-3, atol: float = 1e-6
+) -> int:
+    """Print the differences of two collections of figures; 1 if there are any.
 
-
-def compare(config: Compare) -> int:
-    """Print the differences; 1 if there are any."""
-    before, after = (json.loads(path.read_text()) for path in (config.before, config.after))
+    Args:
+        before: acceptance.json of the earlier run.
+        after: acceptance.json of the later run.
+        rtol: relative tolerance [-].
+        atol: absolute tolerance, in the unit of the figure.
+    """
+    old, new = (json.loads(path.read_text()) for path in (before, after))
     changed = [
-        f"{name}: {value:.6g} -> {after[name]:.6g}" if name in after else f"{name}: missing"
-        for name, value in before.items()
-        if name not in after or not np.isclose(after[name], value, config.rtol, config.atol, equal_nan=True)
+        f"{name}: {value:.6g} -> {new[name]:.6g}" if name in new else f"{name}: missing"
+        for name, value in old.items()
+        if name not in new or not np.isclose(new[name], value, rtol, atol, equal_nan=True)
     ]
     print("\n".join(changed))
-    print(f"{len(before)} figures, {len(changed)} changed or missing, {len(after.keys() - before.keys())} new")
+    print(f"{len(old)} figures, {len(changed)} changed or missing, {len(new.keys() - old.keys())} new")
     return min(len(changed), 1)
 
 
-def main() -> int:
-    """Run or compare."""
-    config = tyro.cli(
-        Annotated[Run, tyro.conf.subcommand("run")] | Annotated[Compare, tyro.conf.subcommand("compare")],  # pyright: ignore
-        description=__doc__,
-    )
-    return compare(config) if isinstance(config, Compare) else run(config) or 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(tyro.extras.subcommand_cli_from_dict({"run": run, "compare": compare}, description=__doc__))

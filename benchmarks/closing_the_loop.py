@@ -99,15 +99,6 @@ WEAR: dict[str, Callable[[PhysicalMotors, int], PhysicalMotors]] = {
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Outcome of a walk."""
-
-    path: float  # length [m]
-    displacement: float  # [m]
-    fault: str | None  # kind
-
-
-@dataclass(frozen=True)
 class RobotCase:
     """A virtual robot."""
 
@@ -129,17 +120,17 @@ def record(folder: Path, number: int, wear: str) -> Path:
     return log
 
 
-def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> Outcome:
-    """One walk on the ground, straight at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), None
+def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> tuple[float, float, bool]:
+    """Path length [m], displacement [m] and fault of a walk on the ground, straight at this speed [m/s]."""
+    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), False
     start = port.body.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
             settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
             commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
-        except RobotFault as error:
-            fault = error.kind
-    return Outcome(port.path, float(np.hypot(*(port.body.position() - start))), fault)
+        except RobotFault:
+            fault = True
+    return port.path, float(np.hypot(*(port.body.position() - start))), fault
 
 
 def train(
@@ -179,28 +170,21 @@ def has_weak_motors(prior: Path, posterior: Path) -> bool:
     return bool(advice_on_weak_motors(loaded, found.joint_names, found.mean))
 
 
-def summary(walks: list[Outcome]) -> dict[str, float]:
-    """Figures of the walks of one policy on one robot."""
-    return {
-        "path_m": float(np.median([one.path for one in walks])),
-        "displacement_m": float(np.median([one.displacement for one in walks])),
-        "fault_share": float(np.mean([one.fault is not None for one in walks])),
-    }
+def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
+    """Figures of every policy over pairs of robot and seed, and its gain over the control on the same pair.
 
-
-def compared(pairs: Sequence[Mapping[str, list[Outcome]]]) -> dict[str, float]:
-    """Figures of every policy over pairs of robot and seed, and its gain over the control on the same pair."""
+    A pair has (walks, 3) results of `deploy` by policy.
+    """
     figures = {"pairs": float(len(pairs))}
     for name in pairs[0]:
-        of_name, of_control = ([summary(walks[which]) for walks in pairs] for which in (name, CONTROL))
-        figures[f"{name}/fault_share"] = float(np.mean([one["fault_share"] for one in of_name]))
-        for key in ("path_m", "displacement_m"):
-            figures[f"{name}/{key}"] = float(np.median([one[key] for one in of_name]))
+        figures[f"{name}/fault_share"] = float(np.mean([walks[name][:, 2] for walks in pairs]))
+        for column, key in enumerate(("path_m", "displacement_m")):
+            own, control = (np.array([np.median(walks[of][:, column]) for walks in pairs]) for of in (name, CONTROL))
+            figures[f"{name}/{key}"] = float(np.median(own))
             if name != CONTROL:
-                gain = [one[key] - other[key] for one, other in zip(of_name, of_control, strict=True)]
-                for share, value in zip((25, 50, 75), np.percentile(gain, (25, 50, 75)), strict=True):
+                for share, value in zip((25, 50, 75), np.percentile(own - control, (25, 50, 75)), strict=True):
                     figures[f"{name}/gain_{key}/p{share}"] = float(value)
-                figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(np.array(gain) > 0.0))
+                figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(own > control))
     return figures
 
 
@@ -220,7 +204,7 @@ def main() -> None:
                 "current": train(given, seed, robot.folder, "current", before, robot.posterior, current=True),
             }
             found = {
-                name: [deploy(robot, policy, noise_seed, given.max_speed) for noise_seed in range(given.walks)]
+                name: np.array([deploy(robot, policy, walk, given.max_speed) for walk in range(given.walks)])
                 for name, policy in policies.items()
             }
             found["advised"] = found["current" if has_weak_motors(given.prior, robot.posterior) else "adapted"]

@@ -50,28 +50,21 @@ class Settings:
     arms: int = 20  # simulated arms of `simulated_arms`, whose figures are written, too
 
 
-def identify(settings: Settings, preset: str, name: str, seed: int = 0, torque: bool = True) -> Path:
-    """The prior of one preset; trained if the file does not exist."""
+def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
+    """The prior of one preset, without torques in the log the position-only one; made if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
-    folder = settings.out / "priors" / name
-    run_identify(
-        Identify(bench, folder, preset, settings.seed + seed, network_steps(preset, settings.adam_steps), torque),
-        PROGRESS,
-    )
+    run_bench(Bench(bench, settings.fleet, bench.name, settings.motors, settings.steps, settings.seed), PROGRESS)
+    folder, steps = settings.out / "priors" / (preset if torque else "position_only"), settings.adam_steps
+    run_identify(Identify(bench, folder, preset, settings.seed, network_steps(preset, steps), torque), PROGRESS)
     return folder / PRIOR
 
 
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
-    for preset in ("rollout", "paper"):
-        folder = settings.out / "bench" / preset
-        run_bench(Bench(folder, settings.fleet, preset, settings.motors, settings.steps, settings.seed), PROGRESS)
-    priors = tuple(identify(settings, preset, preset) for preset in PRESETS)
-    results = run_validate(Validate(priors, settings.out / "validate" / "all", settings.seed), PROGRESS)
-    position_only = identify(settings, "rollout", "position_only", torque=False)
-    found = run_validate(
-        Validate((position_only,), settings.out / "validate" / "position_only", settings.seed), PROGRESS
-    )
+    folder, priors = settings.out / "validate", tuple(identify(settings, preset) for preset in PRESETS)
+    results = run_validate(Validate(priors, folder / "all", settings.seed), PROGRESS)
+    position_only = identify(settings, "rollout", torque=False)
+    found = run_validate(Validate((position_only,), folder / "position_only", settings.seed), PROGRESS)
     paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
     times = (
         Result("identify_seconds", "s", read_json(path.parent / MARKER)["seconds"], model)

@@ -19,32 +19,16 @@ import tyro
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import record_bench
-from motorprior.evaluation.bench_truth import log_coverage
-from motorprior.evaluation.free_runs import free_run_errors
 from motorprior.exports.cards import write_card
-from motorprior.identification.physics.window_runs import whole_runs
-from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.fit_prior import fit_prior
-from real_logs import (
-    FACTOR,
-    PROGRESS,
-    Settings,
-    adapted_to_start,
-    expected_motors,
-    imported,
-    robot_file,
-    spread_windows,
-)
+from real_logs import FACTOR, PROGRESS, Settings, imported, spread_windows, tested
 
-SOURCES = {
-    "go2": (
-        "go2_identification", "*.csv.gz", "BSD-3-Clause",
-        "RX-00/sim2real-robot-identification @1a22bd0, datasets/go2",
-    ),
-    "so101": ("so101_sage", "*.csv.gz", "Apache-2.0", "isaac-sim2real/sage @4ffd262, output/real/so101/custom"),
-    "xl330": (None, "*.json.gz", "Apache-2.0", "Rhoban/bam @af22604, bam/data.bak/raw/xl330_*.json"),
-}  # fmt: skip
+SOURCES = {  # licence and source
+    "go2": ("BSD-3-Clause", "RX-00/sim2real-robot-identification @1a22bd0, datasets/go2"),
+    "so101": ("Apache-2.0", "isaac-sim2real/sage @4ffd262, output/real/so101/custom"),
+    "xl330": ("Apache-2.0", "Rhoban/bam @af22604, bam/data.bak/raw/xl330_*.json"),
+}
 HELD_OUT = {"go2": ("traj_5",), "so101": ("multisine", "reaching_points", "chirp_sweep")}
 HELD_OUT_GAIN = 200.0  # of the xl330, in firmware units
 LIMITS = {
@@ -68,24 +52,17 @@ class Arguments:
 
 def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str, str | float]]:
     """Prior and front matter of a robot with logs."""
-    columns, pattern, licence, source = SOURCES[name]
-    settings = Settings(arguments.data, arguments.work)
-    described = None if name == "xl330" else robot_file(settings, name)
-    paths = imported(settings, name, columns, described, pattern)
+    licence, source = SOURCES[name]
+    paths = imported(Settings(arguments.data, arguments.work), name)
     test = [path for path in paths if _is_held_out(name, path)]
     train = spread_windows([read_parquet(path) for path in paths if path not in test], 24.0 * FACTOR.get(name, 1.0))
     preset = "rigid" if name == "go2" else arguments.preset
     prior = fit_prior(train, preset, out=arguments.work / name / "prior", progress=PROGRESS)
-    errors, shares = [], []
-    for path in test:
-        log = read_parquet(path)
-        runs = whole_runs(log, recipe_of(prior))
-        errors.append(free_run_errors(runs, {"prior": expected_motors(prior, log)})["prior"].mean())
-        posterior, rest = adapted_to_start(prior, log)
-        shares.append(log_coverage(prior, posterior, whole_runs(rest, recipe_of(prior)))[90])
+    found = [tested(prior, read_parquet(path)) for path in test]
     return prior, {
         "licence": licence, "source": source, "held_out_logs": ", ".join(path.stem for path in test),
-        "held_out_rmse_rad": float(np.mean(errors)), "held_out_coverage_90": float(np.mean(shares)),
+        "held_out_rmse_rad": float(np.mean([each["whole"]["prior"] for each in found])),
+        "held_out_coverage_90": float(np.mean([each["coverage"]["90"] for each in found])),
         "recorded": "position_target, joint_pos [rad], joint_vel [rad/s]; loads by inverse dynamics",
         "limits": LIMITS[name],
     }  # fmt: skip

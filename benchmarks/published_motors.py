@@ -21,13 +21,9 @@ import motorprior as mp
 from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.evaluation.bench_truth import log_coverage
-from motorprior.evaluation.free_runs import free_run_errors
 from motorprior.exports.bam import motors_of, rigid_gear
-from motorprior.identification.physics.window_runs import whole_runs
-from motorprior.identification.presets import recipe_of
 from motorprior.logs.readers.motor_log_file import read_parquet
-from real_logs import Settings, adapted_to_start, expected_motors, imported, robot_file
+from real_logs import Settings, imported, tested
 
 # armature [kg·m²], dry friction [N·m], kp [N·m/rad], damping [N·m·s/rad], torque limit [N·m]; None: not published
 PUBLISHED = {
@@ -84,20 +80,16 @@ def draw(errors: dict[str, list[float]], path: Path) -> None:
 
 def measure(data: Path, out: Path = Path("runs/published")) -> None:
     """Measure, print and write; see the module docstring."""
-    settings, prior = Settings(data, out), mp.from_pretrained("so101")
-    paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
+    prior, paths = mp.from_pretrained("so101"), imported(Settings(data, out), "so101")
     logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
-    models, errors, shares = candidates(logs[0].num_joints, out), {}, []
-    for log in logs:
-        runs = whole_runs(log, recipe_of(prior))
-        flat = {f"{name}/{index}": one for name, several in models.items() for index, one in enumerate(several)}
-        for name, values in free_run_errors(runs, flat | {"prior/0": expected_motors(prior, log)}).items():
-            errors.setdefault(name, []).append(float(values.mean()))
-        posterior, rest = adapted_to_start(prior, log)
-        tail = whole_runs(rest, recipe_of(prior))
-        found = free_run_errors(tail, {"adapted": prior.model.motors(posterior.mean)})
-        errors.setdefault("adapted/0", []).append(float(found["adapted"].mean()))
-        shares.append(log_coverage(prior, posterior, tail)[90])
+    models = {
+        f"{name}/{index}": one
+        for name, several in candidates(logs[0].num_joints, out).items()
+        for index, one in enumerate(several)
+    }
+    found = [tested(prior, log, models) for log in logs]
+    errors = {name: [each["whole"][name] for each in found] for name in (*models, "prior")}
+    errors["adapted"] = [each["rest"]["adapted"] for each in found]
     best: dict[str, list[float]] = {}
     for name, values in errors.items():
         model = name.split("/")[0]
@@ -105,7 +97,7 @@ def measure(data: Path, out: Path = Path("runs/published")) -> None:
             best[model] = values
     draw(best, out / "published.png")
     figures = {f"published/{model}": float(np.mean(values)) for model, values in best.items()}
-    figures["published/coverage90"] = float(np.mean(shares))
+    figures["published/coverage90"] = float(np.mean([each["coverage"]["90"] for each in found]))
     report(figures, out / "figures.json")
 
 

@@ -9,7 +9,7 @@ uses only the joint names and gains recorded in the test log: the motor of the s
 the joints) are those of the recorded motion; pure_delay and second_order use no loads. figures.json contains means
 over joints and logs [rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the
 adapted prior as ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the log as
-ROBOT/unseen/coverage90. tables.md also has all models on the rest of the logs. Finished stages are reused.
+ROBOT/unseen/coverage90. Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the raw logs of the Go2,
 of another robot or at other gains, test models of all raw logs.
@@ -30,22 +30,16 @@ from typing import TypeAlias
 import numpy as np
 import tyro
 
-from figures import markdown, measured
+from figures import measured, report
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json, write_text
-from motorprior.commands.calibrate import Calibrate, run_calibrate
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.latents.latent_fit import LatentPosterior
-from motorprior.identification.physics.window_runs import whole_runs
-from motorprior.identification.presets import PRESETS, Preset, recipe_of
-from motorprior.logs.loads import with_placeholder_load
-from motorprior.logs.motor_log import MotorLog, log_digest
-from motorprior.logs.operations import drop_repeats, excited_joints, joined, resample
-from motorprior.logs.read_log import read_log, short_name
+from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
+from motorprior.identification.presets import PRESETS, recipe_of
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.logs.splits import first_and_rest, train_test_halves, window
 from motorprior.priors.adapt import adapt_to
@@ -53,14 +47,20 @@ from motorprior.priors.fit_prior import fit_prior, fit_recipe
 from motorprior.priors.validate import baseline_recipes, fitted_baselines
 from motorprior.progress import Lines
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.stage import FIGURES, description, is_finished, working
 
 MODELS = (
     "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
-    "physical", "prior", "adapted", "tuned_pd",
+    "prior", "adapted", "tuned_pd",
 )  # fmt: skip
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
-RECIPE = PRESETS["rollout"]
+PERIOD = PRESETS["rollout"].period  # of imported logs [s]
+# raw logs of each robot: column map and file names
+LOGS = {
+    "go2": ("go2_identification", "*.csv.gz"), "so101": ("so101_sage", "*.csv.gz"), "xl330": (None, "*.json.gz"),
+    "z1": ("z1_tensors", "*.pt"),
+}  # fmt: skip
 UNSEEN = "unseen_gains"  # name of a test
 MOTORS_OUT, MOTORS_RECIPE = "unseen_leg", "quick"  # name of a test, and its fast recipe
 IDENTIFIED = "long_runs"  # recipe of the prior: with the short windows of rollout, missing dynamics bias the constants
@@ -76,9 +76,9 @@ Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each f
 class Settings:
     """Identify real motors and measure the errors of models on held-out logs."""
 
-    data: Path  # folder with go2/, so101/, xl330/, z1/, pupper_v2/ (raw logs, optional) and robots/ (their models)
+    data: Path  # folder with go2/, so101/, xl330/, z1/ (raw logs, optional) and robots/ (their models)
     out: Path  # run folder
-    robots: tuple[str, ...] = ("go2", "so101", "xl330", "z1", "pupper")  # robots to test
+    robots: tuple[str, ...] = tuple(LOGS)  # robots to test
     seconds: float = 24.0  # total length of the training segments [s]; 5 times as long for the arm, 3 for the pendulum
     logs: int | None = None  # number of logs per robot; all if not given
     folds: int | None = None  # number of folds; all if not given
@@ -121,20 +121,26 @@ def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figure
     PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.test)} left out")
     train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
     prior = fit_prior(train, IDENTIFIED, settings.seed, out=folder / "prior", progress=PROGRESS)
-    preset = recipe_of(prior)
-    fitted = fitted_baselines(train, preset, folder, settings.adam_steps, settings.seed, PROGRESS)
+    fitted = fitted_baselines(train, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS)
     models = {name: motors for name, motors in fitted.items() if motors is not None}
-    models["prior"] = expected_motors(prior, train)
-    found: list[Figures] = []
-    for path in fold.test:
-        log = read_parquet(path)
-        posterior, rest = adapted_to_start(prior, log)
-        adapted = {"adapted": prior.model.motors(posterior.mean)}
-        found.append({
-            "whole": _errors(log, preset, models), "rest": _errors(rest, preset, models | adapted),
-            **_coverages(prior, posterior, rest),
-        })  # fmt: skip
-    return _means(found)
+    return _means([tested(prior, read_parquet(path), models) for path in fold.test])
+
+
+def tested(prior: MotorPrior, log: MotorLog, models: Mapping[str, MotorModel] | None = None) -> Figures:
+    """Errors of the prior and of other models on a log; of ``adapted``, and the coverages, after the log's start."""
+    first, rest = start_and_rest(log)
+    posterior = adapt_to(prior, first)
+    every = {**(models or {}), "prior": prior.model.motors(prior.predicted(log).mean)}
+    adapted, runs = {"adapted": prior.model.motors(posterior.mean)}, whole_runs(rest, recipe_of(prior))
+    bands = {"coverage": posterior, "unseen": zero_shot(prior, rest)}
+    return {
+        "whole": _errors(whole_runs(log, recipe_of(prior)), every),
+        "rest": _errors(runs, every | adapted),
+        **{
+            name: {str(level): share for level, share in log_coverage(prior, motors, runs).items()}
+            for name, motors in bands.items()
+        },
+    }
 
 
 def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
@@ -142,32 +148,9 @@ def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
     return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
 
 
-def adapted_to_start(prior: MotorPrior, log: MotorLog) -> tuple[LatentPosterior, MotorLog]:
-    """The motors of the start of a log, and its rest."""
-    first, rest = start_and_rest(log)
-    return adapt_to(prior, first), rest
-
-
-def _coverages(prior: MotorPrior, posterior: LatentPosterior, rest: MotorLog) -> Figures:
-    """Shares inside the bands: of the adapted prior, and of the prior without a log."""
-    runs, bands = whole_runs(rest, recipe_of(prior)), {"coverage": posterior, "unseen": zero_shot(prior, rest)}
-    return {
-        name: {str(level): share for level, share in log_coverage(prior, motors, runs).items()}
-        for name, motors in bands.items()
-    }
-
-
-def expected_motors(prior: MotorPrior, log: MotorLog) -> MotorModel:
-    """The motors of the joints of a log, from the prior alone."""
-    return prior.model.motors(prior.predicted(log).mean)
-
-
-def _errors(
-    log: MotorLog, preset: Preset, models: Mapping[str, MotorModel], joints: np.ndarray | slice = slice(None)
-) -> dict[str, float]:
-    """Mean errors over some joints [rad]."""
-    errors = free_run_errors(whole_runs(with_placeholder_load(log), preset), models)
-    return {name: float(np.mean(values[joints])) for name, values in errors.items()}
+def _errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, float]:
+    """Mean errors over joints [rad]."""
+    return {name: float(np.mean(values)) for name, values in free_run_errors(runs, models).items()}
 
 
 def _means(found: Sequence[Figures]) -> Figures:
@@ -180,11 +163,11 @@ def _means(found: Sequence[Figures]) -> Figures:
 def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
     """Means over all folds of a robot, by their keys in figures.json."""
     means = _means(found)
-    errors = means.get("rest", {}) | means.get("whole", {})  # adapted has no whole log
+    errors = means["rest"] | means.get("whole", {})  # adapted has no whole log
     keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model in MODELS}
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
-    keys |= {f"{place}/coverage{level}": share for level, share in means.get("coverage", {}).items()}
-    return keys | {f"{place}/unseen/coverage{level}": share for level, share in means.get("unseen", {}).items()}
+    keys |= {f"{place}/coverage{level}": share for level, share in means["coverage"].items()}
+    return keys | {f"{place}/unseen/coverage{level}": share for level, share in means["unseen"].items()}
 
 
 def go2(settings: Settings) -> Iterator[Test]:
@@ -192,52 +175,42 @@ def go2(settings: Settings) -> Iterator[Test]:
 
     Raw logs get the gains of their column map; motor logs (.parquet) are only tested, by models of all raw logs.
     """
-    description_file = robot_file(settings, "go2")
-    paths = imported(settings, "go2", "go2_identification", description_file, "*.csv.gz")
+    paths, robot = imported(settings, "go2"), load_robot(str(robot_file(settings, "go2")))
     if test := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
         yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), test))]
     folds = leave_out(paths, [[path] for path in paths])
     yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
-    groups = list(enumerate(leg.joints for leg in load_robot(str(description_file)).legs))
-    yield MOTORS_OUT, [_motors_out(settings, description_file, paths, *each) for each in groups[: settings.folds]]
+    groups = list(enumerate(leg.joints for leg in robot.legs))
+    yield MOTORS_OUT, [_motors_out(settings, robot, paths, *each) for each in groups[: settings.folds]]
 
 
-def _motors_out(settings: Settings, file: Path, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
-    """The motors of one leg left out, tested on one of the logs."""
-    robot, test = load_robot(str(file)), paths[fold % len(paths)]
-    folder = settings.out / robot.name / MOTORS_OUT / str(fold)
+def _motors_out(settings: Settings, robot: Robot, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
+    """The motors of one leg, tested on the rest of a log; models fitted to the other legs, or to the log's start."""
+    test, folder = paths[fold % len(paths)], settings.out / robot.name / MOTORS_OUT / str(fold)
     wanted = description("validate", _fold_settings(settings), [*paths, test, *robot.files])
 
     def compute() -> Figures:
         train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
-        return leave_motors_out(settings, train, read_parquet(test), group, folder)
+        others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
+        own = read_parquet(test).with_joints(group)
+        first, _ = start_and_rest(own)
+        alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
+        prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
+        per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
+        models: dict[str, MotorModel] = {
+            "per_motor": per_motor.model.motors(per_motor.mean),
+            "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
+        }
+        found = tested(prior, own, models)
+        del found["whole"]  # per_motor was fitted to the start
+        return found
 
     return measured(folder, wanted, compute)
 
 
-def leave_motors_out(settings: Settings, train: MotorLog, log: MotorLog, group: Sequence[int], folder: Path) -> Figures:
-    """Models of the joints in the group, tested on the rest of a log: fitted to the other joints, or to its start."""
-    others = train.with_joints([joint for joint in range(train.num_joints) if joint not in group])
-    own = log.with_joints(group)
-    first, rest = start_and_rest(own)
-    alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
-    prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
-    per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
-    posterior, _ = adapted_to_start(prior, own)
-    models: dict[str, MotorModel] = {
-        "per_motor": per_motor.model.motors(per_motor.mean),
-        "prior": expected_motors(prior, rest),
-        "adapted": prior.model.motors(posterior.mean),
-        "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
-    }
-    runs = whole_runs(rest, recipe_of(prior))
-    errors = {name: float(np.mean(values)) for name, values in free_run_errors(runs, models).items()}
-    return {"rest": errors, **_coverages(prior, posterior, rest)}
-
-
 def so101(settings: Settings) -> Iterator[Test]:
     """Six servos of an arm, forty motions: a quarter of them is left out in turn."""
-    paths = imported(settings, "so101", "so101_sage", robot_file(settings, "so101"), "*.csv.gz")
+    paths = imported(settings, "so101")
     folds = leave_out(paths, [paths[quarter::4] for quarter in range(4)])
     yield "leave_motions_out", [measure(settings, "so101", fold) for fold in folds[: settings.folds]]
 
@@ -245,7 +218,7 @@ def so101(settings: Settings) -> Iterator[Test]:
 def xl330(settings: Settings) -> Iterator[Test]:
     """One servo with a pendulum, four gains: each is left out in turn."""
     gains: dict[float, list[Path]] = {}
-    for path in imported(settings, "xl330", None, None, "*.json.gz"):
+    for path in imported(settings, "xl330"):
         kp = read_parquet(path).logged_kp
         assert kp is not None
         gains.setdefault(float(kp[0, 0]), []).append(path)
@@ -255,56 +228,14 @@ def xl330(settings: Settings) -> Iterator[Test]:
 
 def z1(settings: Settings) -> Iterator[Test]:
     """Seven motors of an arm, one chirp: trained on its slow first half, tested on the fast second half."""
-    (path,) = imported(settings, "z1", "z1_tensors", robot_file(settings, "z1"), "*.pt")
+    (path,) = imported(settings, "z1")
     halves = [path.with_name(f"{half}_half.parquet") for half in ("first", "second")]
     for half, log in zip(halves, train_test_halves(read_parquet(path)), strict=True):
         write_log(half, log)
     yield "second_half", [measure(settings, "z1", Fold("second_half", (halves[0],), (halves[1],)))]
 
 
-def pupper(settings: Settings) -> Iterator[Test]:
-    """Motors of a standing or suspended quadruped: response models, and physical motors fitted by replay (`calibrate`).
-
-    The loads are not in the logs, so there is no prior. Models are tested on their training log, then on left-out logs.
-    """
-    robot = load_robot("pupper_v2")
-    raw = [path for path in sorted((settings.data / "pupper_v2").glob("*.csv.gz")) if "_sim_" not in path.name]
-    logs = {
-        short_name(path) or path.name.split(".")[0]: resample(drop_repeats(read_log(path, robot)), RECIPE.period)
-        for path in raw[: settings.logs]
-    }
-    calibrated = run_calibrate(
-        Calibrate(settings.data / "pupper_v2", settings.out / "pupper" / "calibrate", seed=settings.seed), PROGRESS
-    )
-    physical = {name: calibrated.where(quantity="calibrate_rmse", log=name) for name in logs}
-    for name, log in logs.items():
-        found = _responses(settings, f"{name}_itself", [log], log)
-        found["whole"]["physical"] = physical[name].value(model="center")
-        yield name, [found]
-    names, left = list(logs)[: settings.folds], []
-    for name in names:
-        others = [log for other, log in logs.items() if other != name]
-        left.append(_responses(settings, name, others, logs[name]))
-        left[-1]["whole"]["physical"] = physical[name].value(model="left_out")
-    yield "leave_one_log_out", left
-
-
-def _responses(settings: Settings, name: str, train: Sequence[MotorLog], test: MotorLog) -> Figures:
-    folder, log = settings.out / "pupper" / name, spread_windows(train, settings.seconds)
-    wanted = description("validate", _fold_settings(settings), []) | {"inputs": [log_digest(log), log_digest(test)]}
-
-    def compute() -> Figures:
-        models = fitted_responses(log, RECIPE, settings.seed, PROGRESS)
-        return {"whole": _errors(test, RECIPE, models, excited_joints(test))}
-
-    return measured(folder, wanted, compute)
-
-
-# folder of each robot's logs, and its tests
-ROBOTS: dict[str, tuple[str, Callable[[Settings], Iterator[Test]]]] = {
-    "go2": ("go2", go2), "so101": ("so101", so101), "xl330": ("xl330", xl330), "z1": ("z1", z1),
-    "pupper": ("pupper_v2", pupper),
-}  # fmt: skip
+ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {"go2": go2, "so101": so101, "xl330": xl330, "z1": z1}
 
 
 def robot_file(settings: Settings, name: str) -> Path:
@@ -315,12 +246,13 @@ def robot_file(settings: Settings, name: str) -> Path:
     return Path(shutil.copy(EXAMPLES / f"{name}.toml", folder))
 
 
-def imported(settings: Settings, name: str, columns: str | None, robot: Path | None, pattern: str) -> list[Path]:
-    """Motor logs with loads, from the robot's rigid-body model if given; imported if they do not exist."""
+def imported(settings: Settings, name: str) -> list[Path]:
+    """Motor logs with loads, from the robot's rigid-body model if it has one; imported if they do not exist."""
+    columns, pattern = LOGS[name]
     raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
     folder = settings.out / name / "logs"
-    described = None if robot is None else str(robot)
-    config = LogsImport(raw, folder, columns, RECIPE.period, suspended=robot is not None, robot=described)
+    described = None if name == "xl330" else str(robot_file(settings, name))
+    config = LogsImport(raw, folder, columns, PERIOD, suspended=described is not None, robot=described)
     inputs = [*raw, *(load_robot(described).files if described else [])]
     wanted = description("import", asdict(config), inputs)
     if not is_finished(folder, wanted):
@@ -329,37 +261,17 @@ def imported(settings: Settings, name: str, columns: str | None, robot: Path | N
     return [folder / f"{path.name.split('.')[0]}.parquet" for path in raw]
 
 
-def table(robot: str, test: str, found: Sequence[Figures]) -> str:
-    """Markdown: one row per model, means over joints and logs [mrad]."""
-    means = _means(found)
-    rows = []
-    for model in MODELS:
-        cells = [means.get(span, {}).get(model) for span in ("whole", "rest")]
-        if any(cell is not None for cell in cells):
-            rows.append([model, *("" if cell is None else f"{1e3 * cell:.2f}" for cell in cells)])
-    head = (f"{robot}, {test} [mrad]", "whole logs", f"after the first {ADAPTATION_SECONDS:g} s")
-    shares = [f"{100 * share:.0f} % inside the {level} % bands" for level, share in means.get("coverage", {}).items()]
-    unseen = [f"{100 * share:.0f} %" for share in means.get("unseen", {}).values()]
-    text = f"\n\nAdapted prior: {', '.join(shares)}; without the log {', '.join(unseen)}." if shares else ""
-    return markdown(head, rows) + text
-
-
 def main() -> None:
-    """Measure, write figures.json and tables.md, print the tables."""
+    """Measure, write figures.json, print it."""
     settings = tyro.cli(Settings, description=__doc__)
     figures: dict[str, float] = {}
-    texts: list[str] = []
     for name in settings.robots:
-        folder, robot = ROBOTS[name]
-        if not (settings.data / folder).is_dir():
-            print(f"{name}: skipped, no folder {settings.data / folder}")
+        if not (settings.data / name).is_dir():
+            print(f"{name}: skipped, no folder {settings.data / name}")
             continue
-        for test, found in robot(settings):
+        for test, found in ROBOTS[name](settings):
             figures |= as_figures(name, test, found)
-            texts.append(table(name, test, found))
-            write_json(settings.out / FIGURES, figures)
-            write_text(settings.out / "tables.md", "\n\n".join(texts) + "\n")
-    print("\n\n".join(texts))
+    report(figures, settings.out / FIGURES)
 
 
 if __name__ == "__main__":

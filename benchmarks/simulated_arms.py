@@ -121,29 +121,23 @@ def drawn_constants(rng: np.random.Generator) -> dict[str, np.ndarray]:
     return {name: np.exp(rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items()}
 
 
-def measure(settings: Settings, arm: int) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Of one arm: per constant (3, JOINTS) true value and ends of the interval; ``delay_bias`` [s]; optional terms."""
-    rng = np.random.default_rng([settings.seed, arm])
-    constants, folder = drawn_constants(rng), settings.out / f"arm_{arm}"
-    log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
-    prior = fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
-    ends = prior.intervals()
-    found = {name: np.stack([constants[name], *ends[name]]) for name in FITTED}
-    bias = prior.model.constants(prior.mean)["delay"] - constants["delay"]  # pyright: ignore[reportAttributeAccessIssue]
-    return found | {"delay_bias": bias}, recipe_of(prior).terms
-
-
 def figures(settings: Settings) -> dict[str, float]:
     """The figures of all arms, by their keys."""
-    arms = [measure(settings, arm) for arm in range(settings.arms)]
-    inside = {
-        name: np.mean([(arm[name][1] <= arm[name][0]) & (arm[name][0] <= arm[name][2]) for arm, _ in arms])
-        for name in FITTED
-    }
-    found = {f"arms/coverage90/{name}": float(share) for name, share in inside.items()}
-    found["arms/coverage90"] = float(np.mean(list(inside.values())))
-    found["arms/delay_bias"] = float(np.mean([arm["delay_bias"] for arm, _ in arms]))
-    return found | {"arms/spurious": float(sum(bool(terms) for _, terms in arms))}
+    inside: dict[str, list[np.ndarray]] = {name: [] for name in FITTED}
+    bias, spurious = [], 0.0
+    for arm in range(settings.arms):
+        constants, folder = drawn_constants(np.random.default_rng([settings.seed, arm])), settings.out / f"arm_{arm}"
+        log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
+        prior = fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
+        for name, (low, high) in prior.intervals().items():
+            if name in FITTED:
+                inside[name].append((low <= constants[name]) & (constants[name] <= high))
+        bias.append(prior.model.constants(prior.mean)["delay"] - constants["delay"])
+        spurious += bool(recipe_of(prior).terms)
+    shares = {name: float(np.mean(each)) for name, each in inside.items()}
+    found = {f"arms/coverage90/{name}": share for name, share in shares.items()}
+    found["arms/coverage90"] = float(np.mean(list(shares.values())))
+    return found | {"arms/delay_bias": float(np.mean(bias)), "arms/spurious": spurious}
 
 
 def main() -> None:

@@ -81,7 +81,6 @@ class SimulatedPort(SerialLink):
         drop: fraction of lost frames, in both directions.
         corrupt: fraction of damaged frames, in both directions.
         wear: function that wears the motors, see `closing_the_loop.WEAR`.
-        currents: the firmware sends currents.
     """
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
@@ -95,14 +94,13 @@ class SimulatedPort(SerialLink):
         drop: float = 0.0,
         corrupt: float = 0.0,
         wear: Callable[[PhysicalMotors, int], PhysicalMotors] | None = None,
-        currents: bool = False,
     ):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
-        self.firmware = Firmware(robot, self.body, period, currents)
+        self.firmware = Firmware(robot, self.body, period)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))

@@ -18,9 +18,8 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
-from motorprior.locomotion.body import action_size, body_of
+from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.control_step import command_step, follow_command, new_gait
 from motorprior.priors.prior_file import load_prior
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -55,17 +54,6 @@ def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
         mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
 
 
-def zero_policy_targets(robot: Robot, steps: int) -> np.ndarray:
-    """(steps, joints) targets [rad] of the zero policy: the untrained gait."""
-    body, zero = body_of(robot), np.zeros(action_size(robot.num_joints))
-    targets, gait = np.zeros((steps, robot.num_joints)), new_gait(body)
-    for target in targets:
-        follow_command(body, gait, body.max_speed, 0.0)
-        command_step(body, gait, zero)
-        target[:] = gait.target
-    return targets
-
-
 def timed(work: Callable[[], object]) -> float:
     """Time of a call [s]."""
     started = time.perf_counter()
@@ -82,9 +70,9 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
         simulator = WalkSimulator(Scene(robot, lambda rng, motors=motors: motors, walk, physics_dt))
         paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
     steps, world = paths["rollout"][0], World(robot)
-    drive = np.zeros((2, steps * world.substeps, robot.num_joints))
-    motors = world.reset(learned)
-    recorded(world.arrays, motors, zero_policy_targets(robot, steps), drive)
+    drive, body = np.zeros((2, steps * world.substeps, robot.num_joints)), body_of(robot)
+    targets = open_loop_gait(body, steps, body.max_speed, body.frequency, 0.0, 1.0)
+    recorded(world.arrays, world.reset(learned), targets, drive)
 
     def engine_alone() -> float:
         world.reset(learned)

@@ -1,4 +1,4 @@
-"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. Tables of docs/training.md.
+"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. See docs/training.md.
 
     python benchmarks/walking.py --out runs/walking
 
@@ -15,8 +15,10 @@ Finished benches, priors and policies are reused. Half an hour on two cores.
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,33 +26,25 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from figures import markdown
+from figures import report
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.artifacts import write_json, write_text
 from motorprior.bench.bench_folder import record_bench
 from motorprior.bench.fleet import Fleet, load_robot_fleet
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import make_executor
-from motorprior.locomotion.policy import Policy, PolicyArrays
+from motorprior.locomotion.executor import ThreadExecutor
+from motorprior.locomotion.policy import PolicyArrays
 from motorprior.priors.fit_prior import PRIOR, fit_prior
 from motorprior.progress import Lines
-from motorprior.results import Result, Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.scene import Episode, Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.training import POLICY, train_policy
-from motorprior.studies.compare import EVALUATION_SEED
+from motorprior.simulation.scene import Episode, Scene, WalkConfig
+from motorprior.simulation.training import train_policy
+from motorprior.stage import FIGURES
+from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, twin_scene
-from motorprior.studies.gait_quality import (
-    WARM_UP,
-    completed,
-    gait_quality,
-    headings,
-    quality_results,
-    steps_along_heading,
-)
+from motorprior.studies.gait_quality import WARM_UP, completed, gait_quality, headings
 from untrained import zero_policy
 
 PROGRESS = Lines(sys.stderr)
@@ -63,7 +57,7 @@ COMMANDS = (
     (0.6, 1.0), (0.6, -1.0), (0.0, 1.0), (-0.5, 0.0), (-1.0, 0.0), (0.0, 0.0), (0.1, 0.0),
     (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
 )  # fmt: skip
-UNITS = {"upright": "1", "speed_off": "m/s", "speed": "m/s", "yaw_rate": "rad/s"}
+Rows = Iterator[tuple[str, str, float]]  # quantity, command and mean over the samples
 
 
 @dataclass(frozen=True)
@@ -81,14 +75,6 @@ class Settings:
     workers: int = 2  # threads
 
 
-def prior_of(settings: Settings) -> Path:
-    """Prior identified from the virtual bench."""
-    bench, folder = settings.out / "bench", settings.out / "prior"
-    log = record_bench(settings.robot, settings.fleet, out=bench, progress=PROGRESS)
-    fit_prior(log, out=folder, progress=PROGRESS)
-    return folder / PRIOR
-
-
 @dataclass(frozen=True)
 class Environments:
     """The three environments in which policies are evaluated (PLACES)."""
@@ -96,177 +82,96 @@ class Environments:
     settings: Settings
     robot: Robot
     fleet: Fleet
-    prior: Path
+    prior: MotorPrior
 
     @property
     def steps(self) -> int:
         """Control steps of a walk."""
         return round(self.settings.seconds / self.robot.control_dt)
 
-    def simulator(self, place: str, walk: WalkConfig) -> WalkSimulator:
-        """Simulator of one environment."""
+    def episodes(self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0) -> list[Episode]:
+        """One episode per sample, with the same command [m/s, rad/s]."""
+        walk = WalkConfig(self.steps, commands=Commands.steady(forward, yaw_rate))
         if place == "sampled":
-            motors = simulated_motors(MotorPrior.load(self.prior), self.robot)
-            return WalkSimulator(Scene(self.robot, motors.draw, walk, motors.physics_dt))
-        walk = replace(walk, randomization=NOISY if place == "twin" else HARD)
-        return WalkSimulator(twin_scene(self.robot, self.fleet, walk))
+            motors = simulated_motors(self.prior, self.robot)
+            scene = Scene(self.robot, motors.draw, walk, motors.physics_dt)
+        else:
+            scene = twin_scene(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
+        executor = partial(ThreadExecutor, workers=self.settings.workers)
+        return run_walks(scene, policy, range(self.settings.draws), executor=executor)
 
-    def episodes(self, place: str, policy: PolicyArrays, commands: Commands) -> list[Episode]:
-        """One episode per sample, with the same commands."""
-        walk = WalkConfig(self.steps, commands=commands)
-        executor = make_executor(partial(self.simulator, place, walk), self.settings.workers)
-        episodes = executor.map(_walk, policy, [EVALUATION_SEED + draw for draw in range(self.settings.draws)])
-        executor.close()
-        return episodes
-
-    def turns(self, place: str, policy: PolicyArrays, seed: int) -> list[Result]:
-        """How a policy follows COMMANDS."""
-        rows = []
-        for name, commands in command_cases(self.robot).items():
-            found = command_errors(self.robot, self.episodes(place, policy, commands), self.steps)
-            for quantity, value in found.items():
-                rows.append(Result(TURNS + quantity, UNITS[quantity], value, motors=place, part=name, seed=seed))
-        return rows
-
-    def evaluate(self, place: str, policy: PolicyArrays) -> Results:
-        """Means of all quantities over the samples, by commanded speed [m/s].
+    def straight(self, place: str, policy: PolicyArrays) -> Rows:
+        """All quantities of `gait_quality` by commanded speed [m/s].
 
         A fall within two seconds counts as zero distance and full error, and is excluded from the other means.
         """
-        found = []
         for share in self.settings.speeds:
             forward = share * self.robot.require_gait().forward[1]
-            episodes = self.episodes(place, policy, Commands.steady(forward))
-            qualities = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
-            walks = Results.of(row for each in qualities for row in quality_results(each, "walk", place))
-            found += means(walks, f"{forward:.3g}")
-        return Results.of(found)
+            episodes = self.episodes(place, policy, forward)
+            walks = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
+            for quantity in dict.fromkeys(name for walk in walks for name in walk):
+                values = [walk[quantity] for walk in walks if math.isfinite(walk.get(quantity, math.nan))]
+                if values:
+                    yield quantity, f"{forward:.3g}", float(np.mean(values))
+
+    def commanded(self, place: str, policy: PolicyArrays) -> Rows:
+        """Fraction of walks without a fall at each of COMMANDS, and means over these walks.
+
+        speed_off is the mean |filtered speed - command| [m/s], see `Episode.speed_error`; speed [m/s] is the distance
+        along the heading over time, and yaw_rate [rad/s] the turn over time, after the first second.
+        """
+        gait, dt = self.robot.require_gait(), self.robot.control_dt
+        for share, turn in COMMANDS:
+            forward, yaw_rate = share * (gait.forward[1] if share > 0.0 else -gait.forward[0]), turn * gait.yaw_rate
+            name = f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"
+            episodes = self.episodes(place, policy, forward, yaw_rate)
+            whole = [each for each in episodes if completed(each, self.steps)]
+            yield f"{TURNS}upright", name, len(whole) / len(episodes)
+            if whole:
+                walks = [gait_quality(self.robot, each, forward, yaw_rate, self.steps) for each in whole]
+                yaws = [headings(each.trace[round(WARM_UP / dt) :]) for each in whole]
+                rates = [(yaw[-1] - yaw[0]) / (dt * (len(yaw) - 1)) for yaw in yaws]
+                yield f"{TURNS}speed_off", name, float(np.mean([each.speed_error for each in whole]))
+                yield f"{TURNS}speed", name, float(np.mean([walk["speed"] for walk in walks]))
+                yield (
+                    f"{TURNS}yaw_rate",
+                    name,
+                    float(np.mean(rates)),
+                )
 
 
-def command_cases(robot: Robot) -> dict[str, Commands]:
-    """COMMANDS by their names in figures.json."""
-    cases: dict[str, Commands] = {}
-    for share, turn in COMMANDS:
-        forward, yaw_rate = _speed(robot, share), turn * robot.require_gait().yaw_rate
-        cases[f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"] = Commands.steady(forward, yaw_rate)
-    return cases
-
-
-def _speed(robot: Robot, share: float) -> float:
-    """Speed [m/s] from a fraction of the fastest, forward if positive."""
-    slowest, fastest = robot.require_gait().forward
-    return share * (fastest if share > 0.0 else -slowest)
-
-
-def command_errors(robot: Robot, episodes: Sequence[Episode], steps: int) -> dict[str, float]:
-    """Fraction of walks without a fall, and means over these walks.
-
-    speed_off is the mean |filtered speed - command| [m/s], see `Episode.speed_error`; speed [m/s] is the distance along
-    the heading over time, and yaw_rate [rad/s] the turn over time.
-    """
-    whole = [each for each in episodes if completed(each, steps)]
-    found = {"upright": len(whole) / len(episodes)}
-    if whole:
-        found["speed_off"] = float(np.mean([each.speed_error for each in whole]))
-        rates = [_rates(robot, each) for each in whole]
-        found |= dict(zip(("speed", "yaw_rate"), map(float, np.mean(rates, axis=0)), strict=True))
-    return found
-
-
-def _rates(robot: Robot, episode: Episode) -> tuple[float, float]:
-    """Speed along the heading [m/s] and yaw rate [rad/s] after the first second."""
-    qpos = episode.trace[round(WARM_UP / robot.control_dt) :]
-    yaw = headings(qpos)
-    time = robot.control_dt * (len(qpos) - 1)
-    return float(np.sum(steps_along_heading(qpos[:, :2], yaw))) / time, float(yaw[-1] - yaw[0]) / time
-
-
-def means(walks: Results, speed: str) -> list[Result]:
-    """Means over walks at one speed, which is their ``part``; a quantity of a leg gets the name of the leg."""
-    rows = []
-    for quantity in walks.distinct("quantity"):
-        for leg in walks.where(quantity=quantity).distinct("part"):
-            same = walks.where(quantity=quantity, part=leg)
-            name = quantity if leg is None else f"{quantity}/{leg}"
-            mean = same.mean(quantity=quantity)
-            rows.append(replace(same.rows[0], quantity=name, value=mean, model=None, part=speed))
-    return rows
-
-
-def _walk(simulator: WalkSimulator, policy: PolicyArrays, seed: int) -> Episode:
-    return simulator.run(policy, seed, trace=True)
-
-
-def trained(settings: Settings, prior: Path, seed: int) -> Path:
-    """The policy of a seed; trained if the file does not exist."""
-    folder = settings.out / f"seed_{seed}"
-    train_policy(
-        settings.robot, f"prior:{prior}", out=folder, iterations=settings.iterations, seed=seed,
-        workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
-    )  # fmt: skip
-    return folder / POLICY
-
-
-def measure(settings: Settings) -> Results:
-    """All results."""
-    robot = load_robot(settings.robot)
-    prior = prior_of(settings)
+def measure(settings: Settings) -> dict[str, float]:
+    """All figures; those straight ahead also over speeds, for all seeds and for each."""
+    robot, folder = load_robot(settings.robot), settings.out / "prior"
+    log = record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
+    prior = fit_prior(log, out=folder, progress=PROGRESS)
     environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
-    found, gait = [], zero_policy(robot.num_joints)
+    found: defaultdict[str, list[float]] = defaultdict(list)
+
+    def add(place: str, rows: Rows, seed: int) -> None:
+        for quantity, command, value in rows:
+            name = f"{place}/{quantity}"
+            names = (name, f"{name}/seed_{seed}", f"{name}/{command}")
+            for key in names[2:] if quantity.startswith(TURNS) else names:
+                found[key].append(value)
+
     for place in PLACES:
-        found += [replace(row, motors=UNTRAINED + place, seed=0) for row in environments.evaluate(place, gait)]
+        add(UNTRAINED + place, environments.straight(place, zero_policy(robot.num_joints)), 0)
     for seed in range(settings.seeds):
-        policy = Policy.load(trained(settings, prior, seed)).arrays
+        policy = train_policy(
+            settings.robot, f"prior:{folder / PRIOR}", out=settings.out / f"seed_{seed}", seed=seed,
+            iterations=settings.iterations, workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
+        ).arrays  # fmt: skip
         for place in PLACES:
-            found += [replace(row, seed=seed) for row in environments.evaluate(place, policy)]
-            found += environments.turns(place, policy, seed)
-    return Results.of(found)
-
-
-def figures_of(results: Results) -> dict[str, float]:
-    """PLACE/QUANTITY, means over speeds and seeds; with /SPEED over seeds, and with /seed_K over speeds."""
-    figures: dict[str, float] = {}
-    for row in results:
-        name, here = f"{row.motors}/{row.quantity}", {"quantity": row.quantity, "motors": row.motors}
-        figures[f"{name}/{row.part}"] = results.mean(**here, part=row.part)
-        if not row.quantity.startswith(TURNS):
-            figures[name] = results.mean(**here)
-            figures[f"{name}/seed_{row.seed}"] = results.mean(**here, seed=row.seed)
-    return figures
-
-
-def tables(results: Results) -> str:
-    """Markdown tables of the policies, of the untrained gait and of turns."""
-    walked = Results.of(row for row in results if not row.quantity.startswith(TURNS))
-    turns = Results.of(row for row in results if row.quantity.startswith(TURNS))
-    untrained = tuple(UNTRAINED + place for place in PLACES)
-    return "\n\n".join([table(walked, PLACES), table(walked, untrained), table(turns, PLACES)])
-
-
-def table(results: Results, places: tuple[str, ...]) -> str:
-    """Markdown: one row per quantity; means over the seeds by command, with the range of the seeds in brackets."""
-    walked = results.where(motors=places)
-    columns = [(place, speed) for place in places for speed in walked.distinct("part")]
-    head, rows = ["measure"], []
-    head += [f"{place}, {speed}{'' if speed.startswith('commands') else ' m/s'}" for place, speed in columns]
-    for quantity in walked.distinct("quantity"):
-        cells = []
-        for place, speed in columns:
-            values = [row.value for row in walked.where(quantity=quantity, motors=place, part=speed)]
-            cells.append(f"{np.mean(values):.2g} ({min(values):.2g}-{max(values):.2g})" if values else "")
-        unit = walked.where(quantity=quantity).rows[0].unit
-        rows.append([f"{quantity}{'' if unit == '1' else f' [{unit}]'}", *cells])
-    return markdown(head, rows)
+            add(place, environments.straight(place, policy), seed)
+            add(place, environments.commanded(place, policy), seed)
+    return {name: float(np.mean(values)) for name, values in found.items()}
 
 
 def main() -> None:
-    """Measure; write results.json, figures.json and tables.md; print the tables."""
+    """Measure; write figures.json, print it."""
     settings = tyro.cli(Settings, description=__doc__)
-    results = measure(settings)
-    results.save(settings.out / "results.json")
-    write_json(settings.out / "figures.json", figures_of(results))
-    write_text(settings.out / "tables.md", tables(results) + "\n")
-    print(tables(results))
+    report(measure(settings), settings.out / FIGURES)
 
 
 if __name__ == "__main__":

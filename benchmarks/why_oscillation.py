@@ -23,7 +23,6 @@ from matplotlib.figure import Figure
 from figures import markdown
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
@@ -92,26 +91,19 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class EngineAssisted:
-    """Motors of a network (`Actuator`) with given armature and damping in the engine."""
+class EngineAssisted(NetworkActuator):
+    """Motors of a network with given armature and damping in the engine."""
 
-    learned: NetworkActuator
-    armature: np.ndarray  # (n,) [kg·m²]
-    damping: np.ndarray  # (n,) [N·m·s/rad]
+    in_engine: np.ndarray  # (2, n) armature [kg·m²] and damping [N·m·s/rad]
 
     @property
-    def kind(self) -> ActuatorKind:
-        """Kind of the learned motors."""
-        return self.learned.kind
-
-    @property
-    def num_motors(self) -> int:
-        """Number of motors."""
-        return self.learned.num_motors
+    def armature(self) -> np.ndarray:
+        """(n,) [kg·m²]."""
+        return self.in_engine[0]
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        return self.learned.arrays(physics_dt)._replace(damping=self.damping.copy())
+        return super().arrays(physics_dt)._replace(damping=self.in_engine[1].copy())
 
 
 @dataclass(frozen=True)
@@ -125,10 +117,9 @@ class Learned:
 
     def motors(self, index: np.ndarray) -> GreyBoxActuator | EngineAssisted:
         """The training motors at ``index``."""
-        own = self.model.motors(self.mean[index])
-        if isinstance(own, GreyBoxActuator):
-            return own
-        return EngineAssisted(own, self.armature[index], self.damping[index])
+        if not isinstance(self.model, LatentNetwork):
+            return self.model.motors(self.mean[index])
+        return EngineAssisted(self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index])
 
 
 def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:

@@ -22,21 +22,14 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")  
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from grey_boxes import make_grey_box  # noqa: E402
 
-from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox  # noqa: E402
-from motorprior.actuator.optional_terms import INITIAL, SIGNED  # noqa: E402
 
-SMALL_SERVO = {
-    "kp": 10.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.008, "torque_limit": 1.5, "armature": 0.002,
-    "coulomb": 0.06, "stribeck_torque": 0.01, "viscous_damping": 0.004, "load_friction": 0.2, "gear_stiffness": 70.0,
-    "backlash": 0.015, "gear_damping": 0.03,
-}  # fmt: skip
-"""A small geared servo, in SI units."""
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
+SHARED = ("go2", "so101", "xl330", "pupper_v2", "robots")
 LONGEST_FIRST = (
     "commands/test_demo.py", "cli/test_adapt.py",
     "identification/test_train.py", "cli/test_documented_commands.py", "identification/test_recovery.py",
@@ -62,29 +55,17 @@ def _place(item: pytest.Item) -> int:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real motor logs, from MOTORPRIOR_SHARED or `shared/data` beside the checkout; without it, skip."""
+    """Folder of real motor logs and models, from MOTORPRIOR_SHARED or `shared/data` beside the checkout, or skip."""
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
-    if not folder.is_dir():
-        pytest.skip("no real motor logs: MOTORPRIOR_SHARED names their folder, or shared/data beside the checkout")
+    if missing := [name for name in SHARED if not (folder / name).is_dir()]:
+        pytest.skip(f"no real motor logs: {folder} has no {', '.join(missing)}; MOTORPRIOR_SHARED names their folder")
     return folder
 
 
 @pytest.fixture(scope="session")
 def grey_box() -> Callable[..., GreyBox]:
-    """`grey_box(spread=…, coulomb=…)`: deviation of logarithms per latent, constants of the central motor [SI]."""
-
-    def make(
-        spread: float = 0.2, latents: int = 3, seed: int = 0, terms: tuple[str, ...] = (), **constants: float
-    ) -> GreyBox:
-        rng = np.random.default_rng(seed)
-        values, names = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants, parameters_of(terms)
-        center = np.array([
-            values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0)))
-            for name in names
-        ])  # fmt: skip
-        return GreyBox(center, spread * rng.standard_normal((latents, len(names))), 0.002, terms)
-
-    return make
+    """See `make_grey_box`."""
+    return make_grey_box
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,5 @@
 """Gymnasium makes the walking task by name, on either engine and on any motors."""
 
-import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -51,16 +48,3 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     env.close()
     np.testing.assert_array_equal(measured[0], measured[1])
     assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
-
-
-EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "train_ppo.py"
-
-
-@pytest.mark.slow
-def test_the_example_trains_on_sampled_motors(prior: Path):
-    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
-    words = [sys.executable, EXAMPLE, str(prior), "4096"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
-    assert re.fullmatch(line, done.stdout.splitlines()[-1])

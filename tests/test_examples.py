@@ -1,5 +1,6 @@
 """The examples run, each in its smallest size."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -44,6 +45,14 @@ def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, capsys):
     run("prior_to_policy.py", prior, "--iterations=1", "--episode-steps=5", "--out", out)
     assert mp.Policy.load(out).robot == "pupper_v2"
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
+
+
+@pytest.mark.slow
+def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
+    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
+    run("train_ppo.py", prior, 4096)
+    line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
+    assert re.fullmatch(line, capsys.readouterr().out.splitlines()[-1])
 
 
 def test_the_paper_reads_top_to_bottom_and_runs(capsys):

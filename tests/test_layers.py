@@ -16,31 +16,13 @@ WORDS = {
     *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
 }
 ORDER = [
-    *(
-        "words",
-        "robots",
-        "logs",
-        "actuator",
-        "bench",
-        "identification",
-        "evaluation",
-        "priors",
-        "excitation",
-        "locomotion",
-        "simulation",
-        "studies",
-    ),
+    *("words", "robots", "logs", "actuator", "bench", "identification", "evaluation", "priors", "excitation"),
+    *("locomotion", "simulation", "studies"),
     *("report", "exports", "environments", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
-    "hardware": {
-        "simulation",
-        "actuator",
-        "identification",
-        "evaluation",
-        "priors",
-        "excitation",
-    },  # what the robot's computer does not install
+    # what the robot's computer does not install
+    "hardware": {"simulation", "actuator", "identification", "evaluation", "priors", "excitation"},
     "locomotion": {"simulation"},  # gets a backend handed in
 }
 FOLDERS = {

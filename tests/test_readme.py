@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import TABLE_MAP, write_table
 
 from motorprior.bench.fleet import load_fleet
 from motorprior.robots.load import load_robot
@@ -116,15 +117,9 @@ def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: P
     robot, fleet = load_robot("pupper_v2"), load_fleet("pupper_v2")
     targets = excitation_targets(robot, "chirp", 8.0, 0.2, seed=0)
     log = simulated_log(robot, fleet.sample(12, np.random.default_rng(0)).actuator(), targets, 0.001)
-    names = [f"{kind}_{joint}" for kind in ("target", "angle") for joint in range(12)]
-    columns = np.column_stack([log.time, log.position_target, log.joint_pos])
-    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header=",".join(["time", *names]), comments="")
-    joints = "\n".join(f'{joint} = {{ name = "{name}" }}' for joint, name in enumerate(robot.joint_names))
-    keys = (
-        'robot = "pupper_v2"\nmotor = "DJI M2006"\ntime = "time"\n'
-        'position_target = "target_{joint}"\njoint_pos = "angle_{joint}"\n'
-    )
-    (tmp_path / "columns.toml").write_text(f"{keys}[joints]\n{joints}\n", "utf-8")
+    write_table(log, tmp_path / "run.csv")
+    joints = "".join(f"[joints.{name}]\n" for name in robot.joint_names)
+    (tmp_path / "columns.toml").write_text(f'robot = "pupper_v2"\n{TABLE_MAP}{joints}', "utf-8")
     found: dict = {}
     with chdir(tmp_path):
         exec(code, found)

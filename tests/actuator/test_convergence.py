@@ -35,7 +35,7 @@ def simulated(known: GreyBoxActuator, given: Trial, parts: int) -> np.ndarray:
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
     """Median over motors of the RMS [mrad]."""
-    return 1e3 * float(np.median(np.sqrt(np.mean((one - other) ** 2, axis=0))))
+    return 1e3 * float(np.median(rms(one - other, axis=0)))
 
 
 @pytest.mark.parametrize("kind", ["gait", "impacts"])

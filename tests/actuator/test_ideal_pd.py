@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from imposed_motion import torques
 
 from motorprior.actuator.actuator import Factors, with_factors
 from motorprior.actuator.ideal_pd import IdealPd
@@ -12,20 +13,12 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator
 DT = 0.002
 
 
-def torques(actuator, targets, joint_pos, joint_vel):
-    arrays, out = actuator.arrays(DT), np.zeros(targets.shape)
-    reset_actuator(arrays, targets[0].copy(), joint_pos[0].copy())
-    for step in range(len(targets)):
-        step_actuator(arrays, DT, targets[step].copy(), joint_pos[step].copy(), joint_vel[step].copy(), out[step])
-    return out
-
-
 def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
     rng = np.random.default_rng(0)
     actuator = IdealPd(*(rng.uniform(0.1, 2.0, 5) for _ in range(4)), delay=np.zeros(5))
-    target, q, dq = rng.normal(0.0, 1.0, (3, 200, 5))
+    target, q, dq = inputs = rng.normal(0.0, 1.0, (3, 200, 5))
     law = np.clip(actuator.kp * (target - q) - actuator.kd * dq, -actuator.torque_limit, actuator.torque_limit)
-    np.testing.assert_allclose(torques(actuator, target, q, dq) - actuator.kd * dq, law, atol=1e-12)
+    np.testing.assert_allclose(torques(actuator, inputs) - actuator.kd * dq, law, atol=1e-12)
     assert 0.2 < np.mean(np.abs(law) == actuator.torque_limit) < 0.9  # both branches are seen
     np.testing.assert_array_equal(actuator.damping, actuator.kd)
 
@@ -34,12 +27,12 @@ def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
 def test_a_delayed_target_is_the_target_of_so_long_ago(lag):
     rng = np.random.default_rng(1)
     target = np.cumsum(rng.normal(size=(40, 2)), axis=0)
-    nothing = np.zeros_like(target)
+    inputs = np.stack([target, 0.0 * target, 0.0 * target])
     actuator = IdealPd.uniform(2, kp=1.0, kd=0.0, torque_limit=1e9, delay=lag * DT)
     steps = np.arange(40.0)
     # before the start the first target has held for ever, which is what np.interp extrapolates
     expected = np.stack([np.interp(steps - lag, steps, column) for column in target.T], axis=1)
-    np.testing.assert_allclose(torques(actuator, target, nothing, nothing), expected, atol=1e-9)
+    np.testing.assert_allclose(torques(actuator, inputs), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("coulomb", [0.0, 0.1])

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from imposed_motion import torques
 from networks import network
 
-from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.latent import NetworkActuator
 
 TAPS = (0, 2, 5)
@@ -13,14 +13,6 @@ TAPS = (0, 2, 5)
 def motion(n, steps=40):
     """(3, steps, n) position_target, joint_pos, joint_vel."""
     return np.random.default_rng(1).normal(0.0, [[[0.3]], [[0.3]], [[4.0]]], (3, steps, n))
-
-
-def torques(actuator, inputs, dt=0.002):
-    arrays, out = actuator.arrays(dt), np.zeros(inputs.shape[1:])
-    reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
-    for step, row in enumerate(inputs.transpose(1, 0, 2).copy()):
-        step_actuator(arrays, dt, row[0], row[1], row[2], out[step])
-    return out
 
 
 def scaled_history(net, inputs):

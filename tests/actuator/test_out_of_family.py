@@ -1,6 +1,6 @@
 """Closed forms of every term of out-of-family motors."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ from motorprior.actuator import out_of_family as rows
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.bench.dynamometer import Response, Trial, run
-from motorprior.bench.fleet import load_fleet
 
 DT = 1e-4
 
@@ -85,22 +84,6 @@ def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, min_torque
         arrays.memory[rows.ROTOR_VEL, 0] = speed
         step_actuator(arrays, DT, np.array([target]), still, np.array([speed]), np.zeros(1))
         assert arrays.memory[rows.TORQUE, 0] == pytest.approx(known)
-
-
-@pytest.mark.parametrize("name", ["foreign_direct", "foreign_servo"])
-def test_a_motor_that_is_switched_off_only_takes_energy(name):
-    """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
-    n, nothing = 16, np.zeros(16)
-    motors = load_fleet(name).sample(n, np.random.default_rng(0))
-    assert isinstance(motors, OutOfFamilyMotors)
-    motors = replace(motors, kp=nothing, kd=nothing, ki=nothing, cogging=nothing)
-    rng, load = np.random.default_rng(1), np.geomspace(1e-3, 2e-2, n)
-    external = np.repeat(rng.uniform(-0.6, 0.6, (20, n)), 400, axis=0)
-    answer = run(motors.actuator(), Trial(np.zeros_like(external), external, load, DT))
-    work = np.cumsum(external[:-1] * np.diff(answer.joint_pos, axis=0), axis=0)
-    kinetic = 0.5 * load * answer.joint_vel[1:] ** 2
-    assert np.all(work - kinetic >= -1e-4 * kinetic.max())
-    assert kinetic.max() > 0.01
 
 
 def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:

@@ -1,12 +1,15 @@
-"""Samples of a fleet have the distributions in its file; a bad file is rejected by name."""
+"""Samples of a fleet have the distributions in its file, a bench reproduces them; a bad file is rejected by name."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from motorprior.bench.bench_folder import bench_from_json, read_bench
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import fleet_path, load_fleet, write_fleet
+from motorprior.commands.bench import Bench, run_bench
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED
 
@@ -86,3 +89,15 @@ def test_a_fleet_that_was_written_is_the_one_that_is_read(tmp_path: Path, name: 
     fleet, path = load_fleet(name), tmp_path / "fleet.toml"
     write_fleet(path, fleet, dict.fromkeys(fleet.parameters, 'a log called "µ \\ 1"'), "by a test")
     assert load_fleet(path) == fleet
+
+
+@pytest.mark.parametrize("name", ["foreign_direct", "mixed"])
+def test_a_bench_gives_its_motors_back(tmp_path, name):
+    run_bench(Bench(tmp_path, name, "rollout", 3, 1200, 5))
+    log, bench = read_bench(tmp_path)
+    fleet = load_fleet(name)
+    assert bench.fleet == fleet and (log.num_joints, log.num_rows) == (3, 1200) and log.motor == fleet.motor
+    drawn, again = (found.physical_motors() for found in (bench, bench_from_json(bench.as_json(), "here")))
+    np.testing.assert_array_equal(drawn.kp, again.kp)
+    text = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert text.get("family", "geared") == fleet.family and ("family" in text) == (name != "mixed")

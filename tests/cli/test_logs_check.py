@@ -8,28 +8,24 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from motor_logs import TABLE_MAP, log_of, write_table
 
 Command = Callable[..., Any]
 JOINTS = ("FR_hip", "FR_knee", "FL_hip")
-MAP = 'motor = "servo"\ntime = "t"\nposition_target = "cmd_{joint}"\njoint_pos = "pos_{joint}"\n'
 
 
-def written(folder: Path, joints: tuple[str, ...] = JOINTS, size: float = 0.3) -> tuple[Path, Path]:
+def written(folder: Path, size: float = 0.3) -> tuple[Path, Path]:
     """A table of joints that follow their commands, and its map."""
-    time = 0.01 * np.arange(600)
-    way = lambda late: size * np.sin(2 * np.pi * np.array([0.5, 0.8, 1.1]) * (time[:, None] - late))  # noqa: E731
-    names = ["t", *(f"{kind}_{joint}" for kind in ("cmd", "pos") for joint in joints)]
-    table, columns = folder / "mine.csv", folder / "map.toml"
-    rows = np.column_stack([time, way(0.0), way(0.05)])
-    np.savetxt(table, rows, delimiter=",", header=",".join(names), comments="")
-    columns.write_text(MAP + "".join(f"[joints.{joint}]\n" for joint in joints), "utf-8")
-    return table, columns
+    time, columns = 0.01 * np.arange(600), folder / "map.toml"
+    target, angle = (size * np.sin(np.pi * np.outer(time - late, [1.0, 1.6, 2.2])) for late in (0.0, 0.05))
+    columns.write_text(TABLE_MAP + "".join(f"[joints.{joint}]\n" for joint in JOINTS), "utf-8")
+    return write_table(log_of(time, target, angle, joint_names=JOINTS), folder / "mine.csv"), columns
 
 
 @pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
 def test_a_table_without_a_map_is_rejected_with_a_remedy(refused: Command, tmp_path: Path, command: tuple):
     table, _ = written(tmp_path)
-    words = ("mine.csv: a table of unknown format", "'cmd_FR_hip'", "with --columns", "your-motors.md")
+    words = ("mine.csv: a table of unknown format", "'goal_FR_hip'", "with --columns", "your-motors.md")
     refused("logs", *command, table, words=words)
     pq.write_table(pa.table({"t": [0.0, 1.0]}), tmp_path / "mine.parquet")
     refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns", "your-motors.md"))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import joints_of, log_of
 
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
@@ -22,10 +23,7 @@ def suspended_run() -> MotorLog:
     knees = np.array([name.endswith("knee") for name in PUPPER_V2.joint_names])
     target = PUPPER_V2.nominal_pose + 0.2 * knees * np.sin(2 * np.pi * 2.0 * time)[:, None]
     speed = 0.2 * knees * 4.0 * np.pi * np.cos(2 * np.pi * 2.0 * time)[:, None]
-    return MotorLog(
-        time=time, position_target=target, joint_pos=target, joint_vel=speed, joint_torque=np.full_like(target, 0.1),
-        joint_names=PUPPER_V2.joint_names, robot="pupper_v2", motor="m", source="run",
-    )  # fmt: skip
+    return log_of(time, target, joint_vel=speed, joint_torque=np.full_like(target, 0.1), **joints_of(PUPPER_V2))
 
 
 def test_the_torque_balance_closes():

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from findings import of_check
-from swinging_bars import INERTIA, swing, write_table
+from motor_logs import TABLE_MAP, joints_of, log_of, of_check, write_table
+from swinging_bars import INERTIA, bars_table, swing
 from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
 
 from motorprior.commands.logs_import import LogsImport, import_logs
@@ -20,14 +20,6 @@ from motorprior.logs.read_log import read_log
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as PUPPER
-
-SWING = """
-motor = "servo"
-time = "t"
-position_target = "goal_{joint}"
-joint_pos = "pos_{joint}"
-joints.a = {}
-"""
 
 
 def imported(config: LogsImport) -> str:
@@ -42,19 +34,13 @@ def write_swing(folder: Path) -> tuple[Path, str]:
     rng, time = np.random.default_rng(1), 0.01 * np.arange(1200)
     time = time[(time <= 6.0) | (time >= 8.5)]
     goal, angle = (0.8 * np.sin(3.0 * (time - late)) for late in (0.0, 0.05))
-    table = np.column_stack([time, goal, angle + 1e-3 * rng.standard_normal(len(time))])
-    path = folder / "swing.csv"
-    np.savetxt(path, table, delimiter=",", header="t,goal_a,pos_a", comments="")
-    (folder / "map.toml").write_text(SWING, "utf-8")
-    return path, str(folder / "map.toml")
+    log = log_of(time, goal, angle + 1e-3 * rng.standard_normal(len(time)))
+    (folder / "map.toml").write_text(f"{TABLE_MAP}[joints.a]\n", "utf-8")
+    return write_table(log, folder / "swing.csv"), str(folder / "map.toml")
 
 
 def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
-    angle = np.tile(ANGLE[:, :1], (1, PUPPER.num_joints))
-    return MotorLog(
-        time=TIME, position_target=angle, joint_pos=angle, joint_names=PUPPER.joint_names, robot=PUPPER.name,
-        motor=PUPPER.motor, source="a test", posture=posture,
-    )  # fmt: skip
+    return log_of(TIME, np.tile(ANGLE[:, :1], (1, PUPPER.num_joints)), posture=posture, **joints_of(PUPPER))
 
 
 @pytest.mark.parametrize("write", [write_pt, write_csv])
@@ -80,7 +66,7 @@ def test_loads_of_a_suspended_robot_need_that_posture_in_every_row(tmp_path: Pat
 
 def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, monkeypatch):
     bars = swing(2.0)
-    table, columns = write_table(bars, tmp_path)
+    table, columns = bars_table(bars, tmp_path)
     again = Path(shutil.copy(table, tmp_path / "again.csv"))
     given = [
         FittedLoad(inertia, 0.1, armature, gravity, 1e-4 * np.eye(2), 1e-3)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 from weighed_arm import write_arm
 
 from motorprior.artifacts import read_json
@@ -14,7 +15,7 @@ from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
-from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.motor_log import POSTURES
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.report.page import page
 from motorprior.report.sections import models_of_logs
@@ -75,10 +76,7 @@ def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, small_sear
 def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: Path, postures: tuple[str | None, ...]):
     robot = load_robot("pupper_v2")
     target = np.tile(np.linspace(0.0, 1.0, 50)[:, None], (1, robot.num_joints))
-    log = MotorLog(
-        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=robot.joint_names, robot="r",
-        motor="m", source="log",
-    )  # fmt: skip
+    log = log_of(0.01 * np.arange(50), target, joint_names=robot.joint_names)
     for number, posture in enumerate(postures):  # suspended in the first row of every log
         codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
         write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))

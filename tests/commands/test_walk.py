@@ -5,12 +5,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from motorprior import stage
-from motorprior.artifacts import read_json, read_tensors
+from motorprior.artifacts import read_json
 from motorprior.commands.walk import PICTURE, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
@@ -28,28 +29,6 @@ def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
     settings = {"motors": "pd:kp=8", "iterations": 3, "episode_steps": 10, "workers": 1, "search": search} | changes
     return Walk(out=folder, **settings)
-
-
-def test_killed_before_its_marker_a_training_continues_from_its_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-
-    def write(path: Path, data: object) -> None:
-        raise SystemExit(137)
-
-    with monkeypatch.context() as patch, pytest.raises(SystemExit):
-        patch.setattr(stage, "write_json", write)
-        run_walk(walk(killed))
-    run_walk(walk(whole))
-    done = int(read_tensors(killed / CHECKPOINT)[0]["iteration"])
-    assert 0 < done <= 3 and not (killed / MARKER).exists()
-    if done == 3:
-        monkeypatch.setattr(PolicySearch, "advance", None)  # no iteration is repeated
-    assert run_walk(walk(killed))
-    for name in (POLICY, CURVE, METRICS):
-        assert (killed / name).read_bytes() == (whole / name).read_bytes(), name
-    assert (killed / MARKER).is_file() and not (killed / CHECKPOINT).exists()
 
 
 def test_a_training_does_not_overwrite_the_policy_that_it_starts_from(tmp_path: Path):
@@ -99,7 +78,9 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     assert policy.provenance["validation"] == "mixed"
 
 
-def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupts(tmp_path: Path):
+def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     early = {"validation": "mixed", "patience": 1, "iterations": 40, "episode_steps": 30}
     run_walk(walk(tmp_path / "whole", **early))
     ended = len(read_json(tmp_path / "whole" / CURVE))
@@ -123,7 +104,13 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
     for after in (ended - 1, 1):  # the second: all iterations are made, and nothing is written yet
         with pytest.raises(KeyboardInterrupt):
             run_walk(parts, Stops(after))
+    with monkeypatch.context() as patch, pytest.raises(SystemExit):  # all is written but the marker
+        patch.setattr(stage, "write_json", Mock(side_effect=SystemExit(137)))
+        run_walk(parts, Stops(99))
+    monkeypatch.setattr(PolicySearch, "advance", None)  # no iteration is repeated
+    assert not (tmp_path / "parts" / MARKER).exists() and (tmp_path / "parts" / CHECKPOINT).exists()
     run_walk(parts, Stops(99))
+    assert (tmp_path / "parts" / MARKER).is_file() and not (tmp_path / "parts" / CHECKPOINT).exists()
     for name in (POLICY, CURVE, METRICS):
         assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     lines = (tmp_path / "parts" / METRICS).read_text("utf-8").splitlines()

@@ -2,17 +2,20 @@
 
 from dataclasses import fields, replace
 
+import imposed_motion
 import numpy as np
 import pytest
+from grey_boxes import make_grey_box
 from networks import network
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
+from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
@@ -53,29 +56,17 @@ def latent(n):
 
 
 def grey_box(n):
-    rng = np.random.default_rng(5)
-    names = {"kp": 8.0, "kd_over_kp": 0.09, "velocity_filter": 0.003, "delay": 0.007, "torque_limit": LIMIT}
-    names |= {"armature": 0.002, "coulomb": 0.06, "stribeck_torque": 0.02, "viscous_damping": 0.004}
-    names |= {"load_friction": 0.2, "gear_stiffness": 70.0, "backlash": 0.015, "gear_damping": 0.03}
-    slope = 0.2 * rng.standard_normal((3, len(PARAMETERS)))
-    slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
-    box = GreyBox(np.log([names.get(name, 1.0) for name in PARAMETERS]), slope, 0.002)
-    return GreyBoxActuator(box, rng.standard_normal((n, 3)))
+    box = make_grey_box(torque_limit=LIMIT)
+    box.slope[:, [PARAMETERS.index("torque_limit"), PARAMETERS.index("encoder_zero")]] = 0.0
+    return GreyBoxActuator(box, np.random.default_rng(5).standard_normal((n, 3)))
 
 
-MAKERS = {
-    "ideal_pd": ideal_pd,
-    "friction_pd": friction_pd,
-    "physical": physical,
-    "latent": latent,
-    "grey_box": grey_box,
-    "out_of_family": out_of_family,
-}
+MAKERS = (ideal_pd, friction_pd, physical, latent, grey_box, out_of_family)
 
 
-@pytest.fixture(params=MAKERS)
+@pytest.fixture(params=MAKERS, ids=lambda make: make.__name__)
 def make(request):
-    return MAKERS[request.param]
+    return request.param
 
 
 def only(actuator, motor):
@@ -95,19 +86,8 @@ def motion(n, steps=60):
     return np.stack([joint_pos + rng.normal(0.0, 0.2, (steps, n)), joint_pos, velocity])
 
 
-def advance(arrays, row, torque, dt=DT):
-    """One step on (3, n) target, position and velocity."""
-    step_actuator(arrays, dt, row[0], row[1], row[2], torque)
-
-
-def torques(actuator, inputs, arrays=None, dt=DT):
-    """(steps, n) torque [N·m] for imposed inputs, from rest at the first of them."""
-    arrays = actuator.arrays(dt) if arrays is None else arrays
-    reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
-    out = np.zeros(inputs.shape[1:])
-    for step in range(len(out)):
-        advance(arrays, inputs[:, step].copy(), out[step], dt)
-    return out
+def torques(actuator, inputs, arrays=None):
+    return imposed_motion.torques(actuator, inputs, DT, arrays)
 
 
 @pytest.mark.parametrize("n", [12, 16, 17, 32])
@@ -126,7 +106,7 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
     assert torques(make(12), inputs).tobytes() == torques(make(12), inputs).tobytes()
     arrays, step = make(12).arrays(DT), inputs[:, 0].copy()
     reset_actuator(arrays, step[0], step[1])
-    advance(arrays, step, np.zeros(12))
+    step_actuator(arrays, DT, step[0], step[1], step[2], np.zeros(12))
     measure_joint_pos(arrays, step[1], np.zeros(12))
     np.testing.assert_array_equal(step, before[:, 0])
 
@@ -184,3 +164,17 @@ def test_a_step_that_the_model_cannot_run_at_is_refused_with_one_that_it_can(mod
         model(2).arrays(dt)
     assert error.value.remedy is not None and remedy in error.value.remedy
     model(2).arrays(float(remedy.split()[0]))
+
+
+@pytest.mark.parametrize("name", ["pupper_v2", "mixed", "foreign_direct", "foreign_servo"])
+def test_motors_that_are_switched_off_only_take_energy(name):
+    """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
+    motors, dt, rng = load_fleet(name).sample(16, 0), 1e-4, np.random.default_rng(1)
+    driven = {"kp", "kd", "ki", "cogging"} & {field.name for field in fields(motors)}
+    motors, load = replace(motors, **dict.fromkeys(driven, np.zeros(16))), np.geomspace(1e-3, 2e-2, 16)
+    external = np.repeat(rng.uniform(-0.6, 0.6, (20, 16)), 400, axis=0)
+    answer = run(motors.actuator(), Trial(np.zeros_like(external), external, load, dt))
+    work = np.cumsum(external[:-1] * np.diff(answer.joint_pos, axis=0), axis=0)
+    kinetic = 0.5 * load * answer.joint_vel[1:] ** 2
+    assert np.all(work - kinetic >= -1e-4 * kinetic.max())
+    assert kinetic.max() > 0.01

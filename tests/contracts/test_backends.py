@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grey_boxes import make_grey_box
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
@@ -13,63 +14,39 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
 
-BULLET = WalkConfig(engine="pybullet")
+MUJOCO, BULLET = WalkConfig(), WalkConfig(engine="pybullet")
 
 
-def backend_of(draw_motors, walk: WalkConfig | None = None) -> SimulatedBackend:
-    walk = walk or WalkConfig()
+def backend_of(draw_motors, walk: WalkConfig) -> SimulatedBackend:
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     return SimulatedBackend(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
-
-
-def of_fleet(name: str):
-    fleet = load_fleet(name)
-    return lambda rng: fleet.sample(PUPPER_V2.num_joints, rng).actuator()
-
-
-def of_grey_boxes(grey_box):
-    """Motors drawn around a small servo."""
-    box = grey_box(spread=0.05)
-    return lambda rng: GreyBoxActuator(box, rng.standard_normal((PUPPER_V2.num_joints, 3)))
-
-
-def mujoco(_: object) -> SimulatedBackend:
-    return backend_of(of_fleet("pupper_v2"))
-
-
-def mujoco_of_grey_boxes(grey_box) -> SimulatedBackend:
-    return backend_of(of_grey_boxes(grey_box))
-
-
-def mujoco_randomized(_: object) -> SimulatedBackend:
-    return backend_of(of_fleet("pupper_v2"), WalkConfig(randomization=EVERYTHING))
-
-
-def pybullet(_: object) -> SimulatedBackend:
-    return backend_of(of_fleet("pupper_v2"), BULLET)
-
-
-def pybullet_of_grey_boxes(grey_box) -> SimulatedBackend:
-    return backend_of(of_grey_boxes(grey_box), BULLET)
-
-
-def pybullet_randomized(_: object) -> SimulatedBackend:
-    return backend_of(of_fleet("mixed"), replace(BULLET, randomization=EVERYTHING))
 
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.001), damping=(0.0, 0.01), friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.005, gravity_tilt=0.02,
     encoder_offset=0.01, command_delay=(0.0, 0.015), push=0.05, push_interval=0.1,
 )  # fmt: skip
+BACKENDS = {  # fleet, none for grey boxes, and episode
+    "mujoco": ("pupper_v2", MUJOCO),
+    "mujoco of grey boxes": ("", MUJOCO),
+    "mujoco, randomized": ("pupper_v2", replace(MUJOCO, randomization=EVERYTHING)),
+    "pybullet": ("pupper_v2", BULLET),
+    "pybullet of grey boxes": ("", BULLET),
+    "pybullet, randomized": ("mixed", replace(BULLET, randomization=EVERYTHING)),
+}
 
 
-BACKENDS = [mujoco, mujoco_of_grey_boxes, mujoco_randomized, pybullet, pybullet_of_grey_boxes, pybullet_randomized]
+@pytest.fixture(params=BACKENDS)
+def backend(request: pytest.FixtureRequest):
+    (name, walk), box = BACKENDS[request.param], make_grey_box(spread=0.05)
 
+    def draw_motors(rng: np.random.Generator):
+        if not name:
+            return GreyBoxActuator(box, rng.standard_normal((PUPPER_V2.num_joints, 3)))
+        return load_fleet(name).sample(PUPPER_V2.num_joints, rng).actuator()
 
-@pytest.fixture(params=BACKENDS, ids=lambda make: make.__name__)
-def backend(request: pytest.FixtureRequest, grey_box):
-    made = request.param(grey_box)
+    made = backend_of(draw_motors, walk)
     yield made
     made.close()
 
@@ -135,7 +112,7 @@ TELEPORTING = IdealPd.uniform(12, kp=1e8, kd=0.0, torque_limit=1e9)
 """Everything stays finite."""
 
 
-@pytest.mark.parametrize("walk", [WalkConfig(), BULLET], ids=["mujoco", "pybullet"])
+@pytest.mark.parametrize("walk", [MUJOCO, BULLET], ids=["mujoco", "pybullet"])
 @pytest.mark.parametrize(
     "motors", [ABSURD, UNDEFINED, BUZZING, TELEPORTING], ids=["absurd", "NaN", "buzzing", "teleporting"]
 )

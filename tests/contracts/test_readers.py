@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import joints_of, log_of
 from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.log_reader import LogReader
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.read_log import READERS, read_log
 from motorprior.logs.readers.deploy_recording import Mode, run_columns
 from motorprior.logs.readers.motor_log_file import write_log
@@ -21,11 +21,7 @@ ROWS = 20
 def write_motor_log(folder: Path) -> Path:
     time = 0.01 * np.arange(ROWS)
     angles = np.tile(np.sin(time)[:, None], (1, ROBOT.num_joints))
-    log = MotorLog(
-        time=time, position_target=angles, joint_pos=angles, joint_names=ROBOT.joint_names, robot=ROBOT.name,
-        motor=ROBOT.motor, source="a test",
-    )  # fmt: skip
-    write_log(folder / "a.parquet", log)
+    write_log(folder / "a.parquet", log_of(time, angles, **joints_of(ROBOT)))
     return folder / "a.parquet"
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 import motorprior as mp
 from motorprior.actuator.motor_posterior import MotorPosterior
@@ -20,7 +21,6 @@ from motorprior.exports.bam import BamMotor, read_motor
 from motorprior.exports.cards import shipped_cards
 from motorprior.exports.exporter import sampled, with_kd
 from motorprior.exports.registry import EXPORTERS, is_supported
-from motorprior.logs.motor_log import MotorLog
 from motorprior.signals import rms
 
 DETAILED = pytest.mark.skipif(not is_supported(EXPORTERS["mjcf-detailed"]), reason="needs MuJoCo 4")
@@ -60,20 +60,25 @@ def arm(tmp_path: Path) -> Iterator[Path]:
         yield path
 
 
+ON_WRIST = {"model": "arm.xml", "joints": ("wrist",)}
+
+
 @pytest.mark.parametrize(
-    ("format", "options", "value"),
-    [("urdf", {}, "urdf"), ("mjcf", {}, "mjcf"), ("mjcf", {"model": "arm.xml", "joints": ("knee",)}, "knee")],
+    ("format", "options", "before_end", "value"),
+    [
+        ("urdf", {}, "", "urdf"),
+        ("mjcf", {}, "", "mjcf"),
+        ("mjcf", ON_WRIST | {"joints": ("knee",)}, "", "knee"),
+        ("mjcf", ON_WRIST, '<actuator><velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
+    ],
 )
-def test_a_bad_request_is_refused(prior: MotorPrior, arm: Path, format: str, options: dict, value: str):
+def test_a_bad_request_or_a_model_that_would_be_driven_wrongly_is_refused(
+    prior: MotorPrior, arm: Path, format: str, options: dict, before_end: str, value: str
+):
+    arm.write_text(MODEL.replace("</mujoco>", f"{before_end}</mujoco>"))
     with pytest.raises(ConfigError, match=value) as refused:
         mp.export(prior, format, arm.parent / "out", **options)
     assert refused.value.remedy
-
-
-def test_a_model_that_would_be_driven_twice_is_refused(prior: MotorPrior, arm: Path):
-    arm.write_text(MODEL.replace("</actuator>", '<velocity joint="wrist" kv="1"/></actuator>'))
-    with pytest.raises(ConfigError, match="2 actuators"):
-        mp.export(prior, "mjcf", arm.parent / "out", model=arm, joints=("wrist",))
 
 
 @pytest.mark.parametrize("format", ["mjcf", pytest.param("mjcf-detailed", marks=DETAILED)])
@@ -135,10 +140,7 @@ def test_exported_motors_move_as_ours(
 def test_a_log_is_replayed_too(prior: MotorPrior, tmp_path: Path):
     time, ones = 0.002 * np.arange(1000), np.ones((1000, 2))
     target = 0.3 * np.sin(6.0 * time)[:, None] * ones
-    log = MotorLog(
-        time=time, position_target=target, joint_pos=target, external_torque=0.0 * ones, load_inertia=0.004 * ones,
-        joint_names=("a", "b"), robot="rig", motor="m", source="log",
-    )  # fmt: skip
+    log = log_of(time, target, external_torque=0.0 * ones, load_inertia=0.004 * ones)
     found = mp.export(prior, "table", tmp_path, motors=2, joints=log.joint_names, log=log)
     table = json.loads((tmp_path / "motors.json").read_text())
     assert 1e-4 < found.losses["log"] < 0.03 and table["loss_rad"]["log"] == found.losses["log"]

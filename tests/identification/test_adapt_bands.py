@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import asdict
 
 import numpy as np
+from motor_logs import log_of
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.evaluation.reference import LEVELS, SPEEDS, residual_scale
 from motorprior.identification.presets import PRESETS
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved
 from motorprior.priors.adapt import adapt_to
 
@@ -19,9 +19,9 @@ METRICS = {f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45 for level 
 def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyBox]):
     time = 0.002 * np.arange(1500)
     target = 0.3 * np.sin(9.0 * time)[:, None] * [1.0, 0.0]
-    log = MotorLog(
-        time=time, position_target=target, joint_pos=np.roll(target, 5, axis=0), joint_names=("FL_calf", "FR_calf"),
-        robot="r", motor="m", source="log", load_inertia=np.full_like(target, 0.01), external_torque=0.0 * target,
+    log = log_of(
+        time, target, np.roll(target, 5, axis=0), joint_names=("FL_calf", "FR_calf"),
+        load_inertia=np.full_like(target, 0.01), external_torque=0.0 * target,
     )  # fmt: skip
     np.testing.assert_array_equal(moved(log), [True, False])
     z, provenance = np.random.default_rng(0).standard_normal((4, 3)), {"recipe": asdict(PRESETS["pace"])}

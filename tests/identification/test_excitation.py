@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.learned_excitation import LearnedExcitation
@@ -27,11 +28,8 @@ def run_of(seed: int = 0, seconds: float = 6.0) -> MotorLog:
     size, phase = np.array([0.1, 0.4, 0.1, 0.4]), rng.uniform(0, 6, 4)
     target = 0.7 + size * np.sin(2 * np.pi * 1.5 * time[:, None] + phase)
     torque = np.where((time % 0.5 < 0.02)[:, None], 1.0, 0.0) * (size > 0.2)
-    return MotorLog(
-        time=time, position_target=target, joint_pos=target, external_torque=torque,
-        load_inertia=np.tile([2e-3, 1e-3, 2e-3, 1.5e-3], (len(time), 1)), joint_names=NAMES, robot="r", motor="m",
-        source=f"run {seed}",
-    )  # fmt: skip
+    load = {"external_torque": torque, "load_inertia": np.tile([2e-3, 1e-3, 2e-3, 1.5e-3], (len(time), 1))}
+    return log_of(time, target, **load, joint_names=NAMES, source=f"run {seed}")
 
 
 def test_joints_without_classes_have_windows_of_their_own():

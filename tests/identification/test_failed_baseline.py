@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
 from motorprior.identification.presets import identification_preset
-from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.validate import fitted_baselines
 from motorprior.progress import SILENT, Lines
 
@@ -16,10 +16,8 @@ from motorprior.progress import SILENT, Lines
 def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):
     time = 0.002 * np.arange(400)
     target = 0.3 * np.sin(9.0 * time)[:, None]
-    log = MotorLog(
-        time=time, position_target=target, joint_pos=np.roll(target, 5, axis=0), joint_names=("j",), robot="", motor="",
-        source="made", load_inertia=np.full_like(target, 0.01), external_torque=0.0 * target,
-    )  # fmt: skip
+    load = {"load_inertia": np.full_like(target, 0.01), "external_torque": 0.0 * target}
+    log = log_of(time, target, np.roll(target, 5, axis=0), **load)
     for name in ("per_motor", "pooled_network"):
         (tmp_path / name).write_text("a file where the fit's folder should be")
     output = StringIO()
@@ -33,11 +31,8 @@ def test_the_response_of_a_joint_far_off_its_command_is_found():
     time = 0.002 * np.arange(2000)
     command = 0.2 * np.sin(2 * np.pi * 0.7 * time) + 0.1 * np.sin(2 * np.pi * 1.7 * time)
     angle = 1.2 * np.roll(command, 65) + 0.68
-    log = MotorLog(
-        time=time, position_target=command[:, None], joint_pos=angle[:, None], joint_names=("j",), robot="", motor="",
-        source="made",
-    )  # fmt: skip
-    motors = fitted_responses(log.rows(slice(100, None)), identification_preset("rollout"), 0, SILENT)["servo_limits"]
+    log = log_of(time, command, angle).rows(slice(100, None))
+    motors = fitted_responses(log, identification_preset("rollout"), 0, SILENT)["servo_limits"]
     found = dict(zip(CONSTANTS, motors.constants[0].tolist(), strict=True))
     # slow sines do not tell a pure delay from the lag of a second order
     assert found["delay"] + 2.0 * found["damping"] / found["rate"] == pytest.approx(0.13, abs=0.01)

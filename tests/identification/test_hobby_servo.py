@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motor_logs import TABLE_MAP
 
 import motorprior as mp
 from motorprior.actuator.grey_box import GreyBoxActuator
@@ -25,19 +26,9 @@ kp = 5.0
 kd = 0.2
 torque_limit = 1.5
 """
-COLUMNS = """motor = "My servo"
-time = "ms"
-position_target = "goal"
-joint_pos = "present"
-posture = "fixed"
-[units]
-time = "ms"
-angle = "deg"
-gain = "firmware"
-[joints.0]
-name = "swing"
-kp = 32
-"""
+UNITS = '[units]\ntime = "ms"\nangle = "deg"\ngain = "firmware"\n'
+COLUMNS = f'{TABLE_MAP}posture = "fixed"\n{UNITS}[joints.swing]\nkp = 32\n'
+HEADER = "t,goal_swing,pos_swing"
 
 
 def goals() -> np.ndarray:
@@ -72,7 +63,7 @@ def log(tmp_path_factory) -> mp.MotorLog:
     folder: Path = tmp_path_factory.mktemp("servo")
     goal = goals()
     rows = zip(10 * np.arange(ROWS), goal, recorded(goal), strict=True)
-    table = "\n".join(["ms,goal,present", *(f"{time},{target:.2f},{angle:.2f}" for time, target, angle in rows)])
+    table = "\n".join([HEADER, *(f"{time},{target:.2f},{angle:.2f}" for time, target, angle in rows)])
     center = (MASS + 0.5 * ROD) * LENGTH / (MASS + ROD)
     inertia = MASS * LENGTH**2 + ROD * LENGTH**2 / 3.0 - (MASS + ROD) * center**2
     texts = {"servo.csv": table, "columns.toml": COLUMNS, "pendulum.toml": ROBOT}
@@ -89,7 +80,7 @@ def test_duplicate_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
     failed[[60, 100]] = 0.0
     duplicated = np.insert(np.arange(120), 9, 9)
     rows = [f"{10 * row},{angle[row]:.2f},{failed[row]:.2f}" for row in duplicated]
-    (tmp_path / "servo.csv").write_text("\n".join(["ms,goal,present", *rows]))
+    (tmp_path / "servo.csv").write_text("\n".join([HEADER, *rows]))
     (tmp_path / "columns.toml").write_text(COLUMNS)
     log = mp.load_log(tmp_path / "servo.csv", columns=tmp_path / "columns.toml", period=None, progress=SILENT)
     assert log.num_rows == 118  # without one duplicate and two failed reads

@@ -1,16 +1,18 @@
-"""Logged gains do not change z."""
+"""Logged gains, voltage and temperature do not change z."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from swinging_load import swinging_load
+from motor_logs import swinging_load
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.latent_fit import fit_posterior
+from motorprior.identification.physics.term_selection import same_conditions
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -51,6 +53,19 @@ def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: Gre
     for name, posterior in found.items():
         spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
         assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
+
+
+def test_only_conditions_that_differ_between_segments_are_fitted(decoder_data: Data, grey_box: Networks):
+    """Servos that command a duty cycle, with torques that fall by 30 % when they are 50 K warmer."""
+    box = grey_box(terms=("supply", "temperature"), supply_share=1.0, temperature_loss=0.3)
+
+    def same(supply: tuple[float, ...], rise: tuple[float, ...] = (0.0,)) -> tuple[str, ...]:
+        data = decoder_data(box, Z, supply=supply, temperature_rise=rise)
+        return same_conditions(WindowRuns(data, replace(PRESET, gain_unit="")))
+
+    assert same((0.8, 1.1, 0.9), (0.0, 30.0)) == ()
+    assert same((0.8, 1.1, 0.9), (20.0, 22.0)) == ("temperature",)
+    assert same((0.99, 1.0)) == ("supply", "temperature")
 
 
 def test_a_log_of_another_firmware_is_rejected_and_one_without_registers_is_not():

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 import jax
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
@@ -13,7 +14,6 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData, training_data
-from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.train import identify
 
 PERIOD, FINE = 0.002, 8
@@ -38,16 +38,12 @@ def bench_log(armature, segments=10, rows=400, seed=0):
         mean_torque = response.joint_torque.reshape(rows, FINE, count).mean(axis=1)
         moved = (response.joint_pos[::FINE], response.joint_vel[::FINE], mean_torque)
         parts.append((target, *moved, external, np.broadcast_to(load, target.shape)))
-    names = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
-    return MotorLog(
-        time=np.arange(segments * rows) * PERIOD,
-        segment=np.repeat(np.arange(segments), rows),
+    target, pos, vel, torque, external, load = map(np.concatenate, zip(*parts, strict=True))
+    return log_of(
+        np.arange(segments * rows) * PERIOD, target, pos, joint_vel=vel, joint_torque=torque, external_torque=external,
+        load_inertia=load, segment=np.repeat(np.arange(segments), rows),
         joint_names=tuple(f"motor_{index}" for index in range(count)),
-        robot="bench",
-        motor="ideal",
-        source="test",
-        **dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)),
-    )
+    )  # fmt: skip
 
 
 def test_a_rollout_recovers_the_armature():

@@ -1,16 +1,20 @@
-"""A prior records the logs that it was trained on, and validation on them warns the user."""
+"""A prior records its recipe and the logs that it was trained on, and validation on them warns the user."""
 
 import io
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
+from motorprior.exceptions import ArtifactError
+from motorprior.identification.presets import PRESETS, recipe_of
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.priors import validate
@@ -21,10 +25,9 @@ from motorprior.progress import SILENT, Lines
 def log(seed: int) -> MotorLog:
     time = 0.01 * np.arange(200)
     angle = np.sin(9.0 * time + seed)[:, None]
-    return MotorLog(
-        time=time, position_target=angle + 0.01 * seed, joint_pos=angle, joint_vel=0.9 * angle, joint_torque=angle**2,
-        joint_names=("j",), robot="r", motor="m", source=f"log {seed}", load_inertia=0.0 * angle + 0.01,
-        external_torque=0.0 * angle,
+    return log_of(
+        time, angle + 0.01 * seed, angle, joint_vel=0.9 * angle, joint_torque=angle**2, source=f"log {seed}",
+        load_inertia=0.0 * angle + 0.01, external_torque=0.0 * angle,
     )  # fmt: skip
 
 
@@ -45,6 +48,13 @@ def test_a_prior_records_its_training_logs(folder: Path):
         assert trained_on(same, replace(log(1), source="elsewhere", load_inertia=2.0 * log(1).joint_pos))
         assert not trained_on(same, log(3)) and not trained_on(same, log(1).rows(slice(0, 100)))
     assert not trained_on(replace(prior, provenance={}), log(1))
+
+
+@pytest.mark.parametrize("recipe", [None, [], {"period": 0.002}, asdict(PRESETS["rollout"]) | {"new": 1}], ids=repr)
+def test_a_recipe_of_another_version_is_rejected(folder: Path, recipe: Any):
+    prior = replace(MotorPrior.load(folder / "prior.safetensors"), provenance={"recipe": recipe})
+    with pytest.raises(ArtifactError, match="identify it again"):
+        recipe_of(prior)
 
 
 @pytest.mark.parametrize(("seed", "known"), [(1, True), (3, False)])

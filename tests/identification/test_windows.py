@@ -5,19 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import (
-    INERTIA,
-    MEANS,
-    POS,
-    SECONDS,
-    TARGET,
-    subsampled,
-    training_data,
-)
-from motorprior.logs.motor_log import MotorLog
+from motorprior.identification.windows import INERTIA, MEANS, POS, SECONDS, TARGET, subsampled, training_data
 
 PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
 LENGTHS = (25, 9, 10, 40)
@@ -27,16 +19,8 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
     rows, rng = sum(lengths), np.random.default_rng(0)
     series = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
     channels: dict[str, Any] = {name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series}
-    log = MotorLog(
-        time=np.arange(rows) * 0.002,
-        segment=np.repeat(np.arange(len(lengths)), lengths),
-        joint_names=tuple("abcdef"[:joints]),
-        robot="bench",
-        motor="m",
-        source="test",
-        **channels,
-    )
-    return replace(log, **changes)
+    segment = np.repeat(np.arange(len(lengths)), lengths)
+    return log_of(np.arange(rows) * 0.002, np.zeros((rows, joints)), **({"segment": segment} | channels | changes))
 
 
 def test_windows_are_all_that_lie_inside_a_segment():

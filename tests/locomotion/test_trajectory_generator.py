@@ -12,13 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.body import (
-    add_support,
-    body_of,
-    foot_path,
-    joint_targets,
-    leg_angles,
-)
+from motorprior.locomotion.body import add_support, body_of, foot_path, joint_targets, leg_angles
 from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay

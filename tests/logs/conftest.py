@@ -1,11 +1,11 @@
 """Small logs made from a seed, and the real ones."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.logs.motor_log import MotorLog
 
@@ -19,17 +19,7 @@ def make_log() -> Callable[..., MotorLog]:
         angle = 0.3 * np.sin(2 * np.pi * 1.0 * time[:, None] + np.array([0.0, 1.0]))
         late = 0.3 * np.sin(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
         speed = 0.3 * 2 * np.pi * np.cos(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
-        values: dict[str, Any] = {
-            "time": time,
-            "position_target": angle,
-            "joint_pos": late,
-            "joint_vel": speed,
-            "joint_names": ("left", "right"),
-            "robot": "bench",
-            "motor": "M2006",
-            "source": "made in a test",
-        }
-        return MotorLog(**(values | changes))
+        return log_of(time, angle, late, **({"joint_vel": speed, "joint_names": ("left", "right")} | changes))
 
     return make
 
@@ -52,10 +42,9 @@ def rich_log() -> MotorLog:
         )
 
     inertia, external = np.full((len(time), 2), 0.004), -0.3 * np.sin(motion(0.05, 0))
-    return MotorLog(
-        time=time, position_target=motion(0.0, 0), joint_pos=motion(0.05, 0), joint_vel=motion(0.05, 1),
+    return log_of(
+        time, motion(0.0, 0), motion(0.05, 0), joint_vel=motion(0.05, 1), joint_names=("left", "right"),
         joint_torque=inertia * motion(0.05, 2) - external, load_inertia=inertia, external_torque=external,
-        joint_names=("left", "right"), robot="bench", motor="M2006", source="made in a test",
     )  # fmt: skip
 
 
@@ -73,12 +62,3 @@ def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
         base_orientation=rng.normal(size=(200, 2)),
         posture=np.repeat([0, 3, 1], [80, 20, 100]),
     )
-
-
-@pytest.fixture(scope="session")
-def pupper_folder(shared_data: Path) -> Path:
-    """The published recordings of a real Pupper v2."""
-    folder = shared_data / "pupper_v2"
-    if not folder.is_dir():
-        pytest.skip(f"no Pupper logs in {shared_data}")
-    return folder

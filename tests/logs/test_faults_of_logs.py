@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from findings import of_check
+from motor_logs import log_of, of_check
 from third_party_files import write_bam
 
 import motorprior as mp
@@ -24,10 +24,7 @@ def moving(rates: tuple[float, ...], lag: int = 3) -> MotorLog:
     command = np.stack([0.4 * np.sin(2 * np.pi * rate * TIME) for rate in rates], axis=1)
     angle = np.roll(command, lag, axis=0)
     angle[:lag] = 0.0
-    return MotorLog(
-        time=TIME, position_target=command, joint_pos=angle, joint_vel=np.gradient(angle, 0.01, axis=0),
-        joint_names=tuple("abcdef"[: len(rates)]), robot="r", motor="m", source="made",
-    )  # fmt: skip
+    return log_of(TIME, command, angle, joint_vel=np.gradient(angle, 0.01, axis=0))
 
 
 def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():

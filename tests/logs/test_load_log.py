@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from third_party_files import write_csv
-from weighed_arm import slow_motion, write_arm, write_table
+from weighed_arm import arm_table, slow_motion, write_arm
 
 import motorprior as mp
 from motorprior.commands.logs_import import LogsImport, import_logs
@@ -14,7 +14,7 @@ from motorprior.logs.motor_log import POSTURES, channels
 
 def test_a_log_of_a_fixed_robot_has_loads_and_is_what_an_import_writes(tmp_path: Path):
     robot = write_arm(tmp_path)
-    table, columns = write_table(slow_motion(robot).rows(slice(0, 300)), tmp_path)
+    table, columns = arm_table(slow_motion(robot).rows(slice(0, 300)), tmp_path)
     log = mp.load_log(table, columns=columns, robot=mp.load_robot(robot), suspended=True, kp=20.0)
     import_logs(LogsImport((table,), tmp_path / "out", columns, kp=(20.0,), suspended=True, robot=robot))
     written = mp.read_log(tmp_path / "out" / "arm.parquet")
@@ -30,7 +30,7 @@ def test_a_log_of_a_fixed_robot_has_loads_and_is_what_an_import_writes(tmp_path:
 
 def test_signs_that_contradict_gravity_are_a_python_warning(tmp_path: Path):
     robot = write_arm(tmp_path)
-    table, columns = write_table(slow_motion(robot), tmp_path, "elbow")
+    table, columns = arm_table(slow_motion(robot), tmp_path, "elbow")
     with pytest.warns(UserWarning, match="elbow"):
         mp.load_log(table, columns=columns, robot=robot, suspended=True)
 

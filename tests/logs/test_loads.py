@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motor_logs import joints_of, log_of
 
 from motorprior.exceptions import LogError
 from motorprior.logs.loads import with_loads
@@ -28,11 +29,7 @@ def moved(torque_amplitude: float, seconds: float = 0.4, step: float = 2e-4) -> 
         torque[row] = torque_amplitude * np.sin(2 * np.pi * frequency * time[row] + phase) - 0.02 * vel[row]
         world.data.qfrc_applied[:] = torque[row]
         mujoco.mj_step(world.model, world.data)  # pyright: ignore[reportAttributeAccessIssue]
-    log = MotorLog(
-        time=time, position_target=pos, joint_pos=pos, joint_vel=vel, joint_names=PUPPER_V2.joint_names,
-        robot=PUPPER_V2.name, motor="none", source="test",
-    )  # fmt: skip
-    return log, torque
+    return log_of(time, pos, joint_vel=vel, **joints_of(PUPPER_V2)), torque
 
 
 def swaying(pose: np.ndarray, amplitude: float = 0.01, rows: int = 400) -> MotorLog:
@@ -40,10 +37,7 @@ def swaying(pose: np.ndarray, amplitude: float = 0.01, rows: int = 400) -> Motor
     time = 0.002 * np.arange(rows)
     phase = 2 * np.pi * time[:, None] + np.arange(12)
     pos, vel = pose + amplitude * np.sin(phase), 2 * np.pi * amplitude * np.cos(phase)
-    return MotorLog(
-        time=time, position_target=pos + 0.1 * np.sin(phase), joint_pos=pos, joint_vel=vel,
-        joint_names=PUPPER_V2.joint_names, robot=PUPPER_V2.name, motor="none", source="test",
-    )  # fmt: skip
+    return log_of(time, pos + 0.1 * np.sin(phase), pos, joint_vel=vel, **joints_of(PUPPER_V2))
 
 
 def test_inertia_times_acceleration_is_torque_plus_load():

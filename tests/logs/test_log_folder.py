@@ -2,19 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from motor_logs import TABLE_MAP, log_of, write_table
 
 from motorprior.exceptions import LogError
 from motorprior.logs.read_log import read_log_folder
 from motorprior.robots.load import load_robot
 
-MAP = """
-motor = "servo"
-time = "t"
-position_target = "u_{joint}"
-joint_pos = "q_{joint}"
-[joints.knee]
-"""
 ROBOT = load_robot("pupper_v2")
 
 
@@ -23,10 +18,9 @@ def folder(tmp_path: Path) -> Path:
     """Two tables that a map fits, and one that it does not."""
     logs = tmp_path / "logs"
     logs.mkdir()
-    (tmp_path / "map.toml").write_text(MAP, "utf-8")
+    (tmp_path / "map.toml").write_text(f"{TABLE_MAP}[joints.a]\n", "utf-8")
     for name in "ab":
-        rows = "".join(f"{0.01 * row},{0.1 * row},{0.1 * row}\n" for row in range(5))
-        (logs / f"{name}.csv").write_text("t,u_knee,q_knee\n" + rows, "utf-8")
+        write_table(log_of(0.01 * np.arange(5), 0.1 * np.arange(5)), logs / f"{name}.csv")
     (logs / "notes.csv").write_text("who,when\nme,today\n", "utf-8")
     (logs / "README.md").write_text("logs", "utf-8")
     return logs

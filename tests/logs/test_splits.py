@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from motor_logs import log_of
 
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.splits import excited_in_any, split, window
@@ -12,10 +13,7 @@ def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment
     pos = start + np.tile(np.arange(float(rows))[:, None], (1, 2))
     target = np.zeros((rows, 2))
     target[:, list(moving)] = pos[:, list(moving)]
-    return MotorLog(
-        time=0.002 * np.arange(rows), position_target=target, joint_pos=pos, joint_names=("hip", "knee"), robot="r",
-        motor="m", source=f"{start}", segment=segment,
-    )  # fmt: skip
+    return log_of(0.002 * np.arange(rows), target, pos, segment=segment)
 
 
 def test_windows_are_equally_long_and_cover_a_motion_together():
@@ -41,10 +39,7 @@ def waves(*spans: tuple[float, float], seconds: float = 20.0) -> MotorLog:
     """A log at 100 Hz whose joints move in a span of time each [s]."""
     time = 0.01 * np.arange(round(100 * seconds))
     target = np.stack([np.where((time >= a) & (time < b), np.sin(6 * time), 0.0) for a, b in spans], axis=1)
-    names = ("hip", "knee", "toe")[: len(spans)]
-    return MotorLog(
-        time=time, position_target=target, joint_pos=target, joint_names=names, robot="r", motor="m", source="waves"
-    )
+    return log_of(time, target)
 
 
 def test_joints_that_move_one_after_the_other_are_in_both_parts():

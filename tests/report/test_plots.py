@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from swinging_load import swinging_load
+from motor_logs import swinging_load
 
 from motorprior.evaluation.free_runs import Trace
 from motorprior.report.plots import draw_errors_by_joint, draw_traces, excitation_and_response, learning_curves

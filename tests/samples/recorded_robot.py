@@ -1,6 +1,7 @@
 """Logs of simulated robots: short recordings of known motors, suspended in the air or standing."""
 
 import numpy as np
+from motor_logs import joints_of, log_of
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.logs.motor_log import MotorLog, checked
@@ -23,9 +24,5 @@ def record_log(actuator: Actuator, suspended: bool = True, seed: int = 0, speed:
             targets[:, joint] += 0.25 * (np.sin(2.0 * np.pi * frequency * time + phase) - np.sin(phase))
     lead_in = np.tile(ROBOT.nominal_pose, (LEAD_IN, 1))
     played = replay(world, actuator, targets, ROBOT.nominal_pose, lead_in)
-    log = MotorLog(
-        time=time, position_target=targets, joint_pos=played.measured_joint_pos,
-        base_orientation=np.zeros((STEPS, 2)), joint_names=ROBOT.joint_names, robot=ROBOT.name, motor=ROBOT.motor,
-        source="simulated", encoder=ROBOT.encoder,
-    )  # fmt: skip
-    return checked(log)
+    known = {"base_orientation": np.zeros((STEPS, 2)), "encoder": ROBOT.encoder}
+    return checked(log_of(time, targets, played.measured_joint_pos, **known, **joints_of(ROBOT)))

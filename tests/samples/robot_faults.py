@@ -23,7 +23,7 @@ class FaultyPort(SimulatedPort):
         self.pose_at_idle = np.full(robot.num_joints, np.nan)
         self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
-        super().__init__(robot, 0, currents=currents, suspended=suspended, period=period, corrupt=corrupt)
+        super().__init__(robot, 0, suspended=suspended, period=period, corrupt=corrupt)
         self.firmware = Firmware(robot, FaultyBody(self.body, self), period, currents)
 
     def inject(self, kind: str, joint: int = 0) -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from motor_logs import TABLE_MAP, log_of, write_table
 
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import PhysicalMotors
@@ -40,11 +41,8 @@ def swing(seconds: float) -> Bars:
     angle = _angles(motors, target)
     seen = angle + 3e-4 * rng.standard_normal(angle.shape)
     kp, kd = (np.tile(gain, (len(time), 1)) for gain in (motors.kp, motors.kd))
-    log = MotorLog(
-        time=time, position_target=target, joint_pos=seen, joint_names=("left", "right"), robot="bars", motor="any",
-        source="bars", logged_kp=kp, logged_kd=kd,
-    )  # fmt: skip
-    return Bars(log, motors)
+    known = {"joint_names": ("left", "right"), "robot": "bars", "motor": "any", "logged_kp": kp, "logged_kd": kd}
+    return Bars(log_of(time, target, seen, **known), motors)
 
 
 def _angles(motors: PhysicalMotors, target: np.ndarray) -> np.ndarray:
@@ -59,18 +57,12 @@ def _angles(motors: PhysicalMotors, target: np.ndarray) -> np.ndarray:
     return found
 
 
-def write_table(bars: Bars, folder: Path) -> tuple[Path, Path]:
+def bars_table(bars: Bars, folder: Path) -> tuple[Path, Path]:
     """A table in ms and degrees, and its column map, which states the gains."""
-    log, table, columns = bars.log, folder / "swing.csv", folder / "bars.toml"
-    names = [f"{what}_{joint}" for what in ("goal", "angle") for joint in log.joint_names]
-    rows = np.column_stack([1e3 * log.time, np.rad2deg(log.position_target), np.rad2deg(log.joint_pos)])
-    np.savetxt(table, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    log, columns = bars.log, folder / "bars.toml"
     joints = [
         f"[joints.{joint}]\nkp = {kp}\nkd = {kd}\n"
         for joint, kp, kd in zip(log.joint_names, bars.motors.kp, bars.motors.kd, strict=True)
     ]
-    columns.write_text(
-        'motor = "any"\nrobot = "bars"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
-        '[units]\ntime = "ms"\nangle = "deg"\n' + "".join(joints)
-    )
-    return table, columns
+    columns.write_text(f'robot = "bars"\n{TABLE_MAP}[units]\ntime = "ms"\nangle = "deg"\n' + "".join(joints))
+    return write_table(log, folder / "swing.csv", 1e3, 180.0 / np.pi), columns

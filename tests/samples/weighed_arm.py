@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from motor_logs import TABLE_MAP, log_of, write_table
 
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
@@ -22,11 +23,10 @@ kd = 0.5
 torque_limit = 5.0
 """
 MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-<joint name="shoulder" axis="0 1 0" range="-2 2" limited="true"/>
+<joint name="shoulder" axis="0 1 0" range="-120 120"/>
 <body pos="0.2 0 0"><inertial pos="0.1 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
-<joint name="elbow" axis="0 1 0" range="-2 2" limited="true"/>
+<joint name="elbow" axis="0 1 0" range="-120 120"/>
 </body></body></worldbody></mujoco>"""
-MAP = 'robot = "arm"\nmotor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "angle_{joint}"\n'
 
 
 def write_arm(folder: Path) -> str:
@@ -41,22 +41,16 @@ def slow_motion(robot: str) -> MotorLog:
     time = 0.01 * np.arange(2000)
     rate, phase = 2.0 * np.pi * np.array([0.05, 0.07]), np.array([0.0, 1.0])
     angle, speed = 0.7 * np.sin(rate * time[:, None] + phase), 0.7 * rate * np.cos(rate * time[:, None] + phase)
-    log = MotorLog(
-        time=time, position_target=angle, joint_pos=angle.copy(), joint_names=JOINTS, robot="arm", motor="servo",
-        source="weighed arm",
-    )  # fmt: skip
+    log = log_of(time, angle, angle.copy(), joint_names=JOINTS, robot="arm", motor="servo")
     gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
     log.position_target[:] = angle - gravity(angle) / KP + FRICTION * np.sign(speed) + LAG * speed
     return log
 
 
-def write_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
+def arm_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
     """A table in rad, and its column map, in which the sign of a joint may be turned."""
-    table, columns = folder / "arm.csv", folder / "columns.toml"
-    names = [f"{what}_{joint}" for what in ("goal", "angle") for joint in JOINTS]
-    rows = np.column_stack([log.time, log.position_target, log.joint_pos])
-    np.savetxt(table, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+    columns = folder / "columns.toml"
     signs = "".join(f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS)
-    columns.write_text(MAP + signs, "utf-8")
-    return table, str(columns)
+    columns.write_text(f'robot = "arm"\n{TABLE_MAP}{signs}', "utf-8")
+    return write_table(log, folder / "arm.csv"), str(columns)

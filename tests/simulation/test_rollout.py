@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from drawn_motors import draw_pd
+from grey_boxes import make_grey_box
 from policies import random_policy
 
-from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
@@ -43,11 +43,7 @@ def draw_latent(rng):
 
 
 def draw_grey_box(rng):
-    slope = 0.1 * rng.standard_normal((3, len(PARAMETERS)))
-    center = np.array([
-        *(np.log([9.0, 0.09, 0.003, 0.008, 1.3, 0.002, 0.05, 0.01, 0.004, 0.2, 70.0, 0.015, 0.03])), 0.1,
-    ])  # fmt: skip
-    return GreyBoxActuator(GreyBox(center, slope, 0.002), rng.standard_normal((12, 3)))
+    return GreyBoxActuator(make_grey_box(spread=0.1), rng.standard_normal((12, 3)))
 
 
 KINDS = {  # motors, physics step [s]

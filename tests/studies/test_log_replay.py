@@ -95,13 +95,10 @@ def test_a_replay_starts_from_the_nearer_of_first_targets_and_nominal_pose():
 
 
 def test_an_ideal_pd_at_logged_gains_follows_a_real_go2(shared_data: Path, tmp_path: Path):
-    raw = shared_data / "go2" / "traj_3.csv.gz"
-    if not raw.is_file() or not (shared_data / "robots" / "go2.xml").is_file():
-        pytest.skip("no logs of a real Go2")
     for path in (shared_data / "robots" / "go2.xml", EXAMPLES / "go2.toml"):
         shutil.copy(path, tmp_path)
     robot = load_robot(str(tmp_path / "go2.toml"))
-    log = with_posture(read_log(raw, robot, "go2_identification"), "suspended")
+    log = with_posture(read_log(shared_data / "go2" / "traj_3.csv.gz", robot, "go2_identification"), "suspended")
     pd = nominal_pd(load_robot_fleet(robot, EXAMPLES / "go2_fleet.toml"), robot.num_joints)
     replayer = Replayer(log, robot)
     at_fleets, at_logged = (mean_error(replayer, each) for each in (pd, motors_with_logged_gains(pd, log)))
@@ -110,10 +107,7 @@ def test_an_ideal_pd_at_logged_gains_follows_a_real_go2(shared_data: Path, tmp_p
 
 @pytest.mark.parametrize("name", BOUND)
 def test_the_fleets_central_motor_replays_a_real_log_in_the_detected_posture(shared_data: Path, name: str):
-    folder = shared_data / "pupper_v2"
-    if not folder.is_dir():
-        pytest.skip("no logs of a real Pupper")
-    log = read_log_folder(folder, ROBOT).logs[name]
+    log = read_log_folder(shared_data / "pupper_v2", ROBOT).logs[name]
     center = load_fleet("pupper_v2").center(ROBOT.num_joints)
     posed, evidence = with_found_posture(log, ROBOT, center)
     assert evidence.startswith("suspended" if name == "1_joint" else "standing"), evidence

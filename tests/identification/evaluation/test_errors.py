@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from swinging_load import swinging_load
+from motor_logs import log_of, swinging_load
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
+from motorprior.evaluation.bench_truth import bench_errors
 from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
@@ -64,6 +65,8 @@ def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log
     found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
     rows = error_results(LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e")
     assert error_table(rows, {"e": "all"})[1] == [["unstable", "diverged", "diverged", "diverged (motor_000)"]]
+    bench = bench_errors(load_fleet("mixed").sample(MOTORS, 4), {"unstable": lambda _: unstable}, 0)["impacts"]
+    assert np.all(bench["unstable"] == MAX_ERROR) and np.all(bench["physical"] < 0.1)
 
 
 def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
@@ -102,10 +105,7 @@ def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str,
 
 def a_log(moving: list[bool]) -> MotorLog:
     target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
-    return MotorLog(
-        time=0.01 * np.arange(50), position_target=target, joint_pos=target, joint_names=("hip", "knee"), robot="r",
-        motor="m", source="log",
-    )  # fmt: skip
+    return log_of(0.01 * np.arange(50), target, joint_names=("hip", "knee"))
 
 
 def test_joints_that_are_not_excited_do_not_count():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from findings import of_check
+from motor_logs import of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -99,8 +99,8 @@ def test_a_healthy_log_has_no_complaints(rich_log: MotorLog):
     assert report.usable and {finding.severity for finding in report.findings} == {"info"}
 
 
-def test_the_published_logs_are_usable(pupper_folder: Path):
-    for name, log in read_log_folder(pupper_folder, PUPPER_V2).logs.items():
+def test_the_published_logs_are_usable(shared_data: Path):
+    for name, log in read_log_folder(shared_data / "pupper_v2", PUPPER_V2).logs.items():
         report = check_log(log, PUPPER_V2)
         assert report.usable and not of_check(report, "limits"), (name, report)
         assert bool(of_check(report, "repeats")) == (name == "0116")

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from findings import of_check
+from motor_logs import of_check
 from weighed_arm import JOINTS, slow_motion, write_arm
 
 from motorprior.logs.doctor.checks import check_log

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from findings import of_check
+from motor_logs import log_of, of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import Finding
@@ -14,11 +14,7 @@ from motorprior.logs.motor_log import MotorLog
 def of_angle(angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None) -> MotorLog:
     """One joint, slowly commanded by default."""
     time = period * np.arange(len(angle))
-    command = 0.1 * np.sin(time) if command is None else command
-    return MotorLog(
-        time=time, position_target=command[:, None], joint_pos=angle[:, None], joint_names=("knee",), robot="r",
-        motor="m", source="made",
-    )  # fmt: skip
+    return log_of(time, 0.1 * np.sin(time) if command is None else command, angle, joint_names=("knee",))
 
 
 def swing(rows: int = 1500, period: float = 0.01, size: float = 1.0) -> np.ndarray:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from findings import of_check
+from motor_logs import log_of, of_check
 
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.motor_log import MotorLog
@@ -16,11 +16,7 @@ STEP = 0.0015
 
 
 def of(command: np.ndarray, angle: np.ndarray, period: float = 0.01) -> MotorLog:
-    time, read = period * np.arange(len(angle)), STEP * np.rint(angle / STEP)
-    return MotorLog(
-        time=time, position_target=command[:, None], joint_pos=read[:, None],
-        joint_names=("knee",), robot="bench", motor="m", source="made",
-    )  # fmt: skip
+    return log_of(period * np.arange(len(angle)), command, STEP * np.rint(angle / STEP))
 
 
 def chirp(late: float = 0.0) -> np.ndarray:

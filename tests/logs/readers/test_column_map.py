@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from motor_logs import TABLE_MAP
 
 from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.column_map import TURN, load_column_map, shipped_maps
@@ -15,16 +16,7 @@ from motorprior.logs.read_log import read_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 ROWS = 50
-PLAIN = """
-motor = "servo"
-time = "t"
-position_target = "goal_{joint}"
-joint_pos = "pos_{joint}"
-
-[joints]
-a = {}
-b = {}
-"""
+PLAIN = f"{TABLE_MAP}[joints]\na = {{}}\nb = {{}}\n"
 TICKS = """
 motor = "servo"
 robot = "arm"

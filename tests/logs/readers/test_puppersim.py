@@ -68,8 +68,8 @@ def test_a_folder_gives_the_real_logs_by_short_name(tmp_path: Path):
     assert sorted(read_log_folder(tmp_path, PUPPER_V2).logs) == ["0116", "1_joint", "bf"]
 
 
-def test_the_published_logs_read(pupper_folder: Path):
-    logs = read_log_folder(pupper_folder, PUPPER_V2).logs
+def test_the_published_logs_read(shared_data: Path):
+    logs = read_log_folder(shared_data / "pupper_v2", PUPPER_V2).logs
     durations = {"0116": 18.7, "1_joint": 3.7, "bf": 7.2, "lr": 6.7}
     assert {name: round(log.duration, 1) for name, log in logs.items()} == durations
     assert repeated_rows(logs["0116"])[1:].mean() == pytest.approx(0.55, abs=0.005)

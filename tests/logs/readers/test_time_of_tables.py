@@ -8,17 +8,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from motor_logs import TABLE_MAP
 
 from motorprior.exceptions import LogError
 from motorprior.logs.read_log import read_log
 
-MAP = """
-motor = "servo"
-time = "when"
-position_target = "goal_{joint}"
-joint_pos = "pos_{joint}"
-[joints.a]
-"""
+MAP = f"{TABLE_MAP}[joints.a]\n"
 SECONDS = 0.002 * np.arange(300)
 START = datetime(2024, 3, 31, 0, 59, 57, 250_000)  # three seconds before clocks change in Europe
 
@@ -30,9 +25,9 @@ def stamps(zone: timezone | None = None) -> list[datetime]:
 def times(path: Path, when: Any, text: str = MAP) -> np.ndarray:
     (path.parent / "map.toml").write_text(text, "utf-8")
     if path.suffix == ".parquet":
-        pq.write_table(pa.table({"when": when, "goal_a": SECONDS, "pos_a": SECONDS}), path)
+        pq.write_table(pa.table({"t": when, "goal_a": SECONDS, "pos_a": SECONDS}), path)
     else:
-        path.write_text("when,goal_a,pos_a\n" + "".join(f"{cell},0.1,0.2\n" for cell in when), "utf-8")
+        path.write_text("t,goal_a,pos_a\n" + "".join(f"{cell},0.1,0.2\n" for cell in when), "utf-8")
     return read_log(path, columns=path.parent / "map.toml").time
 
 
@@ -60,10 +55,10 @@ def test_time_stamps_of_csv_are_seconds_since_the_first_row(tmp_path: Path, zone
 def test_a_bad_time_stamp_is_named(tmp_path: Path, name: str, row: int, cell: str):
     some = [each.isoformat() for each in stamps()]
     some[row] = cell
-    with pytest.raises(LogError, match=f"{name}: row {row}, when .*{cell}"):
+    with pytest.raises(LogError, match=f"{name}: row {row}, t .*{cell}"):
         times(tmp_path / name, some)
 
 
 def test_a_known_rate_stands_for_the_time(tmp_path: Path):
-    found = times(tmp_path / "log.csv", SECONDS.tolist(), MAP.replace('time = "when"', "rate = 500"))
+    found = times(tmp_path / "log.csv", SECONDS.tolist(), MAP.replace('time = "t"', "rate = 500"))
     np.testing.assert_allclose(found, SECONDS, rtol=0, atol=1e-9)
