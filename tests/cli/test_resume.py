@@ -88,7 +88,7 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
 ):
     bench, out = tmp_path / "bench", tmp_path / "prior"
     assert motorprior("bench", "--motors", 2, "--steps", 1500, "--out", bench).code == 0
-    line = ("identify", bench, "--preset", "quick", "--out")
+    line = ("identify", bench, "--out")
     assert motorprior(*line, tmp_path / "whole").code == 0
     ctrl_c(4)  # while terms are selected
     assert motorprior(*line, out).code == 130
