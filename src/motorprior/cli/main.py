@@ -80,7 +80,8 @@ HELP_ALL = "--help-all"
 COMMON = {
     "demo": ("out", "logs", "columns", "suspended", "robot", "workers", "seed"),
     "calibrate": ("logs", "out", "robot", "fleet", "posture"),
-    "import": ("paths", "out", "columns", "robot", "suspended", "as_joint", "kp", "kd"),
+    "import": ("paths", "out", "columns", "robot", "suspended", "kp"),
+    "excite": ("runs", "out", "method", "robot", "columns", "suspended", "plan_prior"),
     "bench": ("out", "robot", "fleet", "motors", "seed"),
     "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "workers"),
     "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "fleet", "robot"),

@@ -28,12 +28,11 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Logs in any format of docs/logs.md; with ``columns`` any table (.csv, .csv.gz, .parquet), any topics of a ROS 2
-    bag (.mcap) and arrays (.npz, .npy, .mat, .pkl, .pt)."""
+    """Logs in any format of docs/logs.md; with ``columns`` any table, ROS 2 bag or file of arrays."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
-    """Column map of a table, of arrays or of a bag: a shipped map by name, or your .toml file (docs/your-motors.md)."""
+    """Column map: a shipped one by name, or your .toml file (docs/your-motors.md)."""
     period: float | None = PERIOD
     """Sample period of the result [s]; None: the recorded rows."""
     kp: tuple[float, ...] = ()
