@@ -40,6 +40,9 @@ class ConstantSummary(NamedTuple):
     high: float  # 5 % are above
     identifiable: bool | None  # whether the logs identify it; None if unknown
 
+    def __str__(self) -> str:
+        return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {self.low:.3g} to {self.high:.3g}"
+
 
 @dataclass(frozen=True)
 class Constants:
@@ -61,6 +64,9 @@ class Constants:
 
     def __iter__(self) -> Iterator[ConstantSummary]:
         return iter(self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
 
     def __getitem__(self, name: str) -> ConstantSummary:
         return {row.name: row for row in self.rows}[name]

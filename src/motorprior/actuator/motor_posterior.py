@@ -135,8 +135,16 @@ class MotorPosterior(Printable):
             "joints": listed(self.joint_names, 8),
             "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
         }  # fmt: skip
-        table = self.constants()
-        return Overview(f"motor posterior of {len(self.mean)} motors", facts, table.columns, table.cells)
+        headline, every = f"motor posterior of {len(self.mean)} motors", self.constants()
+        if len(self.mean) == 1:
+            return Overview(headline, facts, every.columns, every.cells)
+        shown = [row for row in every if row.identifiable]  # a column each, with the medians of every motor
+        joints = [self.take([index]).constants() for index in range(len(self.mean))]
+        rows = [
+            [name, *(f"{own[row.name].median:.3g}" for row in shown)]
+            for name, own in zip(self.joint_names, joints, strict=True)
+        ]
+        return Overview(headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows)
 
     def take(self, index: list[int]) -> MotorPosterior:
         """The motors at ``index``."""

@@ -267,7 +267,8 @@ class MotorPrior(Printable):
         std = with_model_error(np.exp(-self.log_var), 1.0) ** -0.5
         z = (self.mean + std * noise).reshape(-1, self.mean.shape[1])
         ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
-        values = self.model.constants(z)
+        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
+        values = named_constants(self.model, z, gains)
         return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
 
     def spread_notes(self) -> list[str]:
@@ -321,10 +322,15 @@ class MotorPrior(Printable):
             "joints": listed(self.joint_names, 8), **dict(line.split(": ", 1) for line in self.spread_notes()),
             "replayed logs, median error": replayed,
         }  # fmt: skip
-        if len(self.classes.names) > 1:
-            facts["constants of a class"] = ", ".join(f'prior.constants("{name}")' for name in self.classes.names)
-        table = self.constants()
-        return Overview(f"motor prior of {len(self.mean)} motors", facts, COLUMNS, table.cells)
+        headline, names = f"motor prior of {len(self.mean)} motors", self.classes.names
+        if len(names) == 1:
+            return Overview(headline, facts, COLUMNS, self.constants().cells)
+        tables = [self.constants(name) for name in names]  # a column per class: median and 5 to 95 %
+        rows = [
+            [of_one[0].name, of_one[0].unit, *(f"{x.median:.3g} ({x.low:.3g} to {x.high:.3g})" for x in of_one)]
+            for of_one in zip(*tables, strict=True)
+        ]
+        return Overview(headline, facts, ("constant", "unit", *names), rows)
 
     def for_robot(self, robot: str) -> MotorPrior:
         """The same motors on the joints of another robot, every one a sample."""

@@ -14,6 +14,7 @@ from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virt
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.settings import DeploySettings, RecordSettings, require_robot_extra
 from motorprior.hardware.teleop import non_blocking
+from motorprior.locomotion.policy import Policy
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -66,6 +67,8 @@ def run(config: Deploy | Record | Doctor) -> None:
     if config.virtual and config.port is not None:
         raise ConfigError(f"--port {config.port} and --virtual", remedy="give one of them")
     robot, body = load_robot(DEFAULT_ROBOT), config.robot
+    if isinstance(config, Deploy):
+        Policy.load(config.policy)  # an error comes before a virtual robot is started
     if isinstance(config, Record):
         body = replace(body, suspended=body.suspended or not config.standing)
     with running_virtual_robot(robot.name, body) if config.virtual else nullcontext() as virtual:

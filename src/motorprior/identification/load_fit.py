@@ -29,7 +29,7 @@ from motorprior.identification.physics.motor_problem import MotorProblem, fixed_
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
 from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
-from motorprior.identification.search import NARROW, THREADS, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, threads
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
 from motorprior.logs.operations import static_joints
 from motorprior.signals import rms
@@ -73,7 +73,7 @@ class _LoadProblem(MotorProblem):
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, windows·channels·steps) of `errors`."""
         chunks = [x[first : first + _LANES] for first in range(0, len(x), _LANES)]
-        return np.concatenate(list(THREADS.map(self.errors, chunks))).reshape(len(x), -1)
+        return np.concatenate(list(threads().map(self.errors, chunks))).reshape(len(x), -1)
 
     def errors(self, x: np.ndarray) -> np.ndarray:
         """(L, windows, channels, steps) scaled errors with unknowns x[l]."""

@@ -14,6 +14,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -30,9 +31,18 @@ _TOGETHER = 8  # concurrent descents; when few problems are left, several restar
 _DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
 FIXED = 1e6  # precision of a fixed unknown
 CORES = os.cpu_count() or 1
-THREADS = ThreadPoolExecutor(CORES)  # of all searches; a task must not wait for another one
 Steps: TypeAlias = tuple[tuple[int, float], ...]
 """Descents one after the other: maximum number of Gauss-Newton steps, and step of the differences, of each."""
+
+
+def threads() -> ThreadPoolExecutor:
+    """Of all searches of this process; a task must not wait for another one."""
+    return _threads_of(os.getpid())  # a forked process has no threads of its parent
+
+
+@cache
+def _threads_of(process: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(CORES)
 
 
 def huber(x: Any) -> Any:
@@ -134,7 +144,7 @@ class Search:
         for first in range(0, len(lanes), _LANES):
             some = slice(first, first + _LANES)
             values = np.array_split(self._residuals(rows[some], lanes[some]), CORES)
-            found[some] = np.concatenate(list(THREADS.map(self.loss_of, values)))
+            found[some] = np.concatenate(list(threads().map(self.loss_of, values)))
         return found.reshape(shape)
 
     def parts(self, x: np.ndarray) -> np.ndarray:
@@ -267,7 +277,7 @@ class Search:
                 return _sums(slopes, squares**-0.5 * here, squares**power)
 
             factor = self.problem.weight / found.shape[2]
-            for row, (gradient, matrix) in enumerate(THREADS.map(of_one, found), first):
+            for row, (gradient, matrix) in enumerate(threads().map(of_one, found), first):
                 slope[row, free], curvature[row][np.ix_(free, free)] = factor * gradient, factor * matrix
         return slope, curvature
 

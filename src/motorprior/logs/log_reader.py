@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.column_map import TURN, ColumnMap, Conversion, MappedJoint
-from motorprior.logs.motor_log import POSTURES, MotorLog, checked, require_finite
+from motorprior.logs.motor_log import CORRECT, POSTURES, MotorLog, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
@@ -91,7 +91,11 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     if columns.base_orientation:
         values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)
     if columns.segment:
-        values["segment"] = np.rint(table[columns.segment]).astype(np.int64)
+        segment = table[columns.segment]
+        if not np.all(whole := segment == np.rint(segment)):
+            row = int(np.argmin(whole))
+            raise bad_value(row, columns.segment, segment[row], "an integer", path, CORRECT)
+        values["segment"] = segment.astype(np.int64)
     if columns.posture:
         values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
     log = MotorLog(

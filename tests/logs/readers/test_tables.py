@@ -48,8 +48,13 @@ def test_a_line_that_was_cut_by_a_crash_does_not_count(tmp_path: Path):
 def test_a_bad_row_is_named(tmp_path: Path, rows: str, problem: str):
     with pytest.raises(LogError, match=problem):
         table_columns(written(tmp_path, "a,b\n" + rows), ["a", "b"])
+
+
+def test_numbers_may_have_a_decimal_comma_between_semicolons(tmp_path: Path):
+    found = table_columns(written(tmp_path, "a;b\n1,5;2\n-1,25e1;3\n"), ["a", "b"])
+    assert found["a"].tolist() == [1.5, -12.5]
     with pytest.raises(LogError, match="row 0, a is '1,5'"):
-        table_columns(written(tmp_path, "a;b\n1,5;2,5\n"), ["a", "b"])
+        table_columns(written(tmp_path, "a;b\n1,5;2\n1.5;3\n"), ["a", "b"])
 
 
 @pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])

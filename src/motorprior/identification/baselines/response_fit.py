@@ -27,7 +27,7 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import FIXED, NARROW, THREADS, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, threads
 from motorprior.identification.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
@@ -227,7 +227,7 @@ class _ResponseProblem:
             found = [runs.errors(constants).ravel() for runs in self._joints[joint]]
             return (np.concatenate(found)[:: self._every] / SCALE).astype(np.float32)
 
-        return np.stack(list(THREADS.map(errors, self.constants(x, which), which)))
+        return np.stack(list(threads().map(errors, self.constants(x, which), which)))
 
 
 def _searched(

@@ -30,7 +30,7 @@ from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification import windows as channel
 from motorprior.identification.presets import Preset
-from motorprior.identification.search import CORES, THREADS
+from motorprior.identification.search import CORES, threads
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
@@ -219,7 +219,7 @@ class WindowRuns:
             some, inside, segment = task
             out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
 
-        list(THREADS.map(simulate, tasks))
+        list(threads().map(simulate, tasks))
         return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
@@ -245,7 +245,7 @@ class WindowRuns:
                 found = grey_boxes(found.model)(found.z, everyone, segment)
             return self.run(found, everyone, segment)
 
-        return np.concatenate(list(THREADS.map(errors, self.segments)), axis=1)
+        return np.concatenate(list(threads().map(errors, self.segments)), axis=1)
 
     def run(self, motors: Actuator, motor: np.ndarray, segment: SegmentArrays) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""

@@ -54,15 +54,16 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
         windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
     # The first finding is that of `response.tracking`. Exchanged joints do not follow their own commands.
     late = [column for column in found if found[column][0].severity != "info"]
-    followed = {column: response.followed_joint(log, *windows[column], late) for column in late}
+    followed = {column: response.followed_joint(log, *windows[column], list(found)) for column in late}
     for column in late if any(followed.values()) else ():
         finding, other = found[column][0], followed[column]
+        exchanged = other in [log.joint_names[each] for each in late]  # else two joints may have been read from one
         is_order = other and finding.remedy != response.OTHER_SIGN
         if other:
             message = f"{finding.joint} follows the command of {other}, not its own; {finding.message}"
-            finding = replace(finding, severity="error", message=message)
+            finding = replace(finding, severity="error" if exchanged else finding.severity, message=message)
         if is_order or finding.remedy == response.OTHER_SIGN:  # an apparent sign error may be one of order, too
-            finding = replace(finding, remedy=response.OTHER_ORDER if is_order else response.COMPARE)
+            finding = replace(finding, remedy=response.OTHER_ORDER if is_order and exchanged else response.COMPARE)
         found[column][0] = finding
     for column, findings in found.items():
         rows, grid = windows[column]

@@ -1,7 +1,8 @@
 """Tables of any columns, CSV (plain or gzip) or Parquet, read by a column map; numbers are read with pyarrow.
 
-The separator of CSV is a comma, semicolon or tab, as in the first line; numbers have a decimal point. ``x[2]`` is
-element 2 of a list column ``x``. Time stamps become time since the first row.
+The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
+or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
+first row.
 """
 
 from __future__ import annotations
@@ -96,19 +97,22 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
     body = body[: body.rfind(b"\n") + 1] if may_be_cut else body
     if not body.strip():
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
-    try:
-        return pa_csv.read_csv(
-            pa.BufferReader(body),
-            # one block, so that types are inferred from all rows
-            pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
-            pa_csv.ParseOptions(delimiter=delimiter),
-            pa_csv.ConvertOptions(
-                column_types={name: pa.float64() for name in wanted if name not in inferred},
-                include_columns=wanted, null_values=[""], strings_can_be_null=True,
-            ),
-        )  # fmt: skip
-    except pa.ArrowException as error:
-        raise _csv_error(error, have, path) from error
+    errors = []
+    for decimal_point in "." if delimiter == "," else ".,":
+        try:
+            return pa_csv.read_csv(
+                pa.BufferReader(body),
+                # one block, so that types are inferred from all rows
+                pa_csv.ReadOptions(column_names=have, use_threads=False, block_size=len(body) + 1),
+                pa_csv.ParseOptions(delimiter=delimiter),
+                pa_csv.ConvertOptions(
+                    column_types={name: pa.float64() for name in wanted if name not in inferred},
+                    include_columns=wanted, null_values=[""], strings_can_be_null=True, decimal_point=decimal_point,
+                ),
+            )  # fmt: skip
+        except pa.ArrowException as error:
+            errors.append(error)
+    raise _csv_error(errors[0], have, path)
 
 
 def _csv_error(error: Exception, names: Sequence[str], path: Path) -> LogError:
