@@ -7,7 +7,7 @@ A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
     s' = s + dt·v'
     q  = soft_clip(s, A)                                                 |q| < A
 
-`soft_clip` is the identity up to half of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
+`soft_clip` is the identity up to 80 % of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
 most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² + CURVE·(U·dt)²/A. With
 
     U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 RETURN = 5.0  # rate at which s returns to x [1/s]
-CURVE = 1.5397  # maximum of |soft_clip''| times its bound: 2·4/(3√3)
+KNEE = 0.8  # share of the bound below which `soft_clip` is the identity
+CURVE = 4 / (3 * 3**0.5) / (1 - KNEE)  # maximum of |soft_clip''| times its bound
 
 
 class Bounds(NamedTuple):
@@ -37,10 +38,10 @@ class Bounds(NamedTuple):
 
 
 def soft_clip(value: Any, bound: Any, xp: ModuleType = np) -> Any:
-    """``value`` up to half of the ``bound``, beyond that ±(bound/2)·(1 + tanh(|value| / (bound/2) - 1))."""
-    half = 0.5 * bound
-    over = xp.maximum(xp.abs(value) - half, 0.0)
-    return xp.clip(value, -half, half) + xp.sign(value) * half * xp.tanh(over / half)
+    """``value`` up to KNEE of the ``bound`` b, beyond that ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
+    knee, rest = KNEE * bound, (1.0 - KNEE) * bound
+    over = xp.maximum(xp.abs(value) - knee, 0.0)
+    return xp.clip(value, -knee, knee) + xp.sign(value) * rest * xp.tanh(over / rest)
 
 
 def step(state: tuple[Any, Any], raw: Any, following: Any, bounds: Bounds, dt: float, xp: ModuleType = np) -> Any:

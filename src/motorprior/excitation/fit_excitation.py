@@ -24,7 +24,9 @@ STEPS = 2000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
-MARGIN = 1.25  # bounds over the largest values in the runs
+# bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
+# recorded windows are not distorted (`bounded_stream` divides the acceleration between its two stages)
+MARGINS = (1.25, 1.25, 3.0, 1.25)
 _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
@@ -144,7 +146,7 @@ def _bounds(windows: np.ndarray, period: float) -> Bounds:
         np.abs(target).max(), np.abs(np.diff(target)).max() / period,
         np.abs(np.diff(target, n=2)).max() / period**2, np.abs(windows[..., -(CHANNELS - 1) :]).max(),
     )  # fmt: skip
-    return Bounds(*np.maximum(MARGIN * np.array(found), _FLOORS))
+    return Bounds(*np.maximum(np.array(MARGINS) * found, _FLOORS))
 
 
 def _frequency(targets: np.ndarray, period: float) -> np.ndarray:

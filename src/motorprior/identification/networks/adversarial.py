@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeAlias
 
 import jax
@@ -20,7 +21,7 @@ import optax
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import bounded_stream, learned_excitation
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import BURN_IN, CHANNELS, LEAK, LearnedExcitation, convolved, weight_shapes
+from motorprior.bench.learned_excitation import BURN_IN, CHANNELS, LEAK, SUB, LearnedExcitation, convolved, weight_shapes
 from motorprior.progress import ReportProgress
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
@@ -72,9 +73,9 @@ def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) 
         values = {n: scale[n] * rng.standard_normal(s) * (len(s) > 1) for n, s in shapes.items()}
         return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
-    given = 1 + CHANNELS + len(runs.classes) + 1
+    given = CHANNELS + 2 + SUB + len(runs.classes) + 1
     sizes = (given, *(HIDDEN for _ in range(_LAYERS)))
-    shapes: dict[str, tuple[int, ...]] = {"out": (2 * HIDDEN, 1)}
+    shapes: dict[str, tuple[int, ...]] = {"out": (3 * HIDDEN, 1)}
     for layer, size in enumerate(sizes[:-1]):
         shapes |= {f"k{layer}": (_TAPS, size, HIDDEN), f"c{layer}": (HIDDEN,)}
     making, critic = weights(weight_shapes(len(runs.classes))), weights(shapes)
@@ -96,10 +97,18 @@ def _batches(runs: LearnedExcitation, rng: np.random.Generator, count: int) -> t
 
 
 def _constants(runs: LearnedExcitation) -> tuple[jnp.ndarray, ...]:
-    """Of each class: bounds, scales, and standard deviation of the scaled change of the target."""
-    change = np.diff(runs.windows[..., 0], axis=1)
-    changes = [np.std(change[runs.window_class == kind]) for kind in range(len(runs.classes))] / runs.scales[:, 0]
-    return tuple(jnp.asarray(value, jnp.float32) for value in (runs.bounds, runs.scales, np.maximum(changes, 1e-6)))
+    """Of each class: bounds, scales, and standard deviations of the critic's `_derivatives` of scaled windows."""
+    own = [runs.windows[runs.window_class == kind] / scales for kind, scales in enumerate(runs.scales)]
+    parts = [[np.std(part) for part in _derivatives(windows, np)] for windows in own]
+    return tuple(jnp.asarray(value, jnp.float32) for value in (runs.bounds, runs.scales, np.maximum(parts, 1e-6)))
+
+
+def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
+    """Differences of the target and their differences, (B, frames - 2, 1), and of the torques (B, frames - 2, SUB)."""
+    change = xp.diff(windows[..., :1], axis=1)
+    torque = windows[..., 1:].reshape(len(windows), -1)
+    rate = xp.diff(torque, axis=1)[:, -(windows.shape[1] - 2) * SUB :].reshape(len(windows), -1, SUB)
+    return change[:, 1:], xp.diff(change, axis=1), rate
 
 
 def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: float) -> Callable:
@@ -119,14 +128,19 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
 
     def scores(weights: Weights, norms: Weights, windows: jnp.ndarray, which: Any, command: Any, changes: Any) -> Any:
         """(B,) of the critic: large for windows of runs."""
-        change = jnp.diff(windows[..., :1], axis=1) / changes[which][:, None, None]
+        # speeds, accelerations and torque rates are compressed: impacts would outweigh all else
+        derivatives = [
+            jnp.arcsinh(part / changes[which][:, index, None, None]) for index, part in enumerate(_derivatives(windows))
+        ]
         given = jnp.concatenate([jax.nn.one_hot(which, num_classes), command[:, None]], axis=1)[:, None]
-        given = jnp.broadcast_to(given, (*change.shape[:2], given.shape[2]))
-        hidden = jnp.concatenate([windows[:, 1:], change, given], axis=2)
+        given = jnp.broadcast_to(given, (*derivatives[0].shape[:2], given.shape[2]))
+        hidden = jnp.concatenate([windows[:, 2:], *derivatives, given], axis=2)
         for layer in range(_LAYERS):
             found = convolved(hidden, weights[f"k{layer}"], stride=_STRIDE) / norms[f"k{layer}"] + weights[f"c{layer}"]
             hidden = jnp.where(found > 0.0, found, LEAK * found)
-        pooled = jnp.concatenate([hidden.mean(axis=1), jnp.sqrt(hidden.var(axis=1) + 1e-6)], axis=1)
+        pooled = jnp.concatenate(
+            [hidden.mean(axis=1), jnp.sqrt(hidden.var(axis=1) + 1e-6), hidden.max(axis=1)], axis=1
+        )
         return (pooled @ weights["out"])[:, 0] / norms["out"]
 
     def normed(weights: Weights, directions: Weights) -> tuple[Weights, Weights]:
