@@ -25,10 +25,12 @@ SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
 BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
-NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
-STYLE_FRAMES = 250  # after which the slow inputs have changed
-HARMONICS = 6  # harmonics of the gait's phase: inputs of the generator
-NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # channels, taps and dilations of the generator's convolutions
+NOISE, CODE = 10, 12  # random inputs of the generator per frame; size of the code of a window
+HARMONICS = 8  # harmonics of the gait's phase: inputs of the generator
+GAIT_FRAMES, TRANSITION = 500, 25  # frames of a gait in a stream, and of the transition to the next one
+CODE_NEIGHBOURS = 8  # windows whose codes are mixed with that of a window
+EMBEDDING, NUM_HIDDEN = 48, 32  # channels of the embedding of the phase, and of the convolutions
+TAPS, DILATIONS = 5, (1, 3)  # of the generator's convolutions
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
 UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
@@ -86,42 +88,54 @@ def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, wh
 
 
 def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """Streams of the generator: convolutions of endless random inputs, hence without seams."""
-    inputs, _ = generator_inputs(runs, rng, frames + RECEPTIVE - 1, which)
-    return np.moveaxis(generator(runs.weights, inputs) * runs.scales[which][:, None], 0, 1)
+    """Streams of the generator: convolutions of endless inputs, hence without seams.
 
-
-def generator_inputs(
-    runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray, style_frames: int = STYLE_FRAMES
-) -> tuple[np.ndarray, np.ndarray]:
-    """(n, frames, inputs) random inputs and conditions, and the (n,) windows whose commands the streams begin with.
-
-    Every ``style_frames`` a window of the class gives commanded speed and gait frequency, and the slow inputs change.
+    Every GAIT_FRAMES a stream goes over to another code, between those of a window and of one with a similar code.
     """
-    knots, joints = frames // style_frames + 2, len(which)
-    chosen = np.stack([rng.choice(np.flatnonzero(runs.window_class == kind), knots) for kind in which])
-    levels = rng.standard_normal((joints, knots, STYLE))
-    at = np.arange(frames) // style_frames
-    share = (np.arange(frames) / style_frames - at)[:, None]
-    style = (1.0 - share) * levels[:, at] + share * levels[:, at + 1]
-    style /= np.sqrt((1.0 - share) ** 2 + share**2)
-    phase = 2 * np.pi * (rng.random((joints, 1)) + runs.period * np.cumsum(runs.frequency[chosen][:, at], axis=1))
-    waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
-    kinds = np.broadcast_to(np.eye(len(runs.classes))[which][:, None], (joints, frames, len(runs.classes)))
-    noise = rng.standard_normal((joints, frames, NOISE))
-    parts = [noise, style, *waves, kinds, runs.commands[chosen][:, at][..., None]]
-    return np.concatenate(parts, axis=2), chosen[:, 0]
+    total = frames + RECEPTIVE - 1
+    knots = total // GAIT_FRAMES + 2
+    known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])
+    gaits = np.stack([_mixed(known[runs.window_class == kind], rng, knots) for kind in which])
+    at = np.arange(total) + rng.integers(GAIT_FRAMES, size=(len(which), 1))
+    knot, since = at // GAIT_FRAMES, at % GAIT_FRAMES - (GAIT_FRAMES - TRANSITION)
+    share = (0.5 - 0.5 * np.cos(np.pi * np.clip((since + 0.5) / TRANSITION, 0.0, 1.0)))[..., None]
+    rows = np.arange(len(which))[:, None]
+    gait = (1.0 - share) * gaits[rows, knot] + share * gaits[rows, np.minimum(knot + 1, knots - 1)]
+    phase = 2 * np.pi * (rng.random((len(which), 1)) + runs.period * np.cumsum(np.exp(gait[..., 0]), axis=1))
+    kinds = np.broadcast_to(np.eye(len(runs.classes))[which][:, None], (len(which), total, len(runs.classes)))
+    noise = rng.standard_normal((len(which), total, NOISE))
+    conditions = np.concatenate([gait[..., 1:], kinds], axis=2)
+    return np.moveaxis(generator(runs.weights, phase, conditions, noise) * runs.scales[which][:, None], 0, 1)
 
 
-def generator(weights: Mapping[str, Any], inputs: Any, xp: ModuleType = np) -> Any:
-    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams of inputs (n, frames, inputs); also for JAX."""
-    hidden = inputs
+def _mixed(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest."""
+    first = rng.integers(len(known), size=count)
+    apart = np.linalg.norm((known[first, None] - known) / (known.std(axis=0) + 1e-9), axis=2)
+    nearest = np.argsort(apart, axis=1)[:, : CODE_NEIGHBOURS + 1]
+    second = nearest[np.arange(count), rng.integers(nearest.shape[1], size=count)]
+    share = rng.uniform(0.0, 0.5, (count, 1))
+    return (1.0 - share) * known[first] + share * known[second]
+
+
+def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: Any, xp: ModuleType = np) -> Any:
+    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams; also for JAX.
+
+    Of gait phase (n, frames) [rad], conditions (n, frames, ...) and noise (n, frames, NOISE).
+    """
+    waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
+    embedding = xp.concatenate([*waves, conditions], axis=2)
+    for layer in range(2):
+        embedding = embedding @ weights[f"v{layer}"] + weights[f"c{layer}"]
+        embedding = xp.where(embedding > 0.0, embedding, LEAK * embedding)
+    hidden = xp.concatenate([embedding, noise], axis=2)
     for layer, dilation in enumerate(DILATIONS):
         found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
-        found = xp.where(found > 0.0, found, LEAK * found)
+        found = found[..., :NUM_HIDDEN] / (1.0 + xp.exp(-found[..., NUM_HIDDEN:]))
         reach = dilation * (TAPS - 1) // 2
         hidden = found + hidden[:, reach:-reach] if layer else found
-    return hidden @ weights["w_out"] + weights["b_out"]
+    edge = (RECEPTIVE - 1) // 2
+    return embedding[:, edge:-edge] @ weights["w_skip"] + hidden @ weights["w_out"] + weights["b_out"]
 
 
 def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
@@ -130,12 +144,16 @@ def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> A
     return sum(signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel)))
 
 
-def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
+def weight_shapes(num_classes: int, num_windows: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the generator's weights."""
-    sizes = (NOISE + STYLE + 2 * HARMONICS + num_classes + 1, *(NUM_HIDDEN for _ in DILATIONS))
-    shapes: dict[str, tuple[int, ...]] = {"w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,)}
+    given = 2 * HARMONICS + CODE + 1 + num_classes
+    shapes: dict[str, tuple[int, ...]] = {
+        "v0": (given, EMBEDDING), "c0": (EMBEDDING,), "v1": (EMBEDDING, EMBEDDING), "c1": (EMBEDDING,),
+        "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS), "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
+    }  # fmt: skip
     for layer in range(len(DILATIONS)):
-        shapes |= {f"w{layer}": (TAPS, sizes[layer], sizes[layer + 1]), f"b{layer}": (sizes[layer + 1],)}
+        before = NUM_HIDDEN if layer else EMBEDDING + NOISE
+        shapes |= {f"w{layer}": (TAPS, before, 2 * NUM_HIDDEN), f"b{layer}": (2 * NUM_HIDDEN,)}
     return shapes
 
 
@@ -234,7 +252,7 @@ class LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
         count, has_weights = len(header["classes"]), header["method"] == "generated" or "w_out" in tensors
-        weights = {name: Tensor(shape) for name, shape in weight_shapes(count).items()} if has_weights else {}
+        weights = {name: Tensor(shape) for name, shape in weight_shapes(count, len(tensors["window_class"])).items()} if has_weights else {}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(
             header["method"], tuple(header["classes"]), float(header["period"]),

@@ -27,6 +27,7 @@ MAX_WINDOWS = 400  # maximum number per class in the file
 # bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
 # recorded windows are not distorted (`bounded_stream` divides the acceleration between its two stages)
 MARGINS = (1.25, 1.25, 3.0, 1.25)
+YIN = 0.1  # threshold of the estimator of gait frequency
 _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
@@ -100,7 +101,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     Static joints are left out. Raises `LogError` if no segment with a moving joint is as long as a window.
     """
     frames = round(SECONDS / period)
-    rows: list[tuple[str, float, np.ndarray]] = []
+    rows: list[tuple[str, float, float, np.ndarray]] = []
     inertia: dict[str, list[float]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
         by_name = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
@@ -108,36 +109,38 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
         for segment in (each for each in log.segments() if each.duration > SECONDS):
             grid = resample(segment, period / SUB)
             for joint in excited_joints(segment).tolist():
-                rows += [(kinds[joint], command, window) for window in _cut(grid, joint, frames)]
+                whole = _frames(grid, joint)
+                frequency = gait_frequency(whole[:, 0], period)
+                starts = range(0, len(whole) - frames + 1, frames // OVERLAP)
+                rows += [(kinds[joint], command, frequency, whole[first : first + frames]) for first in starts]
                 if grid.load_inertia is not None:
                     inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
     if not rows:
         remedy = "record longer runs, or runs that move"
         raise LogError(f"no segment of {SECONDS:g} s with a moving joint", where=logs[0].source, remedy=remedy)
-    classes = tuple(dict.fromkeys(kind for kind, _, _ in rows))
+    classes = tuple(dict.fromkeys(row[0] for row in rows))
     of_kind = [[row for row in rows if row[0] == kind] for kind in classes]
     places = [np.unique(np.linspace(0, len(each) - 1, MAX_WINDOWS).astype(int)) for each in of_kind]
     kept = [each[place] for each, chosen in zip(of_kind, places, strict=True) for place in chosen]
-    which, windows = np.array([classes.index(kind) for kind, _, _ in kept]), np.stack([row[2] for row in kept])
+    which, windows = np.array([classes.index(row[0]) for row in kept]), np.stack([row[3] for row in kept])
     of_class = [windows[which == kind] for kind in range(len(classes))]
     ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else (UNKNOWN_LOAD,) * 2 for kind in classes]
     return LearnedExcitation(
         "recorded", classes, period, windows, which,
-        np.array([command for _, command, _ in kept], float), _frequency(windows[..., 0], period),
+        np.array([row[1] for row in kept], float), np.array([row[2] for row in kept]),
         np.array([np.maximum(own.std(axis=(0, 1)), 1e-6) for own in of_class]),
         np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
     )  # fmt: skip
 
 
-def _cut(grid: MotorLog, joint: int, frames: int) -> list[np.ndarray]:
-    """(frames, CHANNELS) windows of a joint of one segment on the grid of external torques."""
+def _frames(grid: MotorLog, joint: int) -> np.ndarray:
+    """(frames, CHANNELS) of a joint of one segment on the grid of external torques."""
     count = grid.num_rows // SUB
     target = grid.position_target[: count * SUB, joint].reshape(count, SUB).mean(axis=1)
     torque = np.zeros((count, SUB))
     if grid.external_torque is not None:
         torque = grid.external_torque[: count * SUB, joint].reshape(count, SUB)
-    whole = np.concatenate([target[:, None] - target.mean(), torque], axis=1)
-    return [whole[first : first + frames] for first in range(0, count - frames + 1, frames // OVERLAP)]
+    return np.concatenate([target[:, None] - target.mean(), torque], axis=1)
 
 
 def _bounds(windows: np.ndarray, period: float) -> Bounds:
@@ -149,8 +152,15 @@ def _bounds(windows: np.ndarray, period: float) -> Bounds:
     return Bounds(*np.maximum(np.array(MARGINS) * found, _FLOORS))
 
 
-def _frequency(targets: np.ndarray, period: float) -> np.ndarray:
-    """(W,) frequency of the largest component of targets (W, frames) [Hz], interpolated by zero padding."""
-    size = 8 * targets.shape[1]
-    away = (targets - targets.mean(axis=1, keepdims=True)) * np.hanning(targets.shape[1])
-    return np.fft.rfftfreq(size, period)[1:][np.abs(np.fft.rfft(away, n=size))[:, 1:].argmax(axis=1)]
+def gait_frequency(target: np.ndarray, period: float) -> float:
+    """Gait frequency of a target (frames,) [Hz]: that of the YIN estimator (de Cheveigné & Kawahara, 2002)."""
+    most = min(len(target) // 2, round(2.0 / period))
+    lags = np.arange(1, most)
+    apart = np.array([np.mean((target[lag:] - target[:-lag]) ** 2) for lag in lags])
+    apart *= lags / np.maximum(np.cumsum(apart), 1e-12)
+    inner = (apart[1:-1] <= apart[:-2]) & (apart[1:-1] < apart[2:])
+    valleys = 1 + np.flatnonzero(inner & (apart[1:-1] < max(YIN, 1.5 * apart[1:-1].min())))
+    best = valleys[0] if len(valleys) else int(np.argmin(apart))
+    low, middle, high = apart[np.clip([best - 1, best, best + 1], 0, len(apart) - 1)]
+    vertex = 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-12)
+    return 1.0 / (period * (lags[best] + float(np.clip(vertex, -0.5, 0.5))))
