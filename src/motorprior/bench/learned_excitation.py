@@ -25,14 +25,14 @@ SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
 BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
-NOISE, CODE = 10, 12  # random inputs of the generator per frame; size of the code of a window
-HARMONICS = 8  # harmonics of the gait's phase: inputs of the generator
-GAIT_FRAMES, TRANSITION = 500, 25  # frames of a gait in a stream, and of the transition to the next one
-CODE_NEIGHBOURS = 8  # windows whose codes are mixed with that of a window
-EMBEDDING, NUM_HIDDEN = 48, 32  # channels of the embedding of the phase, and of the convolutions
-TAPS, DILATIONS = 5, (1, 3)  # of the generator's convolutions
+GAIT_FRAMES, TRANSITION = 500, 25  # frames of a gait in a generated stream, and of the transition to the next one
+NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
+NOISE, CODE, HARMONICS = 10, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
+LAYERS, EMBEDDING = 3, 96  # layers of the embedding of a gait's phase, and its channels
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3)  # channels, taps and dilations of the convolutions
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
+MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
 UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
 _MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
 _REMEDY = "write it again with `motorprior excite`"
@@ -90,52 +90,53 @@ def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, wh
 def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
     """Streams of the generator: convolutions of endless inputs, hence without seams.
 
-    Every GAIT_FRAMES a stream goes over to another code, between those of a window and of one with a similar code.
+    Every GAIT_FRAMES the next gait follows: frequency, commanded speed and code between those of two similar windows.
     """
-    total = frames + RECEPTIVE - 1
-    knots = total // GAIT_FRAMES + 2
+    total, out = frames + RECEPTIVE - 1, np.empty((frames, len(which), CHANNELS))
     known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])
-    gaits = np.stack([_mixed(known[runs.window_class == kind], rng, knots) for kind in which])
-    at = np.arange(total) + rng.integers(GAIT_FRAMES, size=(len(which), 1))
-    knot, since = at // GAIT_FRAMES, at % GAIT_FRAMES - (GAIT_FRAMES - TRANSITION)
-    share = (0.5 - 0.5 * np.cos(np.pi * np.clip((since + 0.5) / TRANSITION, 0.0, 1.0)))[..., None]
-    rows = np.arange(len(which))[:, None]
-    gait = (1.0 - share) * gaits[rows, knot] + share * gaits[rows, np.minimum(knot + 1, knots - 1)]
-    phase = 2 * np.pi * (rng.random((len(which), 1)) + runs.period * np.cumsum(np.exp(gait[..., 0]), axis=1))
-    kinds = np.broadcast_to(np.eye(len(runs.classes))[which][:, None], (len(which), total, len(runs.classes)))
-    noise = rng.standard_normal((len(which), total, NOISE))
-    conditions = np.concatenate([gait[..., 1:], kinds], axis=2)
-    return np.moveaxis(generator(runs.weights, phase, conditions, noise) * runs.scales[which][:, None], 0, 1)
+    for joint, kind in enumerate(which):
+        at = np.arange(total) + rng.integers(GAIT_FRAMES)
+        number, since = at // GAIT_FRAMES, at % GAIT_FRAMES + 0.5
+        gaits = _gaits(known[runs.window_class == kind], rng, number[-1] + 2)
+        share = 0.5 - 0.5 * np.cos(np.pi * np.minimum(since / TRANSITION, 1.0))[:, None]
+        gait = (1.0 - share) * gaits[number] + share * gaits[number + 1]
+        phase = 2 * np.pi * (rng.random() + runs.period * np.cumsum(np.exp(gait[:, 0])))
+        conditions = np.column_stack([gait[:, 1:], np.tile(np.eye(len(runs.classes))[kind], (total, 1))])
+        noise, scales = rng.standard_normal((1, total, NOISE)), runs.scales[kind]
+        made = generator(runs.weights, phase[None], conditions[None], noise)[0]
+        out[:, joint] = made * np.where(scales > MIN_SCALE, scales, 0.0)
+    return out
 
 
-def _mixed(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest."""
-    first = rng.integers(len(known), size=count)
+def _gaits(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest rows."""
+    first, share = rng.integers(len(known), size=count), rng.uniform(0.0, 0.5, (count, 1))
     apart = np.linalg.norm((known[first, None] - known) / (known.std(axis=0) + 1e-9), axis=2)
-    nearest = np.argsort(apart, axis=1)[:, : CODE_NEIGHBOURS + 1]
+    nearest = np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1]
     second = nearest[np.arange(count), rng.integers(nearest.shape[1], size=count)]
-    share = rng.uniform(0.0, 0.5, (count, 1))
     return (1.0 - share) * known[first] + share * known[second]
 
 
 def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: Any, xp: ModuleType = np) -> Any:
     """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams; also for JAX.
 
-    Of gait phase (n, frames) [rad], conditions (n, frames, ...) and noise (n, frames, NOISE).
+    Inputs are the gait's phase (n, frames) [rad], conditions (n, frames, CODE + 1 + classes): the code, the commanded
+    speed and the class; and Gaussian noise (n, frames, NOISE). An embedding of phase and conditions, frame by frame,
+    gives the target; gated convolutions of embedding and noise add the torques' oscillations.
     """
     waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
     embedding = xp.concatenate([*waves, conditions], axis=2)
-    for layer in range(2):
+    for layer in range(LAYERS):
         embedding = embedding @ weights[f"v{layer}"] + weights[f"c{layer}"]
         embedding = xp.where(embedding > 0.0, embedding, LEAK * embedding)
     hidden = xp.concatenate([embedding, noise], axis=2)
     for layer, dilation in enumerate(DILATIONS):
         found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
-        found = found[..., :NUM_HIDDEN] / (1.0 + xp.exp(-found[..., NUM_HIDDEN:]))
+        found = found[..., :NUM_HIDDEN] * (0.5 + 0.5 * xp.tanh(0.5 * found[..., NUM_HIDDEN:]))
         reach = dilation * (TAPS - 1) // 2
         hidden = found + hidden[:, reach:-reach] if layer else found
-    edge = (RECEPTIVE - 1) // 2
-    return embedding[:, edge:-edge] @ weights["w_skip"] + hidden @ weights["w_out"] + weights["b_out"]
+    base = embedding[:, (RECEPTIVE - 1) // 2 :][:, : hidden.shape[1]] @ weights["w_skip"] + weights["b_out"]
+    return xp.concatenate([base[..., :1], base[..., 1:] + hidden @ weights["w_out"]], axis=2)
 
 
 def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
@@ -146,11 +147,13 @@ def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> A
 
 def weight_shapes(num_classes: int, num_windows: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the generator's weights."""
-    given = 2 * HARMONICS + CODE + 1 + num_classes
     shapes: dict[str, tuple[int, ...]] = {
-        "v0": (given, EMBEDDING), "c0": (EMBEDDING,), "v1": (EMBEDDING, EMBEDDING), "c1": (EMBEDDING,),
-        "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS), "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
+        "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS),
+        "w_out": (NUM_HIDDEN, SUB), "b_out": (CHANNELS,),
     }  # fmt: skip
+    for layer in range(LAYERS):
+        before = EMBEDDING if layer else 2 * HARMONICS + CODE + 1 + num_classes
+        shapes |= {f"v{layer}": (before, EMBEDDING), f"c{layer}": (EMBEDDING,)}
     for layer in range(len(DILATIONS)):
         before = NUM_HIDDEN if layer else EMBEDDING + NOISE
         shapes |= {f"w{layer}": (TAPS, before, 2 * NUM_HIDDEN), f"b{layer}": (2 * NUM_HIDDEN,)}
@@ -185,7 +188,7 @@ class LearnedExcitation:
     windows: np.ndarray  # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
     window_class: np.ndarray  # (W,) index of the joint class
     commands: np.ndarray  # (W,) commanded speed of the run [m/s], 0 if unknown
-    frequency: np.ndarray  # (W,) frequency of the largest component of the target [Hz]
+    frequency: np.ndarray  # (W,) gait frequency [Hz]
     scales: np.ndarray  # (C, 1 + SUB) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
     load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²], or UNKNOWN_LOAD
@@ -252,7 +255,8 @@ class LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
         count, has_weights = len(header["classes"]), header["method"] == "generated" or "w_out" in tensors
-        weights = {name: Tensor(shape) for name, shape in weight_shapes(count, len(tensors["window_class"])).items()} if has_weights else {}
+        shapes = weight_shapes(count, len(tensors["commands"])) if has_weights else {}
+        weights = {name: Tensor(shape) for name, shape in shapes.items()}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(
             header["method"], tuple(header["classes"]), float(header["period"]),

@@ -12,7 +12,7 @@ from time import monotonic
 import numpy as np
 
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import CHANNELS, MAKERS, SUB, UNKNOWN_LOAD, LearnedExcitation
+from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog, motion_digest
@@ -20,14 +20,14 @@ from motorprior.logs.operations import excited_joints, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
-STEPS = 2000  # training steps
+STEPS = 4000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
 # bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
 # recorded windows are not distorted (`bounded_stream` divides the acceleration between its two stages)
 MARGINS = (1.25, 1.25, 3.0, 1.25)
-YIN = 0.1  # threshold of the estimator of gait frequency
+YIN, MAX_PERIOD = 0.1, 2.0  # threshold of the estimator of gait frequency, and largest period [s]
 _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
@@ -128,7 +128,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     return LearnedExcitation(
         "recorded", classes, period, windows, which,
         np.array([row[1] for row in kept], float), np.array([row[2] for row in kept]),
-        np.array([np.maximum(own.std(axis=(0, 1)), 1e-6) for own in of_class]),
+        np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in of_class]),
         np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
     )  # fmt: skip
 
@@ -154,8 +154,7 @@ def _bounds(windows: np.ndarray, period: float) -> Bounds:
 
 def gait_frequency(target: np.ndarray, period: float) -> float:
     """Gait frequency of a target (frames,) [Hz]: that of the YIN estimator (de Cheveigné & Kawahara, 2002)."""
-    most = min(len(target) // 2, round(2.0 / period))
-    lags = np.arange(1, most)
+    lags = np.arange(1, min(len(target) // 2, round(MAX_PERIOD / period)))
     apart = np.array([np.mean((target[lag:] - target[:-lag]) ** 2) for lag in lags])
     apart *= lags / np.maximum(np.cumsum(apart), 1e-12)
     inner = (apart[1:-1] <= apart[:-2]) & (apart[1:-1] < apart[2:])

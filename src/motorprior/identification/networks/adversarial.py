@@ -1,14 +1,13 @@
 """A generator of windows of joint motion, trained by reconstruction and against a critic.
 
-Every recorded window has a code, a phase and a frequency, which are learned together with the generator (generative
-latent optimisation, Bojanowski et al., ICML 2018). The loss of the generator is
+Every recorded window x has a code, which is trained with the generator G (generative latent optimisation, Bojanowski et
+al., ICML 2018). With z for code, gait phase and noise, the loss of the generator is
 
-    L = REC·|x - G(z)| + FM·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - C(G(z))
+    L = Σ_i w_i·|r_i(x) - r_i(G(z))| + MATCHING·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - ADVERSARIAL·C(G(z)).
 
-for a window x, of the target and its differences and the mean torques of frames; C_l are the inputs and hidden layers
-of the critic C, and s are mean, standard deviation and maximum over the window (feature matching: Salimans et al.,
-NeurIPS 2016; Larsen et al., ICML 2016). The critic has a hinge loss (Lim & Ye, Geometric GAN, 2017) and spectral
-normalisation (Miyato et al., ICLR 2018). An exponential moving average of the generator's weights plays.
+r_i are the target, its differences, their differences and the mean torque of a frame. C_l are the inputs and hidden
+layers of the critic C, s are mean, standard deviation, maximum and minimum over the window (feature matching, Salimans
+et al., NeurIPS 2016). The critic has a hinge loss and spectral normalisation (Miyato et al., ICLR 2018).
 """
 
 from __future__ import annotations
@@ -26,28 +25,18 @@ import optax
 
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import learned_excitation
-from motorprior.bench.learned_excitation import (
-    CHANNELS,
-    CODE,
-    LEAK,
-    NOISE,
-    RECEPTIVE,
-    SUB,
-    LearnedExcitation,
-    convolved,
-    weight_shapes,
-)
+from motorprior.bench.learned_excitation import CHANNELS, CODE, LEAK, MIN_SCALE, RECEPTIVE, SUB, LearnedExcitation
 from motorprior.progress import ReportProgress
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
-RATES = {"critic": 1e-3, "generator": 2e-3, "latent": 2e-2}  # learning rates of Adam, b1 = 0.5
-DECAY = 0.995  # decay of the moving average of weights
-RECONSTRUCTION, MATCHING, ADVERSARIAL = 10.0, 5.0, 0.5  # weights of the losses
-CODE_NOISE = 0.1  # standard deviation of the noise on codes in training, so that near codes have similar windows
-PHASE_RATE = 0.2
-ACC = 0.5
+RATES = {"critic": 1e-3, "generator": 3e-3, "codes": 2e-2}  # learning rates of Adam, which decay to 0 (cosine)
+RECONSTRUCTION = (10.0, 5.0, 10.0, 3.0)  # w_i: target, its differences, their differences, mean torque
+MATCHING, ADVERSARIAL = 5.0, 1.0  # weights of the other losses
+CODE_NOISE = 0.05  # standard deviation of noise on codes in training: similar codes then give similar windows
+ORDERS = 6  # harmonics in the initial codes
 _LAYERS, _TAPS, _STRIDE = 3, 5, 2  # convolutions of the critic
-_STREAM = 53
+_TARGET = np.array([0, CHANNELS, CHANNELS + 1])  # columns of `seen`: the target, its differences, and theirs
+_STREAM, _EDGE = 53, (RECEPTIVE - 1) // 2
 Weights: TypeAlias = dict[str, Any]
 
 
@@ -63,7 +52,8 @@ def train_generator(
 
     The state after every CHUNK steps is in the file ``checkpoint``; a call with the same ``identity`` continues there.
     """
-    optimisers = {name: optax.adam(optax.cosine_decay_schedule(rate, steps), b1=0.5, b2=0.99) for name, rate in RATES.items()}
+    rates = {name: optax.cosine_decay_schedule(rate, steps) for name, rate in RATES.items()}
+    optimisers = {name: optax.adam(rate, b1=0.5, b2=0.99) for name, rate in rates.items()}
     state, first = _initial(runs, seed, optimisers), 0
     leaves, structure = jax.tree.flatten(state)
     if checkpoint is not None and checkpoint.exists():
@@ -73,16 +63,15 @@ def train_generator(
             kept = [jnp.asarray(tensors[str(index)], leaf.dtype) for index, leaf in enumerate(leaves)]
             state = jax.tree.unflatten(structure, kept)
             report(first, "continued")
-    advance, constants = _compiled_chunk(optimisers, len(runs.classes), runs.period), _constants(runs)
+    advance, constants = _compiled_chunk(optimisers), _constants(runs)
     for begin in range(first, steps, CHUNK):
         count = min(CHUNK, steps - begin)
         state, losses = advance(state, _batches(runs, np.random.default_rng([seed, _STREAM, begin]), count), constants)
         if checkpoint is not None:
             arrays = {str(index): np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
             write_tensors(checkpoint, arrays, {"identity": identity, "steps": begin + count})
-        report(count, ", ".join(f"{name} {float(value):.2f}" for name, value in losses.items()))
-    average = state["average"]
-    found = average["generator"] | {"codes": average["latent"]["codes"]}
+        report(count, "reconstruction {:.2f}, critic's gap {:.2f}".format(*losses.tolist()))
+    found = state["generator"] | {"codes": state["codes"]}
     return {name: np.asarray(value, np.float64) for name, value in found.items()}
 
 
@@ -99,56 +88,58 @@ def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) 
     shapes: dict[str, tuple[int, ...]] = {"out": (4 * HIDDEN, 1)}
     for layer, size in enumerate(sizes[:-1]):
         shapes |= {f"k{layer}": (_TAPS, size, HIDDEN), f"c{layer}": (HIDDEN,)}
-    making, critic = weights(weight_shapes(len(runs.classes), len(runs.windows))), weights(shapes)
-    codes, phases = _latents(runs)
-    del making["codes"]
-    latent = {"codes": jnp.asarray(codes, jnp.float32), "phases": jnp.asarray(phases / PHASE_RATE, jnp.float32)}
+    made = weights(learned_excitation.weight_shapes(len(runs.classes), len(runs.windows)))
     directions = {n: jnp.asarray(rng.standard_normal(s[-1]), jnp.float32) for n, s in shapes.items() if len(s) > 1}
-    return {
-        "generator": making, "critic": critic, "latent": latent, "directions": directions,
-        "average": {"generator": making, "latent": latent},
-        **{f"{n}_adam": optimisers[n].init(o) for n, o in (("generator", making), ("critic", critic), ("latent", latent))},
-    }  # fmt: skip
+    codes = jnp.asarray(_initial_codes(runs), jnp.float32)
+    networks = {"generator": {n: w for n, w in made.items() if n != "codes"}, "codes": codes, "critic": weights(shapes)}
+    adams = {f"{name}_adam": optimisers[name].init(own) for name, own in networks.items()}
+    return networks | adams | {"directions": directions}
 
 
-def _latents(runs: LearnedExcitation) -> tuple[np.ndarray, np.ndarray]:
-    """(W, CODE) initial codes, principal components of the harmonics; (W,) phases [rad] of the gait at the first frame."""
-    time, windows = runs.period * np.arange(runs.windows.shape[1]), runs.windows / runs.scales[runs.window_class][:, None]
-    angle = 2 * np.pi * runs.frequency[:, None] * time
-    target = windows[..., 0] - windows[..., 0].mean(axis=1, keepdims=True)
-    phases = np.angle(np.sum(np.hanning(len(time)) * np.exp(-1j * angle) * target, axis=1))
-    signals = np.stack([windows[..., 0], windows[..., 1:].mean(axis=2)], axis=2)
-    orders = np.arange(7)[:, None, None] * (angle + phases[:, None])
-    waves = np.moveaxis(np.concatenate([np.cos(orders), np.sin(orders[1:])]), 0, 2)
-    square = np.swapaxes(waves, 1, 2) @ waves + 0.01 * len(time) * np.eye(waves.shape[2])
-    found = np.linalg.solve(square, np.swapaxes(waves, 1, 2) @ signals).reshape(len(windows), -1)
-    rates = [np.log(part.std(axis=(1, 2)) + 1e-3) for part in _derivatives(windows, np)]
-    found = np.column_stack([found, *rates])
+def _phases(runs: LearnedExcitation) -> np.ndarray:
+    """(W, frames + RECEPTIVE - 1) phase of the gait [rad], that of the target's fundamental, also around the window."""
+    target = runs.windows[..., 0] - runs.windows[..., 0].mean(axis=1, keepdims=True)
+    turned = 2 * np.pi * runs.frequency[:, None] * runs.period * np.arange(-_EDGE, target.shape[1] + _EDGE)
+    first = np.angle((np.exp(-1j * turned[:, _EDGE:-_EDGE]) * target) @ np.hanning(target.shape[1]))
+    return turned + first[:, None]
+
+
+def _initial_codes(runs: LearnedExcitation) -> np.ndarray:
+    """(W, CODE) principal components of windows: of harmonics of target and torque, and of sizes of `_derivatives`."""
+    windows, phases = runs.windows / runs.scales[runs.window_class][:, None], _phases(runs)[:, _EDGE:-_EDGE]
+    turns = np.arange(ORDERS + 1)[:, None, None] * phases
+    waves = np.moveaxis(np.concatenate([np.cos(turns), np.sin(turns[1:])]), 0, 2)
+    transposed, signals = np.swapaxes(waves, 1, 2), np.stack([windows[..., 0], windows[..., 1:].mean(axis=2)], axis=2)
+    ridge = 0.01 * windows.shape[1] * np.eye(waves.shape[2])
+    harmonics = np.linalg.solve(transposed @ waves + ridge, transposed @ signals).reshape(len(windows), -1)
+    sizes = [np.log(part.std(axis=(1, 2)) + 1e-3) for part in _derivatives(windows, np)]
+    found = np.column_stack([harmonics, *sizes])
     for kind in range(len(runs.classes)):
         found[runs.window_class == kind] -= found[runs.window_class == kind].mean(axis=0)
-    codes = np.linalg.svd(found, full_matrices=False)[0][:, :CODE]
-    return codes * len(codes) ** 0.5, phases
+    codes = np.linalg.svd(found, full_matrices=False)[0][:, :CODE] * len(found) ** 0.5
+    return np.pad(codes, ((0, 0), (0, CODE - codes.shape[1])))
 
 
 def _batches(runs: LearnedExcitation, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
-    """For ``count`` steps and a BATCH: windows, and twice noise of the generator and noise of the codes."""
+    """For ``count`` steps: a BATCH of windows, with classes equally likely, and twice noise for generator and codes."""
     which = rng.integers(len(runs.classes), size=count * BATCH)
     chosen = np.stack([rng.choice(np.flatnonzero(runs.window_class == kind)) for kind in which])
-    frames = runs.windows.shape[1] + RECEPTIVE - 1
-    noise = rng.standard_normal((count, 2, BATCH, frames, NOISE), np.float32)
-    return chosen.reshape(count, BATCH), noise, rng.standard_normal((count, 2, BATCH, CODE), np.float32)
+    shape, frames = (count, 2, BATCH), runs.windows.shape[1] + RECEPTIVE - 1
+    noise = rng.standard_normal((*shape, frames, learned_excitation.NOISE), np.float32)
+    return chosen.reshape(count, BATCH), noise, rng.standard_normal((*shape, CODE), np.float32)
 
 
-def _constants(runs: LearnedExcitation) -> tuple[jnp.ndarray, ...]:
-    """Scaled windows, classes (one-hot), commands, and of each class standard deviations of `_derivatives`."""
-    windows = runs.windows / runs.scales[runs.window_class][:, None]
-    own = [windows[runs.window_class == kind] for kind in range(len(runs.classes))]
-    parts = [[np.std(part) for part in _derivatives(each, np)] for each in own]
-    kinds = np.eye(len(runs.classes))[runs.window_class]
-    return tuple(
-        jnp.asarray(value, jnp.float32)
-        for value in (windows, kinds, runs.commands, np.maximum(parts, 1e-6)[runs.window_class], runs.frequency)
-    )
+def _constants(runs: LearnedExcitation) -> Weights:
+    """Of every window: itself, scaled; class, command, phases, sizes of `_derivatives`; and channels that move."""
+    kind = runs.window_class
+    windows = runs.windows / runs.scales[kind][:, None]
+    sizes = [[np.std(part) for part in _derivatives(windows[kind == k], np)] for k in range(len(runs.classes))]
+    found = {
+        "windows": windows, "kinds": np.eye(len(runs.classes))[kind], "commands": runs.commands[:, None],
+        "phases": _phases(runs), "sizes": np.maximum(sizes, 1e-6)[kind],
+        "moving": (runs.scales > MIN_SCALE)[kind][:, None],
+    }  # fmt: skip
+    return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()}
 
 
 def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
@@ -165,34 +156,30 @@ def _pooled(signal: Any) -> Any:
     return jnp.concatenate(parts, axis=1)
 
 
-def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: float) -> Callable:
+def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
     # numbers of the runs are arguments: the compiled program can then be cached for all runs of a shape
-    def made(weights: Weights, latent: Weights, chosen: Any, noise: Any, code_noise: Any, constants: Any) -> jnp.ndarray:
-        """(B, frames, CHANNELS) windows, scaled."""
-        _, kinds, commands, _, frequency = constants
-        at = jnp.arange(noise.shape[1]) - (RECEPTIVE - 1) // 2
-        phase = PHASE_RATE * latent["phases"][chosen][:, None] + 2 * jnp.pi * period * frequency[chosen][:, None] * at
-        conditions = [latent["codes"][chosen] + CODE_NOISE * code_noise, commands[chosen][:, None], kinds[chosen]]
-        conditions = jnp.concatenate(conditions, axis=1)[:, None]
-        conditions = jnp.broadcast_to(conditions, (*phase.shape, conditions.shape[-1]))
-        return learned_excitation.generator(weights, phase, conditions, noise, jnp)
+    def made(weights: Weights, codes: Any, noise: Any, own: Weights) -> Any:
+        """`seen` of the generator's windows."""
+        conditions = jnp.concatenate([codes, own["commands"], own["kinds"]], axis=1)[:, None]
+        conditions = jnp.broadcast_to(conditions, (*noise.shape[:2], conditions.shape[-1]))
+        found = learned_excitation.generator(weights, own["phases"], conditions, noise, jnp)
+        return seen(found * own["moving"], own)
 
-    def seen(windows: jnp.ndarray, chosen: Any, constants: Any) -> Any:
-        """Inputs of the critic: windows, and their derivatives."""
+    def seen(windows: Any, own: Weights) -> Any:
+        """(B, frames - 2, CHANNELS + 2 + SUB) inputs of the critic: scaled windows and their `_derivatives`."""
         # compressed, since impacts would outweigh all else
-        changes = constants[3][chosen]
-        derivatives = [
-            jnp.arcsinh(part / changes[:, index, None, None]) for index, part in enumerate(_derivatives(windows))
-        ]
-        return jnp.concatenate([windows[:, 2:], *derivatives], axis=2)
+        sizes = own["sizes"][:, :, None, None]
+        parts = [jnp.arcsinh(part / sizes[:, index]) for index, part in enumerate(_derivatives(windows))]
+        return jnp.concatenate([windows[:, 2:], *parts], axis=2)
 
-    def scores(weights: Weights, norms: Weights, signals: jnp.ndarray, chosen: Any, constants: Any) -> Any:
-        """(B,) of the critic, large for windows of runs; and what it sees, pooled."""
-        given = jnp.concatenate([constants[1][chosen], constants[2][chosen][:, None]], axis=1)[:, None]
+    def scores(weights: Weights, norms: Weights, signals: Any, own: Weights) -> tuple[Any, list[Any]]:
+        """(B,) of the critic, large for windows of runs; and its inputs and hidden layers, pooled."""
+        given = jnp.concatenate([own["kinds"], own["commands"]], axis=1)[:, None]
         given = jnp.broadcast_to(given, (*signals.shape[:2], given.shape[2]))
         hidden, layers = jnp.concatenate([signals, given], axis=2), [_pooled(signals)]
         for layer in range(_LAYERS):
-            found = convolved(hidden, weights[f"k{layer}"], stride=_STRIDE) / norms[f"k{layer}"] + weights[f"c{layer}"]
+            kernel = weights[f"k{layer}"] / norms[f"k{layer}"]
+            found = learned_excitation.convolved(hidden, kernel, stride=_STRIDE) + weights[f"c{layer}"]
             hidden = jnp.where(found > 0.0, found, LEAK * found)
             layers.append(_pooled(hidden))
         return (layers[-1] @ weights["out"])[:, 0] / norms["out"], layers
@@ -213,50 +200,45 @@ def _compiled_chunk(optimisers: Mapping[str, Any], num_classes: int, period: flo
         update, adam = optimisers[name].update(gradient, state[f"{name}_adam"], state[name])
         return state | {name: optax.apply_updates(state[name], update), f"{name}_adam": adam}
 
-    def step(constants: Any, state: dict[str, Any], batch: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def step(constants: Weights, state: dict[str, Any], batch: Any) -> tuple[dict[str, Any], Any]:
         chosen, noise, code_noise = batch
-        real = seen(constants[0][chosen], chosen, constants)
-        fake = made(state["generator"], state["latent"], chosen, noise[0], code_noise[0], constants)
-        fake = jax.lax.stop_gradient(seen(fake, chosen, constants))
+        own = {name: value[chosen] for name, value in constants.items()}
+        trained = state["generator"], state["codes"]
+        real = seen(own["windows"], own)
+
+        def fake(weights: Weights, codes: Any, which: int) -> Any:
+            return made(weights, codes[chosen] + CODE_NOISE * code_noise[which], noise[which], own)
+
+        first = jax.lax.stop_gradient(fake(*trained, 0))
 
         def critic_loss(weights: Weights) -> Any:
             directions, norms = normed(weights, state["directions"])
-            of_real, _ = scores(weights, norms, real, chosen, constants)
-            of_fake, _ = scores(weights, norms, fake, chosen, constants)
+            of_real, of_fake = (scores(weights, norms, signals, own)[0] for signals in (real, first))
             loss = jnp.mean(jax.nn.relu(1.0 - of_real)) + jnp.mean(jax.nn.relu(1.0 + of_fake))
             return loss, (directions, of_real.mean() - of_fake.mean())
 
         (_, (directions, gap)), gradient = jax.value_and_grad(critic_loss, has_aux=True)(state["critic"])
         state = updated(state, "critic", gradient) | {"directions": directions}
         _, norms = normed(state["critic"], directions)
-        _, wanted = scores(state["critic"], norms, real, chosen, constants)
+        _, wanted = scores(state["critic"], norms, real, own)
 
-        def generator_loss(weights: Weights, latent: Weights) -> Any:
-            windows = made(weights, latent, chosen, noise[1], code_noise[1], constants)
-            signals = seen(windows, chosen, constants)
-            score, layers = scores(state["critic"], norms, signals, chosen, constants)
-            smooth = jnp.concatenate([signals[..., :1], signals[..., CHANNELS : CHANNELS + 2]], axis=2)
-            smooth_real = jnp.concatenate([real[..., :1], real[..., CHANNELS : CHANNELS + 2]], axis=2)
-            apart = jnp.mean(jnp.abs(smooth - smooth_real), axis=(0, 1))
-            torque = jnp.mean(jnp.abs(signals[..., 1:CHANNELS].mean(axis=2) - real[..., 1:CHANNELS].mean(axis=2)))
-            rebuilt = apart @ jnp.array([1.0, 0.5, ACC]) + 0.3 * torque
+        def generator_loss(weights: Weights, codes: Any) -> Any:
+            signals = fake(weights, codes, 1)
+            score, layers = scores(state["critic"], norms, signals, own)
+            apart = jnp.mean(jnp.abs(signals[..., _TARGET] - real[..., _TARGET]), axis=(0, 1))
+            torque = jnp.mean(signals[..., 1:CHANNELS] - real[..., 1:CHANNELS], axis=2)
+            rebuilt = jnp.append(apart, jnp.mean(jnp.abs(torque))) @ jnp.array(RECONSTRUCTION)
             matched = sum(jnp.mean(jnp.abs(a - b)) for a, b in zip(layers, wanted, strict=True))
-            regular = 1e-2 * jnp.mean(latent["codes"] ** 2)
-            loss = RECONSTRUCTION * rebuilt + MATCHING * matched - ADVERSARIAL * jnp.mean(score) + regular
-            return loss, {"t": apart[0], "d": apart[1], "a": apart[2], "tau": torque, "fm": matched}
+            return rebuilt + MATCHING * matched - ADVERSARIAL * jnp.mean(score), rebuilt
 
-        own = {name: state[name] for name in ("generator", "latent")}
-        slopes = jax.value_and_grad(generator_loss, argnums=(0, 1), has_aux=True)
-        (_, losses), gradients = slopes(*own.values())
-        for name, gradient in zip(own, gradients, strict=True):
+        (_, rebuilt), gradients = jax.value_and_grad(generator_loss, argnums=(0, 1), has_aux=True)(*trained)
+        for name, gradient in zip(("generator", "codes"), gradients, strict=True):
             state = updated(state, name, gradient)
-            own[name] = state[name]
-        average = jax.tree.map(lambda a, b: DECAY * a + (1.0 - DECAY) * b, state["average"], own)
-        return state | {"average": average}, losses | {"gap": gap}
+        return state, jnp.stack([rebuilt, gap])
 
     @jax.jit
-    def chunk(state: dict[str, Any], batches: Any, constants: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    def chunk(state: dict[str, Any], batches: Any, constants: Weights) -> tuple[dict[str, Any], Any]:
         state, losses = jax.lax.scan(partial(step, constants), state, batches)
-        return state, jax.tree.map(jnp.mean, losses)
+        return state, losses.mean(axis=0)
 
     return chunk
