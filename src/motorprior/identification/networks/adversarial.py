@@ -7,7 +7,7 @@ al., ICML 2018). With z for code, gait phase and noise, the loss of the generato
 
 r_i are the target, its differences, their differences and the mean torque of a frame. C_l are the inputs and hidden
 layers of the critic C, s are mean, standard deviation, maximum and minimum over the window (feature matching, Salimans
-et al., NeurIPS 2016). The critic has a hinge loss and spectral normalisation (Miyato et al., ICLR 2018).
+et al., NeurIPS 2016). The critic has a hinge loss and normalised weights (Salimans & Kingma, NeurIPS 2016).
 """
 
 from __future__ import annotations
@@ -77,23 +77,20 @@ def train_generator(
 
 def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) -> dict[str, Any]:
     rng = np.random.default_rng([seed, _STREAM])
+    shapes: dict[str, tuple[int, ...]] = {"out": (4 * HIDDEN,)}
+    for layer in range(_LAYERS):
+        given = HIDDEN if layer else CHANNELS + 2 + SUB + len(runs.classes) + 1
+        shapes |= {f"k{layer}": (_TAPS, given, HIDDEN), f"c{layer}": (HIDDEN,)}
 
     def weights(shapes: Mapping[str, tuple[int, ...]]) -> Weights:
         scale = {name: 1.0 / np.sqrt(max(1, np.prod(shape[:-1]))) for name, shape in shapes.items()}
-        values = {n: scale[n] * rng.standard_normal(s) * (len(s) > 1) for n, s in shapes.items()}
+        values = {n: scale[n] * rng.standard_normal(s) * (n == "out" or len(s) > 1) for n, s in shapes.items()}
         return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
-    given = CHANNELS + 2 + SUB + len(runs.classes) + 1
-    sizes = (given, *(HIDDEN for _ in range(_LAYERS)))
-    shapes: dict[str, tuple[int, ...]] = {"out": (4 * HIDDEN, 1)}
-    for layer, size in enumerate(sizes[:-1]):
-        shapes |= {f"k{layer}": (_TAPS, size, HIDDEN), f"c{layer}": (HIDDEN,)}
     made = weights(learned_excitation.weight_shapes(len(runs.classes), len(runs.windows)))
-    directions = {n: jnp.asarray(rng.standard_normal(s[-1]), jnp.float32) for n, s in shapes.items() if len(s) > 1}
-    codes = jnp.asarray(_initial_codes(runs), jnp.float32)
-    networks = {"generator": {n: w for n, w in made.items() if n != "codes"}, "codes": codes, "critic": weights(shapes)}
-    adams = {f"{name}_adam": optimisers[name].init(own) for name, own in networks.items()}
-    return networks | adams | {"directions": directions}
+    del made["codes"]
+    networks = {"codes": jnp.asarray(_initial_codes(runs)), "generator": made, "critic": weights(shapes)}
+    return networks | {f"{name}_adam": optimisers[name].init(own) for name, own in networks.items()}
 
 
 def _phases(runs: LearnedExcitation) -> np.ndarray:
@@ -172,29 +169,17 @@ def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
         parts = [jnp.arcsinh(part / sizes[:, index]) for index, part in enumerate(_derivatives(windows))]
         return jnp.concatenate([windows[:, 2:], *parts], axis=2)
 
-    def scores(weights: Weights, norms: Weights, signals: Any, own: Weights) -> tuple[Any, list[Any]]:
+    def scores(weights: Weights, signals: Any, own: Weights) -> tuple[Any, list[Any]]:
         """(B,) of the critic, large for windows of runs; and its inputs and hidden layers, pooled."""
         given = jnp.concatenate([own["kinds"], own["commands"]], axis=1)[:, None]
         given = jnp.broadcast_to(given, (*signals.shape[:2], given.shape[2]))
         hidden, layers = jnp.concatenate([signals, given], axis=2), [_pooled(signals)]
         for layer in range(_LAYERS):
-            kernel = weights[f"k{layer}"] / norms[f"k{layer}"]
+            kernel = weights[f"k{layer}"] / jnp.linalg.norm(weights[f"k{layer}"], axis=(0, 1))
             found = learned_excitation.convolved(hidden, kernel, stride=_STRIDE) + weights[f"c{layer}"]
             hidden = jnp.where(found > 0.0, found, LEAK * found)
             layers.append(_pooled(hidden))
-        return (layers[-1] @ weights["out"])[:, 0] / norms["out"], layers
-
-    def normed(weights: Weights, directions: Weights) -> tuple[Weights, Weights]:
-        """One step of the power iteration: new directions, and the largest singular values."""
-        moved, norms = {}, {}
-        for name, before in directions.items():
-            matrix = weights[name].reshape(-1, weights[name].shape[-1])
-            left = jax.lax.stop_gradient(matrix @ before)
-            left = left / (jnp.linalg.norm(left) + 1e-12)
-            right = left @ matrix
-            norms[name] = jnp.linalg.norm(right) + 1e-12
-            moved[name] = jax.lax.stop_gradient(right / norms[name])
-        return moved, norms
+        return layers[-1] @ weights["out"] / jnp.linalg.norm(weights["out"]), layers
 
     def updated(state: dict[str, Any], name: str, gradient: Weights) -> dict[str, Any]:
         update, adam = optimisers[name].update(gradient, state[f"{name}_adam"], state[name])
@@ -212,19 +197,17 @@ def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
         first = jax.lax.stop_gradient(fake(*trained, 0))
 
         def critic_loss(weights: Weights) -> Any:
-            directions, norms = normed(weights, state["directions"])
-            of_real, of_fake = (scores(weights, norms, signals, own)[0] for signals in (real, first))
+            of_real, of_fake = (scores(weights, signals, own)[0] for signals in (real, first))
             loss = jnp.mean(jax.nn.relu(1.0 - of_real)) + jnp.mean(jax.nn.relu(1.0 + of_fake))
-            return loss, (directions, of_real.mean() - of_fake.mean())
+            return loss, of_real.mean() - of_fake.mean()
 
-        (_, (directions, gap)), gradient = jax.value_and_grad(critic_loss, has_aux=True)(state["critic"])
-        state = updated(state, "critic", gradient) | {"directions": directions}
-        _, norms = normed(state["critic"], directions)
-        _, wanted = scores(state["critic"], norms, real, own)
+        (_, gap), gradient = jax.value_and_grad(critic_loss, has_aux=True)(state["critic"])
+        state = updated(state, "critic", gradient)
+        _, wanted = scores(state["critic"], real, own)
 
         def generator_loss(weights: Weights, codes: Any) -> Any:
             signals = fake(weights, codes, 1)
-            score, layers = scores(state["critic"], norms, signals, own)
+            score, layers = scores(state["critic"], signals, own)
             apart = jnp.mean(jnp.abs(signals[..., _TARGET] - real[..., _TARGET]), axis=(0, 1))
             torque = jnp.mean(signals[..., 1:CHANNELS] - real[..., 1:CHANNELS], axis=2)
             rebuilt = jnp.append(apart, jnp.mean(jnp.abs(torque))) @ jnp.array(RECONSTRUCTION)
