@@ -110,9 +110,10 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
             grid = resample(segment, period / SUB)
             for joint in excited_joints(segment).tolist():
                 whole = _frames(grid, joint)
-                frequency = gait_frequency(whole[:, 0], period)
-                starts = range(0, len(whole) - frames + 1, frames // OVERLAP)
-                rows += [(kinds[joint], command, frequency, whole[first : first + frames]) for first in starts]
+                for first in range(0, len(whole) - frames + 1, frames // OVERLAP):
+                    around = whole[max(0, first - frames) : first + 2 * frames, 0]
+                    window = whole[first : first + frames]
+                    rows.append((kinds[joint], command, gait_frequency(around, period), window))
                 if grid.load_inertia is not None:
                     inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
     if not rows:
@@ -157,9 +158,9 @@ def gait_frequency(target: np.ndarray, period: float) -> float:
     lags = np.arange(1, min(len(target) // 2, round(MAX_PERIOD / period)))
     apart = np.array([np.mean((target[lag:] - target[:-lag]) ** 2) for lag in lags])
     apart *= lags / np.maximum(np.cumsum(apart), 1e-12)
-    inner = (apart[1:-1] <= apart[:-2]) & (apart[1:-1] < apart[2:])
-    valleys = 1 + np.flatnonzero(inner & (apart[1:-1] < max(YIN, 1.5 * apart[1:-1].min())))
-    best = valleys[0] if len(valleys) else int(np.argmin(apart))
+    valleys = 1 + np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] < apart[2:]))
+    deep = valleys[apart[valleys] <= max(YIN, 1.5 * apart[valleys].min(initial=np.inf))]
+    best = deep[0] if len(deep) else len(lags) - 1  # the longest lag for a motion that is not periodic
     low, middle, high = apart[np.clip([best - 1, best, best + 1], 0, len(apart) - 1)]
     vertex = 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-12)
     return 1.0 / (period * (lags[best] + float(np.clip(vertex, -0.5, 0.5))))

@@ -1,13 +1,13 @@
 """A generator of windows of joint motion, trained by reconstruction and against a critic.
 
-Every recorded window x has a code, which is trained with the generator G (generative latent optimisation, Bojanowski et
-al., ICML 2018). With z for code, gait phase and noise, the loss of the generator is
+Every recorded window x has a code and a gait phase, which are trained with the generator G (generative latent
+optimisation, Bojanowski et al., ICML 2018). With z for code, phase and noise, the loss of the generator is
 
     L = Σ_i w_i·|r_i(x) - r_i(G(z))| + MATCHING·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - ADVERSARIAL·C(G(z)).
 
 r_i are the target, its differences, their differences and the mean torque of a frame. C_l are the inputs and hidden
 layers of the critic C, s are mean, standard deviation, maximum and minimum over the window (feature matching, Salimans
-et al., NeurIPS 2016). The critic has a hinge loss and normalised weights (Salimans & Kingma, NeurIPS 2016).
+et al., NeurIPS 2016). The critic has a hinge loss and spectral normalisation (Miyato et al., ICLR 2018).
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ RECONSTRUCTION = (10.0, 5.0, 10.0, 3.0)  # w_i: target, its differences, their d
 MATCHING, ADVERSARIAL = 5.0, 1.0  # weights of the other losses
 CODE_NOISE = 0.05  # standard deviation of noise on codes in training: similar codes then give similar windows
 ORDERS = 6  # harmonics in the initial codes
-_LAYERS, _TAPS, _STRIDE = 3, 5, 2  # convolutions of the critic
+PHASE_UNIT = 0.2  # unit of the trained phases [rad]: they have the codes' learning rate
+_LAYERS, _TAPS, _STRIDE, _POWER = 3, 5, 2, 8  # convolutions of the critic; steps of the power iteration
 _TARGET = np.array([0, CHANNELS, CHANNELS + 1])  # columns of `seen`: the target, its differences, and theirs
 _STREAM, _EDGE = 53, (RECEPTIVE - 1) // 2
 Weights: TypeAlias = dict[str, Any]
@@ -71,7 +72,7 @@ def train_generator(
             arrays = {str(index): np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
             write_tensors(checkpoint, arrays, {"identity": identity, "steps": begin + count})
         report(count, "reconstruction {:.2f}, critic's gap {:.2f}".format(*losses.tolist()))
-    found = state["generator"] | {"codes": state["codes"]}
+    found = state["generator"] | {"codes": state["codes"][:, :CODE]}
     return {name: np.asarray(value, np.float64) for name, value in found.items()}
 
 
@@ -89,7 +90,8 @@ def _initial(runs: LearnedExcitation, seed: int, optimisers: Mapping[str, Any]) 
 
     made = weights(learned_excitation.weight_shapes(len(runs.classes), len(runs.windows)))
     del made["codes"]
-    networks = {"codes": jnp.asarray(_initial_codes(runs)), "generator": made, "critic": weights(shapes)}
+    codes = jnp.asarray(np.column_stack([_initial_codes(runs), np.zeros(len(runs.windows))]), jnp.float32)
+    networks = {"codes": codes, "generator": made, "critic": weights(shapes)}
     return networks | {f"{name}_adam": optimisers[name].init(own) for name, own in networks.items()}
 
 
@@ -153,13 +155,24 @@ def _pooled(signal: Any) -> Any:
     return jnp.concatenate(parts, axis=1)
 
 
+def _spectral_norm(kernel: Any) -> Any:
+    """Largest singular value of a convolution's (taps · inputs, outputs) matrix, by power iteration."""
+    matrix = kernel.reshape(-1, kernel.shape[-1])
+    direction = jnp.ones(matrix.shape[1])
+    for _ in range(_POWER):
+        direction = matrix.T @ (matrix @ direction)
+        direction = direction / jnp.linalg.norm(direction)
+    return jnp.linalg.norm(matrix @ jax.lax.stop_gradient(direction))
+
+
 def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
     # numbers of the runs are arguments: the compiled program can then be cached for all runs of a shape
     def made(weights: Weights, codes: Any, noise: Any, own: Weights) -> Any:
         """`seen` of the generator's windows."""
-        conditions = jnp.concatenate([codes, own["commands"], own["kinds"]], axis=1)[:, None]
+        conditions = jnp.concatenate([codes[:, :CODE], own["commands"], own["kinds"]], axis=1)[:, None]
+        phases = own["phases"] + PHASE_UNIT * codes[:, CODE:]
         conditions = jnp.broadcast_to(conditions, (*noise.shape[:2], conditions.shape[-1]))
-        found = learned_excitation.generator(weights, own["phases"], conditions, noise, jnp)
+        found = learned_excitation.generator(weights, phases, conditions, noise, jnp)
         return seen(found * own["moving"], own)
 
     def seen(windows: Any, own: Weights) -> Any:
@@ -175,8 +188,9 @@ def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
         given = jnp.broadcast_to(given, (*signals.shape[:2], given.shape[2]))
         hidden, layers = jnp.concatenate([signals, given], axis=2), [_pooled(signals)]
         for layer in range(_LAYERS):
-            kernel = weights[f"k{layer}"] / jnp.linalg.norm(weights[f"k{layer}"], axis=(0, 1))
-            found = learned_excitation.convolved(hidden, kernel, stride=_STRIDE) + weights[f"c{layer}"]
+            kernel = weights[f"k{layer}"]
+            found = learned_excitation.convolved(hidden, kernel / _spectral_norm(kernel), stride=_STRIDE)
+            found = found + weights[f"c{layer}"]
             hidden = jnp.where(found > 0.0, found, LEAK * found)
             layers.append(_pooled(hidden))
         return layers[-1] @ weights["out"] / jnp.linalg.norm(weights["out"]), layers
@@ -192,7 +206,8 @@ def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
         real = seen(own["windows"], own)
 
         def fake(weights: Weights, codes: Any, which: int) -> Any:
-            return made(weights, codes[chosen] + CODE_NOISE * code_noise[which], noise[which], own)
+            moved = codes[chosen].at[:, :CODE].add(CODE_NOISE * code_noise[which])
+            return made(weights, moved, noise[which], own)
 
         first = jax.lax.stop_gradient(fake(*trained, 0))
 
