@@ -25,11 +25,12 @@ SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
 BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
-GAIT_FRAMES, TRANSITION = 500, 25  # frames of a gait in a generated stream, and of the transition to the next one
+GAIT_FRAMES, TRANSITION = 250, 25  # frames of a gait in a generated stream, and of the transition to the next one
 NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
 NOISE, CODE, HARMONICS = 10, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
 LAYERS, EMBEDDING = 3, 96  # layers of the embedding of a gait's phase, and its channels
 NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3)  # channels, taps and dilations of the convolutions
+TARGET_NOISE = 0.1  # factor of the convolutions in the target, which is smooth
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
 MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
@@ -122,7 +123,7 @@ def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: An
 
     Inputs are the gait's phase (n, frames) [rad], conditions (n, frames, CODE + 1 + classes): the code, the commanded
     speed and the class; and Gaussian noise (n, frames, NOISE). An embedding of phase and conditions, frame by frame,
-    gives the target; gated convolutions of embedding and noise add the torques' oscillations.
+    gives mean target and torques; gated convolutions of embedding and noise add oscillations.
     """
     waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
     embedding = xp.concatenate([*waves, conditions], axis=2)
@@ -136,7 +137,7 @@ def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: An
         reach = dilation * (TAPS - 1) // 2
         hidden = found + hidden[:, reach:-reach] if layer else found
     base = embedding[:, (RECEPTIVE - 1) // 2 :][:, : hidden.shape[1]] @ weights["w_skip"] + weights["b_out"]
-    return xp.concatenate([base[..., :1], base[..., 1:] + hidden @ weights["w_out"]], axis=2)
+    return base + (hidden @ weights["w_out"]) * np.array([TARGET_NOISE] + SUB * [1.0], np.float32)
 
 
 def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
@@ -149,7 +150,7 @@ def weight_shapes(num_classes: int, num_windows: int) -> dict[str, tuple[int, ..
     """Shapes of the generator's weights."""
     shapes: dict[str, tuple[int, ...]] = {
         "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS),
-        "w_out": (NUM_HIDDEN, SUB), "b_out": (CHANNELS,),
+        "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
     }  # fmt: skip
     for layer in range(LAYERS):
         before = EMBEDDING if layer else 2 * HARMONICS + CODE + 1 + num_classes

@@ -20,7 +20,7 @@ from motorprior.logs.operations import excited_joints, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
-STEPS = 4000  # training steps
+STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
