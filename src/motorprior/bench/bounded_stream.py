@@ -37,7 +37,7 @@ class Bounds(NamedTuple):
 
 
 def soft_clip(value: Any, bound: Any) -> Any:
-    """``value`` up to KNEE of the ``bound`` b, beyond that ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
+    """``value`` up to KNEE·b for ``bound`` b, then ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
     knee, rest = KNEE * bound, (1.0 - KNEE) * bound
     over = np.maximum(np.abs(value) - knee, 0.0)
     return np.clip(value, -knee, knee) + np.sign(value) * rest * np.tanh(over / rest)

@@ -101,7 +101,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     Static joints are left out. Raises `LogError` if no segment with a moving joint is as long as a window.
     """
     frames = round(SECONDS / period)
-    rows: list[tuple[str, float, float, np.ndarray]] = []
+    rows: list[tuple[str, float, np.ndarray, np.ndarray]] = []  # class, command, target around the window, window
     inertia: dict[str, list[float]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
         by_name = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
@@ -112,8 +112,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
                 whole = _frames(grid, joint)
                 for first in range(0, len(whole) - frames + 1, frames // OVERLAP):
                     around = whole[max(0, first - frames) : first + 2 * frames, 0]
-                    window = whole[first : first + frames]
-                    rows.append((kinds[joint], command, gait_frequency(around, period), window))
+                    rows.append((kinds[joint], command, around, whole[first : first + frames]))
                 if grid.load_inertia is not None:
                     inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
     if not rows:
@@ -128,7 +127,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else (UNKNOWN_LOAD,) * 2 for kind in classes]
     return LearnedExcitation(
         "recorded", classes, period, windows, which,
-        np.array([row[1] for row in kept], float), np.array([row[2] for row in kept]),
+        np.array([row[1] for row in kept], float), np.array([gait_frequency(row[2], period) for row in kept]),
         np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in of_class]),
         np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
     )  # fmt: skip
