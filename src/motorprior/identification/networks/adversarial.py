@@ -167,14 +167,6 @@ def _spectral_norm(kernel: Any) -> Any:
 
 def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
     # numbers of the runs are arguments: the compiled program can then be cached for all runs of a shape
-    def made(weights: Weights, codes: Any, noise: Any, own: Weights) -> Any:
-        """`seen` of the generator's windows."""
-        conditions = jnp.concatenate([codes[:, :CODE], own["commands"], own["kinds"]], axis=1)[:, None]
-        phases = own["phases"] + PHASE_UNIT * codes[:, CODE:]
-        conditions = jnp.broadcast_to(conditions, (*noise.shape[:2], conditions.shape[-1]))
-        found = learned_excitation.generator(weights, phases, conditions, noise, jnp)
-        return seen(found * own["moving"], own)
-
     def seen(windows: Any, own: Weights) -> Any:
         """(B, frames - 2, CHANNELS + 2 + SUB) inputs of the critic: scaled windows and their `_derivatives`."""
         # compressed, since impacts would outweigh all else
@@ -206,8 +198,13 @@ def _compiled_chunk(optimisers: Mapping[str, Any]) -> Callable:
         real = seen(own["windows"], own)
 
         def fake(weights: Weights, codes: Any, which: int) -> Any:
-            moved = codes[chosen].at[:, :CODE].add(CODE_NOISE * code_noise[which])
-            return made(weights, moved, noise[which], own)
+            """`seen` of the generator's windows."""
+            phases = own["phases"] + PHASE_UNIT * codes[chosen, CODE:]
+            moved = codes[chosen, :CODE] + CODE_NOISE * code_noise[which]
+            conditions = jnp.concatenate([moved, own["commands"], own["kinds"]], axis=1)[:, None]
+            conditions = jnp.broadcast_to(conditions, (*phases.shape, conditions.shape[-1]))
+            found = learned_excitation.generator(weights, phases, conditions, noise[which], jnp)
+            return seen(found * own["moving"], own)
 
         first = jax.lax.stop_gradient(fake(*trained, 0))
 
