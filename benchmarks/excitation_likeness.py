@@ -111,9 +111,9 @@ def _rows(
                 scaled, given = standardise(made, np.concatenate([wanted, known]))
                 of_test, of_train = given[: len(wanted)], given[len(wanted) :]
                 yield Result("coverage", "1", coverage(scaled, of_test), kind, part=name)
-            if kind in KINDS:
-                apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
-                yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
+                if kind != TRAIN:
+                    apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
+                    yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
             middle = np.median(made, axis=0)
             for index, feature in enumerate(FEATURES):
                 value = middle[index] if feature in LINEAR else np.exp(middle[index])
