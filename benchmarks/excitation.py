@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
-from excitation_likeness import FEATURES, KINDS, likeness, windows_of_kind
+from excitation_likeness import FEATURES, KINDS, TRAIN, likeness, windows_of_kind
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
@@ -28,7 +28,7 @@ from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bench.recording import BENCH_PRESETS, BenchPreset, bench_preset, record, training_motors
 from motorprior.exceptions import MotorPriorError
-from motorprior.excitation.fit_excitation import fit_excitation
+from motorprior.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.logs.loads import with_torque_balance
@@ -67,10 +67,10 @@ class Settings:
     out: Path  # folder for cells, figures.json, table.md and likeness_CLASS.png
     robot: str = "pupper_v2"
     fleet: str = "pupper_v2"  # population of motors
-    runs: int = 10  # walks to learn from
+    runs: int = 10  # walks to learn from; 0: only the real logs
     held_out_runs: int = 6  # other walks, for the likeness
     run_seconds: float = 20.0  # of a walk [s]
-    training_steps: int = 2000  # of the generator
+    training_steps: int = STEPS  # of the generator
     motors: int = 32  # on the bench, and as many held-out ones
     seconds: float = 20.0  # of log per motor [s]
     seeds: int = 5
@@ -212,12 +212,16 @@ def summary(cells: list[dict[str, Any]], quantity: str) -> dict[str, float]:
 
 
 def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
-    """All figures."""
+    """All figures; those of real logs alone if no walks are to be learned from."""
+    figures = real_likeness(settings)
+    if not settings.runs:
+        write_json(settings.out / "figures.json", figures)
+        return figures, {}
     robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
     excitation, held_out, train_seconds = learned(settings, robot, fleet)
-    figures = {"train_seconds": train_seconds}
+    figures["train_seconds"] = train_seconds
     alike = likeness(excitation, held_out, seed=0)
-    figures |= likeness_figures(alike, "likeness") | real_likeness(settings)
+    figures |= likeness_figures(alike, "likeness")
     for name in excitation.classes:
         write_picture(settings.out / f"likeness_{name}.png", excitation, held_out, name)
     write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
@@ -243,8 +247,9 @@ def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
 
 def likeness_figures(alike: Results, name: str) -> dict[str, float]:
     """Means over joint classes."""
-    quantities = ("auc", "coverage", "nearest")
-    return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind in KINDS for each in quantities}
+    rows = [(kind, each) for kind in KINDS for each in ("auc", "coverage", "nearest")]
+    rows += [(TRAIN, each) for each in ("auc", "coverage")]
+    return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind, each in rows}
 
 
 def real_likeness(settings: Settings) -> dict[str, float]:
@@ -299,7 +304,7 @@ def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
     columns = ("auc", "coverage", "nearest", *FEATURES)
     lines = [f"| class | excitation | {' | '.join(columns)} |", "|" + "---|" * (len(columns) + 2)]
     for name in classes:
-        for kind in ("runs", *KINDS):
+        for kind in ("runs", TRAIN, *KINDS):
             rows = {row.quantity: row.value for row in alike.where(part=name, model=kind)}
             cells = [f"{rows[column]:.3g}" if column in rows else "" for column in columns]
             lines.append(f"| {name} | {kind} | {' | '.join(cells)} |")
@@ -354,7 +359,8 @@ def main() -> None:
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     figures, _ = run(settings)
     write_text(settings.out / "table.md", table(figures, settings))
-    print((settings.out / "likeness.md").read_text("utf-8"), table(figures, settings), sep="\n")
+    pages = [path.read_text("utf-8") for path in sorted(settings.out.glob("likeness*.md"))]
+    print(*pages, table(figures, settings), sep="\n")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ LINEAR = ("impacts", "reversals")  # features [1/s]; of the others the logarithm
 IMPACT = 4.0  # torque rate of an impact over the root mean square of the runs'
 NEIGHBOURS = 5  # of `coverage`
 STREAMS = 8  # from which windows are cut
+TRAIN = "train"  # the training windows themselves: what an excitation can reach at best
 KINDS = ("sinusoid", "rollout", "surrogate", "recorded", "generated")
 
 
@@ -87,7 +88,7 @@ def likeness(
     Returns:
         ``auc`` of a classifier (0.5 is perfect), ``coverage`` of the test windows, ``nearest``: distance to the
         training windows over that of the test windows (far below 1: memorised), and the median of each of FEATURES;
-        kind "runs" are the test windows themselves.
+        kind "runs" are the test windows themselves, TRAIN the training windows, without ``nearest``.
     """
     return Results.of(_rows(runs, test, seed, kinds, count))
 
@@ -100,17 +101,19 @@ def _rows(
         rate = np.diff(real[..., 1:].reshape(len(real), -1), axis=1) * SUB / runs.period
         limit = IMPACT * float(np.sqrt(np.mean(rate**2))) + 1e-9
         known, wanted = (features(windows, runs.period, limit) for windows in (train, real))
-        for kind in ("runs", *kinds):
+        for kind in ("runs", TRAIN, *kinds):
             rng = np.random.default_rng([seed, 61, KINDS.index(kind) if kind in KINDS else 99])
-            made = wanted
-            if kind != "runs":
+            made = {"runs": wanted, TRAIN: known}.get(kind)
+            if made is None:
                 made = features(windows_of_kind(runs, kind, name, count, rng), runs.period, limit)
+            if kind != "runs":
                 yield Result("auc", "1", two_sample_auc(made, wanted, seed), kind, part=name)
                 scaled, given = standardise(made, np.concatenate([wanted, known]))
                 of_test, of_train = given[: len(wanted)], given[len(wanted) :]
                 yield Result("coverage", "1", coverage(scaled, of_test), kind, part=name)
-                apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
-                yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
+                if kind != TRAIN:
+                    apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
+                    yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
             middle = np.median(made, axis=0)
             for index, feature in enumerate(FEATURES):
                 value = middle[index] if feature in LINEAR else np.exp(middle[index])

@@ -12,6 +12,7 @@ from motorprior.bench.bounded_stream import Bounds, bounded
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.learned_excitation import (
     CHANNELS,
+    MIN_SCALE,
     SUB,
     LearnedExcitation,
     excitation_of,
@@ -34,9 +35,8 @@ def sample(method: str = "recorded") -> LearnedExcitation:
     torque = 0.3 * rng.standard_normal((20, 64, SUB))
     windows = np.concatenate([target[..., None], torque], axis=2)
     limits = np.array([[0.15, 3.0, 100.0, 1.0], [0.5, 12.0, 400.0, 1.5]])
-    weights = {
-        name: rng.standard_normal(shape) / np.sqrt(np.prod(shape[:-1])) for name, shape in weight_shapes(2).items()
-    }
+    shapes = weight_shapes(2, 20).items()
+    weights = {n: rng.standard_normal(s) / np.sqrt(np.prod(s[:-1])) if len(s) > 1 else np.zeros(s) for n, s in shapes}
     scales = np.stack([windows[which == kind].std(axis=(0, 1)) for kind in (0, 1)])
     return LearnedExcitation(
         method, ("hip", "knee"), DT, windows, which, np.zeros(20), frequency, scales, limits,
@@ -81,6 +81,13 @@ def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
     assert np.all(np.abs(torque) <= limits[:, 3])
     assert target[:, 1].std() > 2.0 * target[:, 0].std() > 0.0  # a knee moves more than the hip
     assert not np.array_equal(target[:, 1], target[:, 2])
+
+
+def test_a_channel_that_is_constant_in_the_runs_stays_zero():
+    runs = sample("generated")
+    scales = np.column_stack([runs.scales[:, :1], np.full((2, SUB), MIN_SCALE)])
+    target, torque = replace(runs, scales=scales).frames(np.random.default_rng(1), 50, np.array([0, 1]))
+    assert target.std() > 0.0 and not torque.any()
 
 
 def test_surrogates_have_the_marginals_and_the_frequency_of_the_runs():

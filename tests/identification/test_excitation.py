@@ -11,7 +11,7 @@ from motor_logs import log_of
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.excitation.fit_excitation import fit_excitation, windows_of
+from motorprior.excitation.fit_excitation import fit_excitation, gait_frequency, windows_of
 from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
@@ -42,12 +42,19 @@ def test_windows_are_relative_to_the_mean_and_know_frequency_load_and_bounds():
     assert found.classes == ("hip", "knee") and set(found.commands) == {0.2, 0.4}
     knees = found.windows[found.window_class == 1]
     assert np.abs(knees[..., 0]).max() == pytest.approx(0.4, rel=0.02)
-    assert found.frequency == pytest.approx(1.5, abs=0.15)
+    assert found.frequency == pytest.approx(1.5, rel=0.01)
     assert found.load_inertia.tolist() == [[2e-3, 2e-3], [1e-3, 1.5e-3]]
     assert found.bounds[1, 3] == pytest.approx(1.25) and found.bounds[0, 3] < 0.01  # hips carry nothing
     still = replace(run_of(), position_target=np.full((3000, 4), 0.7))
     with pytest.raises(LogError, match="moving joint"):
         windows_of([still], 0.01)
+
+
+@pytest.mark.parametrize("frequency", [0.9, 1.3])
+def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(frequency: float):
+    phase = 2 * np.pi * frequency * 0.01 * np.arange(250)
+    target = 0.1 * np.sin(phase) + 0.3 * np.sin(2 * phase + 1.0)
+    assert gait_frequency(target, 0.01) == pytest.approx(frequency, rel=0.01)
 
 
 def test_commands_are_one_per_run():

@@ -7,24 +7,24 @@ A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
     s' = s + dt·v'
     q  = soft_clip(s, A)                                                 |q| < A
 
-`soft_clip` is the identity up to half of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
+`soft_clip` is the identity up to 80 % of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
 most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² + CURVE·(U·dt)²/A. With
 
     U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
 
-these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. Every step is differentiable: a generator is
-trained through it, so that it learns streams that the bounds do not distort.
+these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. s follows x exactly while both clips of the
+step are the identity, so that signals well inside the bounds are kept.
 """
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 RETURN = 5.0  # rate at which s returns to x [1/s]
-CURVE = 1.5397  # maximum of |soft_clip''| times its bound: 2·4/(3√3)
+KNEE = 0.8  # share of the bound below which `soft_clip` is the identity
+CURVE = 4 / (3 * 3**0.5) / (1 - KNEE)  # maximum of |soft_clip''| times its bound
 
 
 class Bounds(NamedTuple):
@@ -36,28 +36,22 @@ class Bounds(NamedTuple):
     torque: Any  # external torque [N·m]
 
 
-def soft_clip(value: Any, bound: Any, xp: ModuleType = np) -> Any:
-    """``value`` up to half of the ``bound``, beyond that ±(bound/2)·(1 + tanh(|value| / (bound/2) - 1))."""
-    half = 0.5 * bound
-    over = xp.maximum(xp.abs(value) - half, 0.0)
-    return xp.clip(value, -half, half) + xp.sign(value) * half * xp.tanh(over / half)
-
-
-def step(state: tuple[Any, Any], raw: Any, following: Any, bounds: Bounds, dt: float, xp: ModuleType = np) -> Any:
-    """((s', v'), q) after a step from (s, v); see the module. ``xp`` is numpy or jax.numpy."""
-    position, velocity = state
-    amplitude = bounds.amplitude
-    speed = xp.minimum(bounds.speed, xp.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
-    change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
-    wanted = soft_clip((following - raw) / dt + RETURN * (raw - position), speed, xp)
-    velocity = velocity + soft_clip(wanted - velocity, change, xp)
-    position = position + dt * velocity
-    return (position, velocity), soft_clip(position, amplitude, xp)
+def soft_clip(value: Any, bound: Any) -> Any:
+    """``value`` up to KNEE·b for ``bound`` b, then ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
+    knee, rest = KNEE * bound, (1.0 - KNEE) * bound
+    over = np.maximum(np.abs(value) - knee, 0.0)
+    return np.clip(value, -knee, knee) + np.sign(value) * rest * np.tanh(over / rest)
 
 
 def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:
     """(steps, n) bounded targets [rad] that follow ``raw`` (steps + 1, n) from rest at its first row."""
-    state, out = (raw[0], np.zeros_like(raw[0])), np.empty_like(raw[1:])
+    amplitude = bounds.amplitude
+    speed = np.minimum(bounds.speed, np.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
+    change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
+    position, velocity, out = raw[0], np.zeros_like(raw[0]), np.empty_like(raw[1:])
     for row in range(len(out)):
-        state, out[row] = step(state, raw[row], raw[row + 1], bounds, dt)
+        wanted = soft_clip((raw[row + 1] - raw[row]) / dt + RETURN * (raw[row] - position), speed)
+        velocity = velocity + soft_clip(wanted - velocity, change)
+        position = position + dt * velocity
+        out[row] = soft_clip(position, amplitude)
     return out

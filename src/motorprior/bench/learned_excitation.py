@@ -25,12 +25,15 @@ SUB = 5  # external torques per frame
 CHANNELS = 1 + SUB
 BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
-NOISE, STYLE = 6, 4  # random inputs of the generator per frame, and slow ones
-STYLE_FRAMES = 250  # after which the slow inputs have changed
-HARMONICS = 2  # harmonics of the gait's phase: inputs of the generator
-NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3, 9)  # channels, taps and dilations of the generator's convolutions
+GAIT_FRAMES, TRANSITION = 250, 25  # frames of a gait in a generated stream, and of the transition to the next one
+NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
+NOISE, CODE, HARMONICS = 10, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
+LAYERS, EMBEDDING = 3, 96  # layers of the embedding of a gait's phase, and its channels
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3)  # channels, taps and dilations of the convolutions
+TARGET_NOISE = 0.1  # factor of the convolutions in the target, which is smooth
 RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
 LEAK = 0.2  # slope of the activations for negative inputs
+MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
 UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
 _MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
 _REMEDY = "write it again with `motorprior excite`"
@@ -86,42 +89,55 @@ def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, wh
 
 
 def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """Streams of the generator: convolutions of endless random inputs, hence without seams."""
-    inputs, _ = generator_inputs(runs, rng, frames + RECEPTIVE - 1, which)
-    return np.moveaxis(generator(runs.weights, inputs) * runs.scales[which][:, None], 0, 1)
+    """Streams of the generator: convolutions of endless inputs, hence without seams.
 
-
-def generator_inputs(
-    runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray, style_frames: int = STYLE_FRAMES
-) -> tuple[np.ndarray, np.ndarray]:
-    """(n, frames, inputs) random inputs and conditions, and the (n,) windows whose commands the streams begin with.
-
-    Every ``style_frames`` a window of the class gives commanded speed and gait frequency, and the slow inputs change.
+    Every GAIT_FRAMES the next gait follows: frequency, commanded speed and code between those of two similar windows.
     """
-    knots, joints = frames // style_frames + 2, len(which)
-    chosen = np.stack([rng.choice(np.flatnonzero(runs.window_class == kind), knots) for kind in which])
-    levels = rng.standard_normal((joints, knots, STYLE))
-    at = np.arange(frames) // style_frames
-    share = (np.arange(frames) / style_frames - at)[:, None]
-    style = (1.0 - share) * levels[:, at] + share * levels[:, at + 1]
-    style /= np.sqrt((1.0 - share) ** 2 + share**2)
-    phase = 2 * np.pi * (rng.random((joints, 1)) + runs.period * np.cumsum(runs.frequency[chosen][:, at], axis=1))
-    waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (np.sin, np.cos)]
-    kinds = np.broadcast_to(np.eye(len(runs.classes))[which][:, None], (joints, frames, len(runs.classes)))
-    noise = rng.standard_normal((joints, frames, NOISE))
-    parts = [noise, style, *waves, kinds, runs.commands[chosen][:, at][..., None]]
-    return np.concatenate(parts, axis=2), chosen[:, 0]
+    total, out = frames + RECEPTIVE - 1, np.empty((frames, len(which), CHANNELS))
+    known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])
+    for joint, kind in enumerate(which):
+        at = np.arange(total) + rng.integers(GAIT_FRAMES)
+        number, since = at // GAIT_FRAMES, at % GAIT_FRAMES + 0.5
+        gaits = _gaits(known[runs.window_class == kind], rng, number[-1] + 2)
+        share = 0.5 - 0.5 * np.cos(np.pi * np.minimum(since / TRANSITION, 1.0))[:, None]
+        gait = (1.0 - share) * gaits[number] + share * gaits[number + 1]
+        phase = 2 * np.pi * (rng.random() + runs.period * np.cumsum(np.exp(gait[:, 0])))
+        conditions = np.column_stack([gait[:, 1:], np.tile(np.eye(len(runs.classes))[kind], (total, 1))])
+        noise, scales = rng.standard_normal((1, total, NOISE)), runs.scales[kind]
+        made = generator(runs.weights, phase[None], conditions[None], noise)[0]
+        out[:, joint] = made * np.where(scales > MIN_SCALE, scales, 0.0)
+    return out
 
 
-def generator(weights: Mapping[str, Any], inputs: Any, xp: ModuleType = np) -> Any:
-    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams of inputs (n, frames, inputs); also for JAX."""
-    hidden = inputs
+def _gaits(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest rows."""
+    first, share = rng.integers(len(known), size=count), rng.uniform(0.0, 0.5, (count, 1))
+    apart = np.linalg.norm((known[first, None] - known) / (known.std(axis=0) + 1e-9), axis=2)
+    nearest = np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1]
+    second = nearest[np.arange(count), rng.integers(nearest.shape[1], size=count)]
+    return (1.0 - share) * known[first] + share * known[second]
+
+
+def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: Any, xp: ModuleType = np) -> Any:
+    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams; also for JAX.
+
+    Inputs are the gait's phase (n, frames) [rad], conditions (n, frames, CODE + 1 + classes): the code, the commanded
+    speed and the class; and Gaussian noise (n, frames, NOISE). An embedding of phase and conditions, frame by frame,
+    gives mean target and torques; gated convolutions of embedding and noise add oscillations.
+    """
+    waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
+    embedding = xp.concatenate([*waves, conditions], axis=2)
+    for layer in range(LAYERS):
+        embedding = embedding @ weights[f"v{layer}"] + weights[f"c{layer}"]
+        embedding = xp.where(embedding > 0.0, embedding, LEAK * embedding)
+    hidden = xp.concatenate([embedding, noise], axis=2)
     for layer, dilation in enumerate(DILATIONS):
         found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
-        found = xp.where(found > 0.0, found, LEAK * found)
+        found = found[..., :NUM_HIDDEN] * (0.5 + 0.5 * xp.tanh(0.5 * found[..., NUM_HIDDEN:]))
         reach = dilation * (TAPS - 1) // 2
         hidden = found + hidden[:, reach:-reach] if layer else found
-    return hidden @ weights["w_out"] + weights["b_out"]
+    base = embedding[:, (RECEPTIVE - 1) // 2 :][:, : hidden.shape[1]] @ weights["w_skip"] + weights["b_out"]
+    return base + (hidden @ weights["w_out"]) * np.array([TARGET_NOISE] + SUB * [1.0], np.float32)
 
 
 def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
@@ -130,12 +146,18 @@ def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> A
     return sum(signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel)))
 
 
-def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
+def weight_shapes(num_classes: int, num_windows: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the generator's weights."""
-    sizes = (NOISE + STYLE + 2 * HARMONICS + num_classes + 1, *(NUM_HIDDEN for _ in DILATIONS))
-    shapes: dict[str, tuple[int, ...]] = {"w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,)}
+    shapes: dict[str, tuple[int, ...]] = {
+        "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS),
+        "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
+    }  # fmt: skip
+    for layer in range(LAYERS):
+        before = EMBEDDING if layer else 2 * HARMONICS + CODE + 1 + num_classes
+        shapes |= {f"v{layer}": (before, EMBEDDING), f"c{layer}": (EMBEDDING,)}
     for layer in range(len(DILATIONS)):
-        shapes |= {f"w{layer}": (TAPS, sizes[layer], sizes[layer + 1]), f"b{layer}": (sizes[layer + 1],)}
+        before = NUM_HIDDEN if layer else EMBEDDING + NOISE
+        shapes |= {f"w{layer}": (TAPS, before, 2 * NUM_HIDDEN), f"b{layer}": (2 * NUM_HIDDEN,)}
     return shapes
 
 
@@ -167,7 +189,7 @@ class LearnedExcitation:
     windows: np.ndarray  # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
     window_class: np.ndarray  # (W,) index of the joint class
     commands: np.ndarray  # (W,) commanded speed of the run [m/s], 0 if unknown
-    frequency: np.ndarray  # (W,) frequency of the largest component of the target [Hz]
+    frequency: np.ndarray  # (W,) gait frequency [Hz]
     scales: np.ndarray  # (C, 1 + SUB) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
     load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²], or UNKNOWN_LOAD
@@ -234,7 +256,8 @@ class LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
         count, has_weights = len(header["classes"]), header["method"] == "generated" or "w_out" in tensors
-        weights = {name: Tensor(shape) for name, shape in weight_shapes(count).items()} if has_weights else {}
+        shapes = weight_shapes(count, len(tensors["commands"])) if has_weights else {}
+        weights = {name: Tensor(shape) for name, shape in shapes.items()}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(
             header["method"], tuple(header["classes"]), float(header["period"]),

@@ -12,7 +12,7 @@ from time import monotonic
 import numpy as np
 
 from motorprior.bench.bounded_stream import Bounds
-from motorprior.bench.learned_excitation import CHANNELS, MAKERS, SUB, UNKNOWN_LOAD, LearnedExcitation
+from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog, motion_digest
@@ -20,11 +20,14 @@ from motorprior.logs.operations import excited_joints, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
-STEPS = 2000  # training steps
+STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
-MARGIN = 1.25  # bounds over the largest values in the runs
+# bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
+# recorded windows are not distorted (`bounded_stream` divides the acceleration between its two stages)
+MARGINS = (1.25, 1.25, 3.0, 1.25)
+YIN, MAX_PERIOD = 0.1, 2.0  # threshold of the estimator of gait frequency, and largest period [s]
 _FLOORS = (1e-2, 1e-1, 1.0, 1e-3)  # minimum bounds: a joint without external torque has almost none
 
 
@@ -98,7 +101,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     Static joints are left out. Raises `LogError` if no segment with a moving joint is as long as a window.
     """
     frames = round(SECONDS / period)
-    rows: list[tuple[str, float, np.ndarray]] = []
+    rows: list[tuple[str, float, np.ndarray, np.ndarray]] = []  # class, command, target around the window, window
     inertia: dict[str, list[float]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
         by_name = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
@@ -106,36 +109,38 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
         for segment in (each for each in log.segments() if each.duration > SECONDS):
             grid = resample(segment, period / SUB)
             for joint in excited_joints(segment).tolist():
-                rows += [(kinds[joint], command, window) for window in _cut(grid, joint, frames)]
+                whole = _frames(grid, joint)
+                for first in range(0, len(whole) - frames + 1, frames // OVERLAP):
+                    around = whole[max(0, first - frames) : first + 2 * frames, 0]
+                    rows.append((kinds[joint], command, around, whole[first : first + frames]))
                 if grid.load_inertia is not None:
                     inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
     if not rows:
         remedy = "record longer runs, or runs that move"
         raise LogError(f"no segment of {SECONDS:g} s with a moving joint", where=logs[0].source, remedy=remedy)
-    classes = tuple(dict.fromkeys(kind for kind, _, _ in rows))
+    classes = tuple(dict.fromkeys(row[0] for row in rows))
     of_kind = [[row for row in rows if row[0] == kind] for kind in classes]
     places = [np.unique(np.linspace(0, len(each) - 1, MAX_WINDOWS).astype(int)) for each in of_kind]
     kept = [each[place] for each, chosen in zip(of_kind, places, strict=True) for place in chosen]
-    which, windows = np.array([classes.index(kind) for kind, _, _ in kept]), np.stack([row[2] for row in kept])
+    which, windows = np.array([classes.index(row[0]) for row in kept]), np.stack([row[3] for row in kept])
     of_class = [windows[which == kind] for kind in range(len(classes))]
     ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else (UNKNOWN_LOAD,) * 2 for kind in classes]
     return LearnedExcitation(
         "recorded", classes, period, windows, which,
-        np.array([command for _, command, _ in kept], float), _frequency(windows[..., 0], period),
-        np.array([np.maximum(own.std(axis=(0, 1)), 1e-6) for own in of_class]),
+        np.array([row[1] for row in kept], float), np.array([gait_frequency(row[2], period) for row in kept]),
+        np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in of_class]),
         np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
     )  # fmt: skip
 
 
-def _cut(grid: MotorLog, joint: int, frames: int) -> list[np.ndarray]:
-    """(frames, CHANNELS) windows of a joint of one segment on the grid of external torques."""
+def _frames(grid: MotorLog, joint: int) -> np.ndarray:
+    """(frames, CHANNELS) of a joint of one segment on the grid of external torques."""
     count = grid.num_rows // SUB
     target = grid.position_target[: count * SUB, joint].reshape(count, SUB).mean(axis=1)
     torque = np.zeros((count, SUB))
     if grid.external_torque is not None:
         torque = grid.external_torque[: count * SUB, joint].reshape(count, SUB)
-    whole = np.concatenate([target[:, None] - target.mean(), torque], axis=1)
-    return [whole[first : first + frames] for first in range(0, count - frames + 1, frames // OVERLAP)]
+    return np.concatenate([target[:, None] - target.mean(), torque], axis=1)
 
 
 def _bounds(windows: np.ndarray, period: float) -> Bounds:
@@ -144,11 +149,17 @@ def _bounds(windows: np.ndarray, period: float) -> Bounds:
         np.abs(target).max(), np.abs(np.diff(target)).max() / period,
         np.abs(np.diff(target, n=2)).max() / period**2, np.abs(windows[..., -(CHANNELS - 1) :]).max(),
     )  # fmt: skip
-    return Bounds(*np.maximum(MARGIN * np.array(found), _FLOORS))
+    return Bounds(*np.maximum(np.array(MARGINS) * found, _FLOORS))
 
 
-def _frequency(targets: np.ndarray, period: float) -> np.ndarray:
-    """(W,) frequency of the largest component of targets (W, frames) [Hz], interpolated by zero padding."""
-    size = 8 * targets.shape[1]
-    away = (targets - targets.mean(axis=1, keepdims=True)) * np.hanning(targets.shape[1])
-    return np.fft.rfftfreq(size, period)[1:][np.abs(np.fft.rfft(away, n=size))[:, 1:].argmax(axis=1)]
+def gait_frequency(target: np.ndarray, period: float) -> float:
+    """Gait frequency of a target (frames,) [Hz]: that of the YIN estimator (de Cheveigné & Kawahara, 2002)."""
+    lags = np.arange(1, min(len(target) // 2, round(MAX_PERIOD / period)))
+    apart = np.array([np.mean((target[lag:] - target[:-lag]) ** 2) for lag in lags])
+    apart *= lags / np.maximum(np.cumsum(apart), 1e-12)
+    valleys = 1 + np.flatnonzero((apart[1:-1] <= apart[:-2]) & (apart[1:-1] < apart[2:]))
+    deep = valleys[apart[valleys] <= max(YIN, 1.5 * apart[valleys].min(initial=np.inf))]
+    best = deep[0] if len(deep) else len(lags) - 1  # the longest lag for a motion that is not periodic
+    low, middle, high = apart[np.clip([best - 1, best, best + 1], 0, len(apart) - 1)]
+    vertex = 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-12)
+    return 1.0 / (period * (lags[best] + float(np.clip(vertex, -0.5, 0.5))))

@@ -70,7 +70,7 @@ def plan_excitation(
     origin = {**excitation.provenance, "plan_of_prior_sha256": prior.sha256()}
     made = replace(
         excitation, method="recorded", windows=chosen, window_class=of_class, commands=rest, frequency=rest,
-        provenance=origin,
+        weights={}, provenance=origin,
     )  # fmt: skip
     return made, plans
 
