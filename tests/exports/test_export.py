@@ -60,6 +60,8 @@ def arm(tmp_path: Path) -> Iterator[Path]:
         yield path
 
 
+TENDON = '<tendon><fixed name="t"><joint joint="{}" coef="1"/></fixed></tendon>{}'
+COUPLED = '<equality><joint joint1="wrist" joint2="elbow"/></equality>'
 ON_WRIST = {"model": "arm.xml", "joints": ("wrist",)}
 
 
@@ -70,6 +72,8 @@ ON_WRIST = {"model": "arm.xml", "joints": ("wrist",)}
         ("mjcf", {}, "", "mjcf"),
         ("mjcf", ON_WRIST | {"joints": ("knee",)}, "", "knee"),
         ("mjcf", ON_WRIST, '<actuator><velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
+        ("mjcf", ON_WRIST, TENDON.format("wrist", '<actuator><motor tendon="t"/></actuator>'), "2 actuators"),
+        ("mjcf", ON_WRIST | {"joints": ("wrist", "elbow")}, COUPLED, "couples"),
     ],
 )
 def test_a_bad_request_or_a_model_that_would_be_driven_wrongly_is_refused(
@@ -82,9 +86,10 @@ def test_a_bad_request_or_a_model_that_would_be_driven_wrongly_is_refused(
 
 
 @pytest.mark.parametrize("format", ["mjcf", pytest.param("mjcf-detailed", marks=DETAILED)])
-def test_keyframes_keep_their_pose_and_controls(prior: MotorPrior, arm: Path, format: str):
-    key = '<key name="home" qpos="0.1 0.2 0.3" qvel="1 2 3" ctrl="5 6"/>'
-    arm.write_text(MODEL.replace("</actuator>", f"</actuator><keyframe>{key}</keyframe>"))
+def test_keyframes_keep_their_pose_and_hold_it(prior: MotorPrior, arm: Path, format: str):
+    key = '<key name="home" qpos="0.1 0.2 0.3" qvel="1 2 3" ctrl="5 0.6" act="7"/>'
+    slow = MODEL.replace('kp="3"', 'kp="3" timeconst="0.1" ctrlrange="-1 1"')
+    arm.write_text(slow.replace("</actuator>", f"</actuator><keyframe>{key}</keyframe>"))
     found = mp.export(prior, format, arm.parent / "out", model=arm, joints=("elbow", "shoulder", "wrist"))
     model = mujoco.MjModel.from_xml_path(str(found.files[0]))
     data = mujoco.MjData(model)
@@ -93,8 +98,9 @@ def test_keyframes_keep_their_pose_and_controls(prior: MotorPrior, arm: Path, fo
         assert (data.joint(joint).qpos[0], data.joint(joint).qvel[0]) == (pos, vel)
         if format == "mjcf-detailed":
             assert abs(data.joint(f"{joint}_rotor").qpos[0] - pos) < 0.05
-    assert data.actuator("first").ctrl[0] == 5.0 and data.actuator("last").ctrl[0] == 6.0
-    assert data.actuator("elbow").ctrl[0] == pytest.approx(0.2), "a new servo holds its joint"
+    # a torque is no position, a position stays
+    assert [data.actuator(name).ctrl[0] for name in ("first", "elbow", "last")] == pytest.approx([0.1, 0.2, 0.6])
+    assert model.actuator("last").ctrlrange.tolist() == [-1.0, 1.0] and not data.act.any()
 
 
 def test_meshes_beside_the_models_folder_are_copied_with_it(prior: MotorPrior, tmp_path: Path):

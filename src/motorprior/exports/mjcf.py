@@ -4,7 +4,7 @@
 # MuJoCo ships no type stubs.
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -12,10 +12,10 @@ from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 import mujoco
-import numpy as np
 
 from motorprior.artifacts import read_text
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.simulation.driven_joints import drivers_of, hinge
 
 Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
 
@@ -29,6 +29,7 @@ class Mjcf:
     path: Path | None = None
     in_degrees: bool = False  # unit of its angles
     servos: int = 0  # actuators that were added after those of the model
+    dropped: tuple[tuple[int, int], ...] = ()  # address and number of activations that keyframes have no more
     rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
 
     @classmethod
@@ -50,18 +51,21 @@ class Mjcf:
             raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
         return joints[name]
 
-    def actuator_of(self, joint: str) -> Element | None:
-        """The actuator that names the joint, None without any; ConfigError for several, or for one in another file."""
+    def actuator_of(self, joint: str) -> tuple[Element, int] | None:
+        """The element and index of the actuator that drives a joint, None without any.
+
+        ConfigError for several, for one in another file, and for one that drives it by a tendon.
+        """
         every = self._inside("actuator", "*")
         found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
-        model = self.compiled
-        on_joint = np.isin(model.actuator_trntype, (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-        count = np.count_nonzero(on_joint & (model.actuator_trnid[:, 0] == model.joint(joint).id))
-        if count > 1 or count > len(found):
-            problem = f"joint {joint!r} has {count} actuators, {len(found)} of them in this file"
-            remedy = "leave one, in this file: the motor takes its place"
+        drivers = drivers_of(self.compiled, hinge(self.compiled, joint))
+        if len(drivers) > 1 or len(drivers) > len(found):
+            problem = (
+                f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on the joint and in this file"
+            )
+            remedy = "leave one at most, on the joint and in this file: the motor takes its place"
             raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
-        return found[0] if found else None
+        return (found[0], drivers[0]) if drivers else None
 
     def _inside(self, section: str, element: str) -> list[Element]:
         sections = self.document.getElementsByTagName(section)
@@ -85,16 +89,24 @@ class Mjcf:
         parent.insertBefore(self.document.createTextNode("\n"), before)
         return made
 
-    def insert_in_keyframes(self, name: str, index: int, values: Iterable[float]) -> None:
-        """Insert a value per keyframe where it has this attribute; ConfigError for keyframes in another file."""
+    def edit_keyframes(self, name: str, edit: Callable[[list[str], int], object]) -> None:
+        """Change the words of an attribute of each keyframe that has it; ConfigError for keyframes in another file."""
         keys = self.document.getElementsByTagName("key")
         if len(keys) != self.compiled.nkey:
             remedy = "move them into this file"
             raise ConfigError("keyframes in an included file", where=self.path, remedy=remedy, argument="model")
-        for key, value in zip(keys, values, strict=True):
+        for index, key in enumerate(keys):
             if words := key.getAttribute(name).split():
-                words.insert(index, number(value))
+                edit(words, index)
                 key.setAttribute(name, " ".join(words))
+
+    def drop_activations(self, actuator: int) -> None:
+        """Remove the activations of an actuator that is replaced from the keyframes."""
+        first, count = (int(each[actuator]) for each in (self.compiled.actuator_actadr, self.compiled.actuator_actnum))
+        if count > 0:
+            first -= sum(number for address, number in self.dropped if address < first)
+            self.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
+            self.dropped += ((int(self.compiled.actuator_actadr[actuator]), count),)
 
     def text(self) -> str:
         """The document as text."""

@@ -18,13 +18,11 @@ as in the format mjcf.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from motorprior.exports.exporter import Exporter
 from motorprior.exports.mjcf import Mjcf, number
@@ -65,7 +63,7 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
         last, "dcmotor", name=f"{joint}_brake", joint=rotor, input="none", motorconst="1",
         resistance=number(1.0 / values["kd"]), inductance=number(0.0, values["velocity_filter"]),
     )  # fmt: skip
-    mjcf.insert_in_keyframes("act", sys.maxsize, np.zeros(mjcf.compiled.nkey))  # of the brake, the last actuator
+    mjcf.edit_keyframes("act", lambda words, _: words.append("0"))  # of the brake, the last actuator
     if option.integrator not in IMPLICIT:
         mjcf.section("option").setAttribute("integrator", "implicitfast")
 
@@ -73,7 +71,7 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
     """Add a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
     found, moved = mjcf.compiled.joint(joint), mjcf.joint(joint).parentNode
-    while moved.nodeName != "body":  # a joint may stand in a <frame>
+    while moved.nodeName != "body" or moved.parentNode.nodeName == "frame":  # a joint or body may stand in a <frame>
         moved = moved.parentNode
     frame = mjcf.compiled.body(int(found.bodyid[0]))
     body = mjcf.add(moved.parentNode, "body", moved, name=rotor, pos=number(*frame.pos), quat=number(*frame.quat))
@@ -89,9 +87,10 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
     model = mjcf.compiled
     first = int(model.body_jntadr[found.bodyid[0]])
     before = sum(other <= first for other in mjcf.rotors)  # rotors of the same body stand in the order of their writing
-    angles = model.key_qpos[:, found.qposadr[0]] + values["encoder_zero"]
-    mjcf.insert_in_keyframes("qpos", int(model.jnt_qposadr[first]) + before, angles)
-    mjcf.insert_in_keyframes("qvel", int(model.jnt_dofadr[first]) + before, np.zeros(model.nkey))
+    angles = [number(angle + values["encoder_zero"]) for angle in model.key_qpos[:, found.qposadr[0]]]
+    at_pos, at_vel = (int(each[first]) + before for each in (model.jnt_qposadr, model.jnt_dofadr))
+    mjcf.edit_keyframes("qpos", lambda words, key: words.insert(at_pos, angles[key]))
+    mjcf.edit_keyframes("qvel", lambda words, _: words.insert(at_vel, "0"))
     mjcf.rotors += (first,)
 
 

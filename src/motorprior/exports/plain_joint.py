@@ -20,9 +20,11 @@ import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
+from motorprior.exceptions import ArtifactError
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
 from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
+from motorprior.simulation.driven_joints import require_uncoupled
 
 _NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
@@ -74,17 +76,28 @@ def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 
 
 def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> None:
-    """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one."""
-    if (old := mjcf.actuator_of(joint)) is None:
+    """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one.
+
+    It keeps the range of controls of a position servo. Keyframes with controls hold the joint where it is.
+    """
+    model, old = mjcf.compiled, mjcf.actuator_of(joint)
+    angles = [number(angle) for angle in model.key_qpos[:, model.joint(joint).qposadr[0]]]
+    if old is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
-        angle = mjcf.compiled.key_qpos[:, mjcf.compiled.joint(joint).qposadr[0]]
-        mjcf.insert_in_keyframes("ctrl", mjcf.compiled.nu + mjcf.servos, angle)
+        at = model.nu + mjcf.servos
+        mjcf.edit_keyframes("ctrl", lambda words, key: words.insert(at, angles[key]))
         mjcf.servos += 1
+        return
+    element, index = old
+    if model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0:  # a position servo
+        if model.actuator_ctrllimited[index]:
+            attributes |= {"ctrllimited": "true", "ctrlrange": number(*model.actuator_ctrlrange[index])}
     else:
-        name = old.getAttribute("name") or joint
-        if old.nodeName == "position" and old.getAttribute("ctrlrange"):
-            attributes |= {"ctrllimited": "true", "ctrlrange": old.getAttribute("ctrlrange")}
-        old.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), old)
+        at = getattr(model, "actuator_ctrladr", range(model.nu))[index]  # MuJoCo 4 has actuators without control
+        mjcf.edit_keyframes("ctrl", lambda words, key: words.__setitem__(at, angles[key]))
+    mjcf.drop_activations(index)
+    name = element.getAttribute("name") or joint
+    element.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), element)
 
 
 RIG = """<mujoco>
@@ -139,12 +152,17 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     variants = [replace(original, document=original.document.cloneNode(True)) for _ in request.constants["kp"]]
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
+    require_uncoupled(original.compiled, [original.compiled.joint(name).id for name in request.joint_names])
     loss = described_loss(request.losses, request.not_expressed)
     about = re.sub("-{2,}", "-", f"motors of {request.prior.motor}, seed {request.seed}; {loss}")  # no -- in comments
     folder = request.out / model.parent.relative_to(root)
     files = [folder / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
         write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
+        try:
+            mujoco.MjModel.from_xml_path(str(path))
+        except ValueError as error:
+            raise ArtifactError(f"MuJoCo cannot read it ({error})", where=path, remedy="correct the model") from error
     return [*files, *write_table(request)]
 
 

@@ -15,6 +15,7 @@ from motorprior.exceptions import ConfigError, SimulationFault
 
 # integers, since an enumeration of MuJoCo 4 does not equal a numpy integer; forces on sites and bodies drive no joint
 _ON_BODIES = [int(getattr(mujoco.mjtTrn, f"mjTRN_{name}")) for name in ("SITE", "BODY")]
+_POSES = 3  # in which moment arms are found; a tendon may cross a joint's axis in one of them
 _HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
@@ -45,8 +46,8 @@ class DrivenJoints:
             raise ConfigError(problem, remedy="sample one motor per joint")
         if len(set(joints)) < len(joints):
             raise ConfigError(f"joints {', '.join(joints)} repeat", remedy="name each joint once", argument="joints")
-        found = [_hinge(model, name) for name in joints]
-        _require_uncoupled(model, found)
+        found = [_undriven(model, name) for name in joints]
+        require_uncoupled(model, found)
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
@@ -83,31 +84,40 @@ class DrivenJoints:
         self._model.dof_armature[self._dof] = self._motors.armature + self._model.opt.timestep * damping
 
 
-def _hinge(model: mujoco.MjModel, name: str) -> int:
+def hinge(model: mujoco.MjModel, name: str) -> int:
+    """The index of a joint; raises ConfigError for an unknown one, or one that is no hinge."""
     try:
         joint = model.joint(name).id
     except KeyError as error:  # its message lists the joints of the model
         raise ConfigError(f"no joint {name!r} in the model", remedy=str(error.args[0])) from error
     if model.jnt_type[joint] != _HINGE:
         raise ConfigError(f"joint {name!r} is no hinge", remedy="give hinges only")
-    for actuator in np.flatnonzero(_arms(model)[:, model.jnt_dofadr[joint]]).tolist():
+    return joint
+
+
+def _undriven(model: mujoco.MjModel, name: str) -> int:
+    joint = hinge(model, name)
+    for actuator in drivers_of(model, joint):
         problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name or actuator!r}"
         raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
     return joint
 
 
-def _arms(model: mujoco.MjModel) -> np.ndarray:
-    """(actuators, nv) moment arms of actuators on joints and tendons in the initial pose."""
-    data, arms = mujoco.MjData(model), np.zeros((model.nu, model.nv))
-    mujoco.mj_forward(model, data)
-    if model.nu:
+def drivers_of(model: mujoco.MjModel, joint: int) -> list[int]:
+    """Actuators on joints and tendons with a moment arm on a hinge, in the initial pose or in others near it."""
+    data, rng, found = mujoco.MjData(model), np.random.default_rng(0), np.zeros(len(model.actuator_trntype), bool)
+    arms = np.zeros((len(found), model.nv))
+    for pose in range(_POSES if len(found) else 0):
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_integratePos(model, data.qpos, 0.3 * rng.standard_normal(model.nv) * (pose > 0), 1.0)
+        mujoco.mj_fwdPosition(model, data)
         rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
         mujoco.mju_sparse2dense(arms, data.actuator_moment, *rows)
-    arms[np.isin(model.actuator_trntype, _ON_BODIES)] = 0.0
-    return arms
+        found |= arms[:, model.jnt_dofadr[joint]] != 0.0
+    return np.flatnonzero(found & ~np.isin(model.actuator_trntype, _ON_BODIES)).tolist()
 
 
-def _require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
+def require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
     """Raise ConfigError if an equality constraint couples two of the joints: one motor drives both."""
     for first, second, kind in zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, strict=True):
         if kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
