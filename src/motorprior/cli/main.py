@@ -154,7 +154,9 @@ def main() -> None:
         _fail(f"{where}{error.strerror or error} -> check the path, its permissions and the free space")
     except MemoryError as error:
         _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise  # compiled code makes one of an interruption
         TERMINAL.note("interrupted: what was finished is kept, run the same command again")
         raise SystemExit(130) from None
 

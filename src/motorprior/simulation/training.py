@@ -30,6 +30,7 @@ from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig, simulator_of
 from motorprior.simulation.world import FAULTS, TOO_STIFF
 from motorprior.stage import description, digest, is_finished, working
+from motorprior.texts import Printable
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def train_policy(
     run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
     if out is None:
         run(ray_address)
-        return training.policy(motors=motors if isinstance(motors, str) else type(motors).__name__)
+        return training.policy(motors=_described(motors))
     out = Path(out)
     if not isinstance(motors, str) or isinstance(start, Policy):
         raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
@@ -139,6 +140,12 @@ MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iteratio
 POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
+
+
+def _described(motors: object) -> str:
+    if isinstance(motors, Printable):
+        return motors.overview().headline
+    return motors if isinstance(motors, str) else type(motors).__name__
 
 
 def weight_warning(policy: Policy, robot: Robot) -> str:

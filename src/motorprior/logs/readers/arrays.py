@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,13 @@ def _numpy(path: Path) -> Any:
     elif path.suffix == ".npz":  # numpy would take it for a pickle
         raise LogError("not an archive of NumPy", where=path, remedy="write it with numpy.savez")
     loaded = np.load(path, allow_pickle=False)
-    return dict(loaded) if path.suffix == ".npz" else loaded
+    if path.suffix != ".npz":
+        return loaded
+    found: dict[str, np.ndarray] = {}
+    for name in loaded.files:
+        with suppress(ValueError):  # an array of objects, which would be unpickled
+            found[name] = loaded[name]
+    return found
 
 
 def _matlab(path: Path) -> Any:
