@@ -2,7 +2,7 @@
 
 A walk is a row with the seed of its bench, its environment, training condition, training seed, number ("walk"), and
 measures by name, see `gait_quality.walk_measures`. In one environment, walk k of every policy of a bench has the same
-motors and conditions.
+conditions and, but for policies that were adapted to a robot, the same motors.
 
 Scores are (benches, policies, walks), NaN if undefined. Benches are random effects: an interval is that of the mean
 over benches, so it includes the variation between benches, policies and walks. With a single bench it is over walks and
@@ -111,7 +111,8 @@ def permutation_p(one: np.ndarray, other: np.ndarray) -> float:
     """Two-sided permutation p of no difference between the (benches, policies) scores of two conditions (Pitman 1937).
 
     Share of random assignments of the scores of each bench to the conditions, the actual one included, whose mean
-    difference over benches is at least as large, without NaN: at least 1 / 20 001; 1 for a single policy.
+    difference over benches is at least as large, without NaN: at least 1 / 20 001; 1 for a single policy. It holds for
+    these benches; the interval of the difference includes the variation between benches.
     """
     both = np.concatenate([one, other], axis=1)
     if both.shape[1] < 3:
