@@ -165,6 +165,7 @@ def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, flo
     means = _means(found)
     errors = means["rest"] | means.get("whole", {})  # adapted has no whole log
     keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model in MODELS}
+    keys |= {f"{robot}/{test}/rest/prior": means["rest"]["prior"]}  # over the same rows as adapted
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     keys |= {f"{place}/coverage{level}": share for level, share in means["coverage"].items()}
     return keys | {f"{place}/unseen/coverage{level}": share for level, share in means["unseen"].items()}

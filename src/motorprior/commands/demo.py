@@ -67,8 +67,8 @@ class Demo:
     """ARS iterations per policy."""
     directions: int = 14
     """Directions per iteration of ARS."""
-    seeds: int = 2
-    """Policies per condition (oracle: 1)."""
+    seeds: int = 3
+    """Policies per condition (oracle: 1), each adapted one to another robot."""
     walks: int = 14
     """Walks of each policy per environment."""
     workers: int = 2
@@ -146,7 +146,7 @@ def study_of(config: Demo) -> Study:
     """The transfer study, small: one bench, the environments fleet and hard."""
     shared = {name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__}
     return Study(
-        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, robots=1, oracle_seeds=1,
+        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, oracle_seeds=1,
         pd_range=_PD_RANGE, prior_share=_PRIOR_SHARE,
     )  # fmt: skip
 
