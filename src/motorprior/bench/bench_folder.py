@@ -100,7 +100,7 @@ def record_bench(
     steps: int = 10_000,
     preset: str = "rollout",
     seed: int = 0,
-    excitation: Path | None = None,
+    excitation: str | Path | None = None,
     out: str | Path | None = None,
     progress: Progress = SILENT,
 ) -> MotorLog:
@@ -114,7 +114,8 @@ def record_bench(
         preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, shorter), narrow
             (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: of the motors and their excitation; the log is deterministic.
-        excitation: a file of `fit_excitation` to play in every segment, on its loads, instead of the preset's.
+        excitation: a name of `EXCITATIONS`, or a file of `fit_excitation` with loads of its own: played in every segment
+            instead of the preset's.
         out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written without it.
         progress: where to report to.
 
@@ -135,7 +136,7 @@ def record_bench(
     if out is None:
         log = record(settings.physical_motors(), chosen, steps, seed, population)
         return replace(log, robot=population.robot)  # no bench.json names it
-    out, played = Path(out), [] if excitation is None else [excitation]
+    out, played = Path(out), [Path(name) for name in chosen.kinds if name.endswith(".safetensors")]
     wanted = description("bench", settings.as_json(), [*robot.files, *played], asdict(chosen))
     if not is_finished(out, wanted):
         title = f"bench {preset}: {motors} motors, {steps} steps"

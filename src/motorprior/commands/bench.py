@@ -29,8 +29,9 @@ class Bench:
     """Seed of the motors and their excitation."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
-    excitation: Path | None = None
-    """Play this file of `motorprior excite` in every segment, on its loads; otherwise the preset's excitation."""
+    excitation: str | None = None
+    """Play this in every segment instead of the preset's: a file of `motorprior excite`, on its loads, or an excitation
+    by name, such as steps."""
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:
