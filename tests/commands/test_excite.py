@@ -48,7 +48,7 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
     assert table.shape == (200, 3) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
 
-    run_bench(Bench(tmp_path / "bench", excitation=out, motors=2, steps=1500))
+    run_bench(Bench(tmp_path / "bench", excitation=str(out), motors=2, steps=1500))
     log = read_parquet(tmp_path / "bench" / "log.parquet")
     assert log.load_inertia == pytest.approx(found.load_inertia[0, 0])  # all knees have the same
     assert 0.05 < log.position_target.std() < 0.2
