@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 
 from motorprior.actuator.constants import COLUMNS
@@ -30,12 +31,15 @@ def from_pretrained(name: str | Path) -> MotorPrior:
 
 def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
     """Write prior, page and picture; ``about`` are more lines of the front matter, such as the licence."""
+    from PIL import Image
+
     from motorprior.report.plots import draw_class_behaviours  # here: it imports matplotlib
     from motorprior.report.plots_style import png_bytes
 
     prior.save(folder / CARD_PRIOR)
     write_text(folder / "README.md", _page(prior, folder.name, about or {}))
-    (folder / PICTURE).write_bytes(png_bytes(draw_class_behaviours(class_behaviours(prior)), dpi=70))
+    picture = Image.open(BytesIO(png_bytes(draw_class_behaviours(class_behaviours(prior)), dpi=80)))
+    picture.convert("RGB").quantize(32).save(folder / PICTURE, optimize=True)  # a quarter of the bytes
     return [folder / CARD_PRIOR, folder / "README.md", folder / PICTURE]
 
 
