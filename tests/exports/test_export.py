@@ -320,4 +320,4 @@ def test_shipped_cards_sample_motors_and_state_their_licence(name: str):
     assert motors.num_motors == 12 and np.isfinite(motors.arrays(0.002).parameters).all()
     folder = Path(mp.__file__).parent / "exports" / "library" / name
     assert "licence:" in (folder / "README.md").read_text()
-    assert sum(path.stat().st_size for path in folder.iterdir()) < 100_000
+    assert sum(path.stat().st_size for path in folder.iterdir()) < 60_000
