@@ -258,9 +258,10 @@ def real_likeness(settings: Settings) -> dict[str, float]:
         return {}
     given = {"columns": settings.columns, "robot": settings.real_robot, "suspended": settings.real_robot is not None}
     logs = [load_log(path, **given, progress=PROGRESS) for path in settings.logs]
-    out, steps = settings.out / "real.safetensors", settings.training_steps
-    found = fit_excitation(logs[: settings.fit_logs], steps=steps, out=out, progress=PROGRESS)
-    alike = likeness(found, fit_excitation(logs[settings.fit_logs :], "recorded", progress=PROGRESS), seed=0)
+    out, steps, rest = settings.out / "real.safetensors", settings.training_steps, logs[settings.fit_logs :]
+    period = 0.01 if settings.real_robot is None else load_robot(settings.real_robot).control_dt
+    found = fit_excitation(logs[: settings.fit_logs], period=period, steps=steps, out=out, progress=PROGRESS)
+    alike = likeness(found, fit_excitation(rest, "recorded", period=period, progress=PROGRESS), seed=0)
     write_text(settings.out / "likeness_real.md", likeness_table(alike, found.classes))
     return likeness_figures(alike, "likeness_real")
 

@@ -201,6 +201,10 @@ class LearnedExcitation:
     def __repr__(self) -> str:
         return f"{self.method} excitation of {', '.join(self.classes)}, from {len(self.windows)} windows of runs"
 
+    def __str__(self) -> str:
+        runs = [f"  {run['seconds']:.3g} s of {run['source']}" for run in self.provenance.get("trained_on", ())]
+        return "\n".join([f"{self!r}, period {self.period:g} s", *runs])
+
     def with_method(self, method: str) -> LearnedExcitation:
         """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""
         if method == "generated" and not self.weights:

@@ -135,7 +135,7 @@ def parse(args: list[str]) -> Any:
     config: Any = tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
     for each in fields(config):
         if each.default is MISSING and getattr(config, each.name) == ():
-            raise ConfigError(f"no {each.name} given", remedy="give at least one file or folder")
+            raise ConfigError(f"no {each.name} given", remedy="give at least one")
     return config
 
 

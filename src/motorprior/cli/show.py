@@ -17,6 +17,7 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
+from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.commands.calibrate import FLEET, PICTURE, Calibrate, run_calibrate
 from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
@@ -101,8 +102,8 @@ class Show:
     """Print what a file holds, such as a prior's constants."""
 
     file: Path
-    """A .safetensors of identify, adapt or walk, a log in any format, a .toml file of a fleet or robot, or a shipped
-    fleet or motor card by name."""
+    """A .safetensors of identify, adapt, walk or excite, a log in any format, a .toml file of a fleet or robot, or a
+    shipped fleet or motor card by name."""
     prior: Path | None = None
     """The prior of a posterior, for its constants."""
     columns: str | None = None
@@ -133,6 +134,8 @@ def described(config: Show) -> str:
     kind = str(read_tensors(path)[1].get("kind"))
     if kind == "motor prior":
         return str(MotorPrior.load(path))
+    if kind == "excitation":
+        return str(LearnedExcitation.load(path))
     if kind != "motor posterior":
         return str(Policy.load(path))
     if config.prior is None:

@@ -39,6 +39,8 @@ class Excite:
     """Robot of the runs: a shipped one by name, or a .toml file; gives the loads of runs with torques, and bounds."""
     columns: str | None = None
     """Column map of tables, as in `logs import`."""
+    period: float | None = None
+    """Control period of the runs [s]; that of the robot, or 0.01 without one, if not given."""
     suspended: bool = False
     """The robot was suspended or has a fixed base: compute the loads from its model."""
     commands: tuple[float, ...] = ()
@@ -66,7 +68,7 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         require_number(name, getattr(config, name), positive=True, maximum=inf)
     robot = load_robot(config.robot) if config.robot else None
     logs = [_with_loads(config, path, progress) for path in config.runs]
-    period = robot.control_dt if robot else 0.01
+    period = config.period or (robot.control_dt if robot else 0.01)
     found = fit_excitation(
         logs, config.method, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
         out=config.out, progress=progress,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
@@ -14,7 +15,7 @@ import numpy as np
 from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog, motion_digest
 from motorprior.logs.operations import excited_joints, resample
 from motorprior.progress import WARNED, Progress
@@ -22,6 +23,7 @@ from motorprior.robots.joint_classes import classes_by_name
 
 STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
+MAX_COMMAND = 100.0  # [m/s]
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
 # bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
@@ -61,7 +63,9 @@ def fit_excitation(
     """
     logs = [runs] if isinstance(runs, MotorLog) else list(runs)
     require_argument("method", method, one_of(*MAKERS))
-    require_number("period", period, 1e-4, 1.0)
+    require_number("period", period, 1e-4, 0.1)
+    for command in commands:
+        require_number("commands", command, -MAX_COMMAND, MAX_COMMAND)
     require_count("steps", steps)
     require_seed(seed)
     if not logs or len(commands) not in (0, len(logs)):
@@ -78,7 +82,9 @@ def fit_excitation(
         from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
-        finished = None if out is None or not Path(out).exists() else LearnedExcitation.load(out)
+        finished = None
+        with suppress(ArtifactError):  # none, or a damaged one, which is written again
+            finished = None if out is None else LearnedExcitation.load(out)
         if finished is not None and finished.weights and finished.provenance == origin:
             progress.note(f"{out} has a generator with the same runs and settings already")
             weights = finished.weights

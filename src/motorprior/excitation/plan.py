@@ -16,7 +16,7 @@ from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.learned_excitation import SUB, LearnedExcitation
+from motorprior.bench.learned_excitation import SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bench.recording import as_log
 from motorprior.exceptions import ConfigError
 from motorprior.identification.physics.motor_problem import motor_search
@@ -50,12 +50,15 @@ def plan_excitation(
 ) -> tuple[LearnedExcitation, list[Plan]]:
     """The chosen windows of every class, played by themselves, and the plans.
 
-    Raises ConfigError for a prior that is no grey box, since it has no constants.
+    Raises ConfigError for a prior that is no grey box, since it has no constants, and for runs without loads.
     """
     model, rng = prior.model, np.random.default_rng([seed, 59])
     if not isinstance(model, GreyBox):
         problem = f"the prior (preset {prior.preset}) has no physical constants"
         raise ConfigError(problem, remedy="identify one with preset rollout", argument="plan_prior")
+    if np.any(excitation.load_inertia == UNKNOWN_LOAD):
+        remedy = "give the robot, and suspended where it was, when the excitation is fitted"
+        raise ConfigError("the loads of the runs are unknown", remedy=remedy, argument="plan_prior")
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))

@@ -71,7 +71,9 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
     """Add a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
     found, moved = mjcf.compiled.joint(joint), mjcf.joint(joint).parentNode
-    while moved.nodeName != "body" or moved.parentNode.nodeName == "frame":  # a joint or body may stand in a <frame>
+    while moved.nodeName != "body":  # a joint may stand in a <frame>, as may its body
+        moved = moved.parentNode
+    while moved.parentNode.nodeName == "frame":
         moved = moved.parentNode
     frame = mjcf.compiled.body(int(found.bodyid[0]))
     body = mjcf.add(moved.parentNode, "body", moved, name=rotor, pos=number(*frame.pos), quat=number(*frame.quat))

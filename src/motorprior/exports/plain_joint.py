@@ -32,6 +32,8 @@ UNITS = {
     "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
     "forcerange": "N·m", "delay": "s", "offset": "rad",
 }  # fmt: skip
+# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer
+_NOT_INTEGRATED = [int(getattr(mujoco.mjtDyn, f"mjDYN_{name}")) for name in ("NONE", "FILTER", "FILTEREXACT")]
 # writes one motor, of its constants by name, at a joint
 WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 
@@ -89,7 +91,8 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
         mjcf.servos += 1
         return
     element, index = old
-    if model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0:  # a position servo
+    is_servo = model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0
+    if is_servo and model.actuator_dyntype[index] in _NOT_INTEGRATED and model.actuator_gear[index, 0] == 1.0:
         if model.actuator_ctrllimited[index]:
             attributes |= {"ctrllimited": "true", "ctrlrange": number(*model.actuator_ctrlrange[index])}
     else:

@@ -13,6 +13,7 @@ et al., NeurIPS 2016). The critic has a hinge loss and spectral normalisation (M
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +27,7 @@ import optax
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import learned_excitation
 from motorprior.bench.learned_excitation import CHANNELS, CODE, LEAK, MIN_SCALE, RECEPTIVE, SUB, LearnedExcitation
+from motorprior.exceptions import ArtifactError
 from motorprior.progress import ReportProgress
 
 CHUNK, BATCH, HIDDEN = 25, 32, 48  # steps per compiled call; windows per step; channels of the critic
@@ -55,12 +57,14 @@ def train_generator(
     """
     rates = {name: optax.cosine_decay_schedule(rate, steps) for name, rate in RATES.items()}
     optimisers = {name: optax.adam(rate, b1=0.5, b2=0.99) for name, rate in rates.items()}
-    state, first = _initial(runs, seed, optimisers), 0
+    state, first, tensors = _initial(runs, seed, optimisers), 0, dict[str, np.ndarray]()
     leaves, structure = jax.tree.flatten(state)
+    identity = {"settings": identity, "shapes": [list(leaf.shape) for leaf in leaves]}
     if checkpoint is not None and checkpoint.exists():
-        tensors, header = read_tensors(checkpoint)
-        if header["identity"] == identity:
-            first = int(header["steps"])
+        with suppress(ArtifactError):  # a damaged one is written again
+            tensors, header = read_tensors(checkpoint)
+            first = int(header["steps"]) if header.get("identity") == identity else 0
+        if first:
             kept = [jnp.asarray(tensors[str(index)], leaf.dtype) for index, leaf in enumerate(leaves)]
             state = jax.tree.unflatten(structure, kept)
             report(first, "continued")
