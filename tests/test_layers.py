@@ -146,6 +146,7 @@ def test_files_are_short():
 ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
     "bench/excitation.py": "sines of a multisine",
+    "bench/learned_excitation.py": "numbers of a window's code",
     "priors/held_out.py": "the variance of a rank sum",
     "studies/robot_fidelity.py": "draws of motors",
 }

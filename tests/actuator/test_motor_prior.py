@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from networks import network
 
+from motorprior.actuator.constants import named_constants
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
@@ -111,7 +112,7 @@ def test_joints_are_expected_by_name_and_class(classed: MotorPrior):
 def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):
     sure, unsure = (replace(gain_scaled, log_var=np.full((3, 3), value)).intervals() for value in (-8.0, -2.0))
     assert isinstance(gain_scaled.model, GreyBox)
-    for name, value in gain_scaled.model.constants(gain_scaled.mean).items():
+    for name, value in named_constants(gain_scaled.model, gain_scaled.mean, gain_scaled.gains).items():
         low, high = sure[name]
         assert np.all(low <= value * (1 + 1e-9) + 1e-12) and np.all(high >= value * (1 - 1e-9) - 1e-12)
     assert np.all(np.ptp(sure["kp"], axis=0) < 0.2 * np.ptp(unsure["kp"], axis=0))

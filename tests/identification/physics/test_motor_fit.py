@@ -85,8 +85,8 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
 
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
     results = []
-    for threads in (1, 3):
-        monkeypatch.setattr(window_runs, "THREADS", ThreadPoolExecutor(threads))
+    for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
+        monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
         one = fit_motors(runs, (), True, 5, restarts=2)
         results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
     assert results[0] == results[1]

@@ -57,6 +57,6 @@ def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data, 
     many = runs.residuals(grey_boxes(box), z, motor)
     for lane in (0, 255, 256, 599):
         np.testing.assert_array_equal(many[lane], runs.residuals(grey_boxes(box), z[[lane]], motor[[lane]])[0])
-    for threads in (1, 3):
-        monkeypatch.setattr(window_runs, "THREADS", ThreadPoolExecutor(threads))
+    for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
+        monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
         np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)
