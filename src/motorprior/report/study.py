@@ -141,7 +141,17 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
     )
     drawn = picture(forest_plot(summary), "Time upright; hollow: in the training simulation.")
     tables = tuple(measure_table(summary, measure) for measure in MEASURES)
-    return Section("Results", (headline(summary), asked, uncertainty), (drawn, film), tables)
+    return Section("Results", (headline(summary), asked, _gaps(summary), uncertainty), (drawn, film), tables)
+
+
+def _gaps(summary: StudyStatistics) -> str:
+    """Time upright lost between the training simulation and held-out robots of the fleet, by condition."""
+    upright = {key[:2]: each.value for key, each in summary.estimates.items() if key[2] == "upright"}
+    gaps = [
+        f"{model_label(name)} {100 * (upright[OWN, name] - upright['fleet', name]):+.0f}"
+        for name in conditions_in(summary)
+    ]
+    return f"Transfer gap, own simulation minus fleet, in percentage points upright: {', '.join(gaps)}."
 
 
 def headline(summary: StudyStatistics) -> str:
