@@ -68,7 +68,7 @@ class Demo:
     directions: int = 14
     """Directions per iteration of ARS."""
     seeds: int = 3
-    """Policies per condition (oracle: 1), each adapted one to another robot."""
+    """Policies per condition (oracle: 1); each adapted policy is adapted to a robot of its own."""
     walks: int = 14
     """Walks of each policy per environment."""
     workers: int = 2

@@ -68,15 +68,16 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         require_number(name, getattr(config, name), positive=True, maximum=inf)
     robot = load_robot(config.robot) if config.robot else None
     logs = [_with_loads(config, path, progress) for path in config.runs]
-    period = config.period or (robot.control_dt if robot else 0.01)
+    period = (robot.control_dt if robot else 0.01) if config.period is None else config.period
+    prior = None if config.plan_prior is None else MotorPrior.load(config.plan_prior)
     found = fit_excitation(
         logs, config.method, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
         out=config.out, progress=progress,
     )  # fmt: skip
     speed = robot.wire.safety.target_speed if robot and robot.wire else inf
     found = found.within(Bounds(inf, min(speed, config.max_speed), inf, config.max_torque))
-    if config.plan_prior is not None:
-        found, plans = plan_excitation(found, MotorPrior.load(config.plan_prior), config.seed)
+    if prior is not None:
+        found, plans = plan_excitation(found, prior, config.seed)
         for plan in plans:
             shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
             progress.note(

@@ -12,6 +12,7 @@ from time import monotonic
 
 import numpy as np
 
+from motorprior.artifacts import read_tensors
 from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
@@ -23,7 +24,7 @@ from motorprior.robots.joint_classes import classes_by_name
 
 STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
-MAX_COMMAND = 100.0  # [m/s]
+MAX_COMMAND, MAX_PERIOD = 100.0, 0.04  # [m/s]; [s], for windows of at least the generator's receptive field
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
 # bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
@@ -63,7 +64,7 @@ def fit_excitation(
     """
     logs = [runs] if isinstance(runs, MotorLog) else list(runs)
     require_argument("method", method, one_of(*MAKERS))
-    require_number("period", period, 1e-4, 0.1)
+    require_number("period", period, 1e-4, MAX_PERIOD)
     for command in commands:
         require_number("commands", command, -MAX_COMMAND, MAX_COMMAND)
     require_count("steps", steps)
@@ -84,6 +85,9 @@ def fit_excitation(
         origin |= {"steps": steps, "seed": seed}
         finished = None
         with suppress(ArtifactError):  # none, or a damaged one, which is written again
+            kind = "excitation" if out is None else read_tensors(Path(out))[1].get("kind")
+            if kind != "excitation":
+                raise ConfigError(f"{out} is a {kind}", remedy="give another file", argument="out")
             finished = None if out is None else LearnedExcitation.load(out)
         if finished is not None and finished.weights and finished.provenance == origin:
             progress.note(f"{out} has a generator with the same runs and settings already")

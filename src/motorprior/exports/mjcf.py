@@ -29,7 +29,7 @@ class Mjcf:
     path: Path | None = None
     in_degrees: bool = False  # unit of its angles
     servos: int = 0  # actuators that were added after those of the model
-    dropped: tuple[tuple[int, int], ...] = ()  # address and number of activations that keyframes have no more
+    dropped: tuple[tuple[int, int], ...] = ()  # address and number of activations removed from keyframes
     rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
 
     @classmethod
@@ -72,9 +72,10 @@ class Mjcf:
         return [found for each in sections for found in each.getElementsByTagName(element)]
 
     def section(self, name: str) -> Element:
-        """The first section of this name, which is added if there is none."""
+        """The last section of this name, which is added if there is none."""
         root = self.document.documentElement
-        return next((each for each in root.childNodes if each.nodeName == name), None) or self.add(root, name)
+        found = [each for each in root.childNodes if each.nodeName == name]
+        return found[-1] if found else self.add(root, name)
 
     def element(self, tag: str, /, **attributes: str) -> Element:
         """A new element, not yet in the document."""

@@ -80,7 +80,7 @@ def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> None:
     """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one.
 
-    It keeps the range of controls of a position servo. Keyframes with controls hold the joint where it is.
+    It keeps range and controls of a position servo; other controls in keyframes become the joint's angle.
     """
     model, old = mjcf.compiled, mjcf.actuator_of(joint)
     angles = [number(angle) for angle in model.key_qpos[:, model.joint(joint).qposadr[0]]]

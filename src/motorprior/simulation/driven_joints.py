@@ -119,8 +119,9 @@ def drivers_of(model: mujoco.MjModel, joint: int) -> list[int]:
 
 def require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
     """Raise ConfigError if an equality constraint couples two of the joints: one motor drives both."""
-    for first, second, kind in zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, strict=True):
-        if kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
+    constraints = zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, model.eq_active0, strict=True)
+    for first, second, kind, is_active in constraints:
+        if is_active and kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
             names = model.joint(first).name, model.joint(second).name
             problem = f"an equality constraint couples joint {names[0]!r} to {names[1]!r}: one motor drives both"
             raise ConfigError(problem, remedy=f"drive {names[1]!r} alone")

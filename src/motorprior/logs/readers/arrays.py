@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -99,11 +98,16 @@ def _numpy(path: Path) -> Any:
     loaded = np.load(path, allow_pickle=False)
     if path.suffix != ".npz":
         return loaded
-    found: dict[str, np.ndarray] = {}
-    for name in loaded.files:
-        with suppress(ValueError):  # an array of objects, which would be unpickled
-            found[name] = loaded[name]
-    return found
+    return {name: loaded[name] for name in loaded.files if not _has_objects(loaded.zip, name)}
+
+
+def _has_objects(archive: zipfile.ZipFile, name: str) -> bool:
+    """Whether an array would have to be unpickled."""
+    names = set(archive.namelist())
+    with archive.open(f"{name}.npy" if f"{name}.npy" in names else name) as file:
+        version = np.lib.format.read_magic(file)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        return read_header(file)[2].hasobject
 
 
 def _matlab(path: Path) -> Any:
