@@ -1,5 +1,6 @@
 """Motors that made a log replay it in compiled free runs, whose lanes are independent."""
 
+import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -12,6 +13,7 @@ from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.physics import window_runs
 from motorprior.identification.physics.window_runs import WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.search import threads
 from motorprior.identification.windows import TrainingData
 
 Networks = Callable[..., GreyBox]
@@ -60,3 +62,16 @@ def test_lanes_do_not_affect_each_other(grey_box: Networks, decoder_data: Data, 
     for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
         monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
         np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)
+
+
+def test_a_forked_process_has_threads_of_its_own():
+    def works() -> None:
+        assert list(threads().map(abs, [-1])) == [1]
+
+    works()
+    child = multiprocessing.get_context("fork").Process(target=works)
+    child.start()
+    child.join(30)
+    alive = child.is_alive()
+    child.kill()
+    assert not alive and child.exitcode == 0
