@@ -138,11 +138,10 @@ class MotorPosterior(Printable):
         headline, every = f"motor posterior of {len(self.mean)} motors", self.constants()
         if len(self.mean) == 1:
             return Overview(headline, facts, every.columns, every.cells)
-        shown = [row for row in every if row.identifiable]  # a column each, with the medians of every motor
-        joints = [self.take([index]).constants() for index in range(len(self.mean))]
+        shown = [row for row in every if row.identifiable]  # a column each, at the posterior means
+        values = named_constants(self.prior.model, self.mean, self.gains)
         rows = [
-            [name, *(f"{own[row.name].median:.3g}" for row in shown)]
-            for name, own in zip(self.joint_names, joints, strict=True)
+            [name, *(f"{values[row.name][motor]:.3g}" for row in shown)] for motor, name in enumerate(self.joint_names)
         ]
         return Overview(headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows)
 

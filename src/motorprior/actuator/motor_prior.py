@@ -382,7 +382,7 @@ class MotorPrior(Printable):
         Raises:
             ArtifactError: not a motor prior, another schema, unknown or missing keys, or wrong shapes.
         """
-        path = card_file(str(path)) or Path(path)
+        path = prior_path(path)
         tensors, header = _HEADER.read(path)
         _check(tensors, header, path)
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
@@ -410,6 +410,11 @@ class MotorPrior(Printable):
 def shipped_cards() -> tuple[str, ...]:
     """Names of the motor cards in the package."""
     return tuple(sorted(card.name for card in LIBRARY.iterdir() if (card / CARD_PRIOR).is_file()))
+
+
+def prior_path(path: str | Path) -> Path:
+    """The file of a prior, or of a shipped motor card by name."""
+    return card_file(str(path)) or Path(path)
 
 
 def card_file(name: str) -> Path | None:

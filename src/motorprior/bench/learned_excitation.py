@@ -202,7 +202,7 @@ class LearnedExcitation:
         return f"{self.method} excitation of {', '.join(self.classes)}, from {len(self.windows)} windows of runs"
 
     def __str__(self) -> str:
-        runs = [f"  {run.get('seconds')} s of {run.get('source')}" for run in self.provenance.get("trained_on", ())]
+        runs = [f"  {run['seconds']:.3g} s of {run['source']}" for run in self.provenance.get("trained_on", ())]
         return "\n".join([f"{self!r}, period {self.period:g} s", *runs])
 
     def with_method(self, method: str) -> LearnedExcitation:

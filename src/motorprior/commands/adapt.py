@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.actuator.motor_posterior import MotorPosterior
-from motorprior.actuator.motor_prior import card_file
+from motorprior.actuator.motor_prior import prior_path
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import adapt
 from motorprior.priors.prior_file import load_prior
@@ -34,7 +34,7 @@ def run_adapt(config: Adapt, progress: Progress = SILENT) -> MotorPosterior:
     """Adapt, unless the folder already contains this posterior, and return it; errors as `adapt`."""
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
-    wanted = description("adapt", asdict(config), [card_file(str(config.prior)) or config.prior, config.log])
+    wanted = description("adapt", asdict(config), [prior_path(config.prior), config.log])
     if is_finished(config.out, wanted):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return MotorPosterior.load(config.out / POSTERIOR, prior)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.motor_prior import MotorPrior, robot_gains
+from motorprior.actuator.motor_prior import MotorPrior, prior_path, robot_gains
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
@@ -54,7 +54,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     robot = load_robot(config.robot)
     fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
     prior = load_prior(config.prior, robot)
-    inputs = [config.prior, *fleet_files(robot, config.fleet), *folder.files, *robot.files]
+    inputs = [prior_path(config.prior), *fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("replay", asdict(config), inputs)
     if is_finished(config.out, wanted):
         return read_results(config.out)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from motorprior.actuator.motor_prior import MotorPrior, card_file
+from motorprior.actuator.motor_prior import MotorPrior, prior_path
 from motorprior.artifacts import write_text
 from motorprior.evaluation.free_runs import Validation
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -42,9 +42,7 @@ def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Result
     """See `validate`; reads the results of the finished stage. Errors as `validate`, or for an unreadable file."""
     log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in (config.log, *config.fitted_on))
     prior = load_prior(config.prior, log)
-    wanted = description(
-        "validate-log", asdict(config), [card_file(str(config.prior)) or config.prior, config.log, *config.fitted_on]
-    )
+    wanted = description("validate-log", asdict(config), [prior_path(config.prior), config.log, *config.fitted_on])
     if is_finished(config.out, wanted):
         note_training_log(prior, log, progress)
         return read_results(config.out)

@@ -24,7 +24,7 @@ from motorprior.robots.joint_classes import classes_by_name
 
 STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
-MAX_COMMAND, MAX_PERIOD = 100.0, 0.04  # [m/s]; [s], for windows of at least the generator's receptive field
+MAX_CONTROL_PERIOD = 0.04  # [s]: with a longer one, a window has too few frames for the generator's critic
 OVERLAP = 4  # windows that contain a row
 MAX_WINDOWS = 400  # maximum number per class in the file
 # bounds over the largest values in the runs, of amplitude, speed, acceleration and torque: below these, streams of
@@ -64,14 +64,13 @@ def fit_excitation(
     """
     logs = [runs] if isinstance(runs, MotorLog) else list(runs)
     require_argument("method", method, one_of(*MAKERS))
-    require_number("period", period, 1e-4, MAX_PERIOD)
-    for command in commands:
-        require_number("commands", command, -MAX_COMMAND, MAX_COMMAND)
+    require_number("period", period, 1e-4, MAX_CONTROL_PERIOD)
     require_count("steps", steps)
     require_seed(seed)
     if not logs or len(commands) not in (0, len(logs)):
         problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
         raise ConfigError(problem, remedy=remedy, argument="commands")
+    finished = None if out is None else _finished(Path(out))
     found = windows_of(logs, period, commands)
     trained_on = [
         {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
@@ -83,12 +82,6 @@ def fit_excitation(
         from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
-        finished = None
-        with suppress(ArtifactError):  # none, or a damaged one, which is written again
-            kind = "excitation" if out is None else read_tensors(Path(out))[1].get("kind")
-            if kind != "excitation":
-                raise ConfigError(f"{out} is a {kind}", remedy="give another file", argument="out")
-            finished = None if out is None else LearnedExcitation.load(out)
         if finished is not None and finished.weights and finished.provenance == origin:
             progress.note(f"{out} has a generator with the same runs and settings already")
             weights = finished.weights
@@ -103,6 +96,16 @@ def fit_excitation(
         found.save(Path(out))
         Path(out).with_suffix(".checkpoint").unlink(missing_ok=True)
     return found
+
+
+def _finished(out: Path) -> LearnedExcitation | None:
+    """The excitation in a file, None if it is damaged or there is none; ConfigError for an artifact of another kind."""
+    with suppress(ArtifactError):
+        kind = read_tensors(out)[1].get("kind")
+        if kind != "excitation":
+            raise ConfigError(f"{out} is a {kind}", remedy="give another file", argument="out")
+        return LearnedExcitation.load(out)
+    return None
 
 
 def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float] = ()) -> LearnedExcitation:

@@ -6,16 +6,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.dom import minidom
 from xml.parsers.expat import ExpatError
 
 import mujoco
+import numpy as np
 
 from motorprior.artifacts import read_text
-from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.simulation.driven_joints import drivers_of, hinge
+from motorprior.exceptions import ConfigError
+from motorprior.robots.user_model import cannot_read
+from motorprior.simulation.driven_joints import drives
 
 Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
 
@@ -40,8 +43,7 @@ class Mjcf:
             spec = mujoco.MjSpec.from_file(str(path))
             return cls(minidom.parseString(text.encode()), spec.compile(), path, spec.compiler.degree)
         except (ExpatError, ValueError) as error:
-            reason = " ".join(str(error).split())[:300]
-            raise ArtifactError(f"cannot be read as MJCF ({reason})", where=path, remedy="correct the model") from error
+            raise cannot_read(path, str(error)) from error
 
     def joint(self, name: str) -> Element:
         """The joint of this name in the bodies; raises ConfigError if this file has none."""
@@ -58,14 +60,16 @@ class Mjcf:
         """
         every = self._inside("actuator", "*")
         found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
-        drivers = drivers_of(self.compiled, hinge(self.compiled, joint))
+        drivers = np.flatnonzero(self._drives[:, self.compiled.joint(joint).id]).tolist()
         if len(drivers) > 1 or len(drivers) > len(found):
-            problem = (
-                f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on the joint and in this file"
-            )
-            remedy = "leave one at most, on the joint and in this file: the motor takes its place"
+            problem = f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on it and in this file"
+            remedy = "leave one at most, on it and in this file: the motor takes its place"
             raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
         return (found[0], drivers[0]) if drivers else None
+
+    @cached_property
+    def _drives(self) -> np.ndarray:
+        return drives(self.compiled)
 
     def _inside(self, section: str, element: str) -> list[Element]:
         sections = self.document.getElementsByTagName(section)
@@ -103,11 +107,11 @@ class Mjcf:
 
     def drop_activations(self, actuator: int) -> None:
         """Remove the activations of an actuator that is replaced from the keyframes."""
-        first, count = (int(each[actuator]) for each in (self.compiled.actuator_actadr, self.compiled.actuator_actnum))
+        own, count = int(self.compiled.actuator_actadr[actuator]), int(self.compiled.actuator_actnum[actuator])
         if count > 0:
-            first -= sum(number for address, number in self.dropped if address < first)
+            first = own - sum(number for address, number in self.dropped if address < own)
             self.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
-            self.dropped += ((int(self.compiled.actuator_actadr[actuator]), count),)
+            self.dropped += ((own, count),)
 
     def text(self) -> str:
         """The document as text."""

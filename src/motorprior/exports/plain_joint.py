@@ -20,11 +20,11 @@ import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
-from motorprior.exceptions import ArtifactError
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
 from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
-from motorprior.simulation.driven_joints import require_uncoupled
+from motorprior.robots.user_model import cannot_read
+from motorprior.simulation.driven_joints import hinge, require_uncoupled
 
 _NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
@@ -153,9 +153,9 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
     variants = [replace(original, document=original.document.cloneNode(True)) for _ in request.constants["kp"]]
+    require_uncoupled(original.compiled, [hinge(original.compiled, name) for name in request.joint_names])
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
-    require_uncoupled(original.compiled, [original.compiled.joint(name).id for name in request.joint_names])
     loss = described_loss(request.losses, request.not_expressed)
     about = re.sub("-{2,}", "-", f"motors of {request.prior.motor}, seed {request.seed}; {loss}")  # no -- in comments
     folder = request.out / model.parent.relative_to(root)
@@ -165,7 +165,7 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
         try:
             mujoco.MjModel.from_xml_path(str(path))
         except ValueError as error:
-            raise ArtifactError(f"MuJoCo cannot read it ({error})", where=path, remedy="correct the model") from error
+            raise cannot_read(path, str(error)) from error
     return [*files, *write_table(request)]
 
 

@@ -15,7 +15,7 @@ from motorprior.exceptions import ConfigError, SimulationFault
 
 # integers, since an enumeration of MuJoCo 4 does not equal a numpy integer; forces on sites and bodies drive no joint
 _ON_BODIES = [int(getattr(mujoco.mjtTrn, f"mjTRN_{name}")) for name in ("SITE", "BODY")]
-_POSES = 3  # in which moment arms are found; a tendon may cross a joint's axis in one of them
+_POSES = 3  # the initial one, and others near it: a tendon may cross a joint's axis in one of them
 _HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
@@ -46,7 +46,8 @@ class DrivenJoints:
             raise ConfigError(problem, remedy="sample one motor per joint")
         if len(set(joints)) < len(joints):
             raise ConfigError(f"joints {', '.join(joints)} repeat", remedy="name each joint once", argument="joints")
-        found = [_undriven(model, name) for name in joints]
+        found = [hinge(model, name) for name in joints]
+        _require_undriven(model, found)
         require_uncoupled(model, found)
         self._model, self._data, self._time = model, data, -np.inf
         self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
@@ -95,26 +96,26 @@ def hinge(model: mujoco.MjModel, name: str) -> int:
     return joint
 
 
-def _undriven(model: mujoco.MjModel, name: str) -> int:
-    joint = hinge(model, name)
-    for actuator in drivers_of(model, joint):
-        problem = f"joint {name!r} is driven by the model's actuator {model.actuator(actuator).name or actuator!r}"
+def _require_undriven(model: mujoco.MjModel, joints: Sequence[int]) -> None:
+    for actuator, joint in np.argwhere(drives(model)[:, joints]).tolist():
+        name = model.actuator(actuator).name or actuator
+        problem = f"joint {model.joint(joints[joint]).name!r} is driven by the model's actuator {name!r}"
         raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
-    return joint
 
 
-def drivers_of(model: mujoco.MjModel, joint: int) -> list[int]:
-    """Actuators on joints and tendons with a moment arm on a hinge, in the initial pose or in others near it."""
-    data, rng, found = mujoco.MjData(model), np.random.default_rng(0), np.zeros(len(model.actuator_trntype), bool)
-    arms = np.zeros((len(found), model.nv))
-    for pose in range(_POSES if len(found) else 0):
+def drives(model: mujoco.MjModel) -> np.ndarray:
+    """(actuators, joints) whether one on a joint or tendon has a moment arm on the joint, in some of _POSES."""
+    data, rng, count = mujoco.MjData(model), np.random.default_rng(0), len(model.actuator_trntype)
+    arms, found = np.zeros((count, model.nv)), np.zeros((count, model.nv), bool)
+    for pose in range(_POSES if count else 0):
         mujoco.mj_resetData(model, data)
         mujoco.mj_integratePos(model, data.qpos, 0.3 * rng.standard_normal(model.nv) * (pose > 0), 1.0)
         mujoco.mj_fwdPosition(model, data)
         rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
         mujoco.mju_sparse2dense(arms, data.actuator_moment, *rows)
-        found |= arms[:, model.jnt_dofadr[joint]] != 0.0
-    return np.flatnonzero(found & ~np.isin(model.actuator_trntype, _ON_BODIES)).tolist()
+        found |= arms != 0.0
+    found[np.isin(model.actuator_trntype, _ON_BODIES)] = False
+    return found[:, model.jnt_dofadr]
 
 
 def require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:

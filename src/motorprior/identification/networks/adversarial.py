@@ -57,17 +57,16 @@ def train_generator(
     """
     rates = {name: optax.cosine_decay_schedule(rate, steps) for name, rate in RATES.items()}
     optimisers = {name: optax.adam(rate, b1=0.5, b2=0.99) for name, rate in rates.items()}
-    state, first, tensors = _initial(runs, seed, optimisers), 0, dict[str, np.ndarray]()
+    state, first = _initial(runs, seed, optimisers), 0
     leaves, structure = jax.tree.flatten(state)
     identity = {"settings": identity, "shapes": [list(leaf.shape) for leaf in leaves]}
-    if checkpoint is not None and checkpoint.exists():
-        with suppress(ArtifactError):  # a damaged one is written again
+    if checkpoint is not None:
+        with suppress(ArtifactError):  # none, or a damaged one, which is written again
             tensors, header = read_tensors(checkpoint)
-            first = int(header["steps"]) if header.get("identity") == identity else 0
-        if first:
-            kept = [jnp.asarray(tensors[str(index)], leaf.dtype) for index, leaf in enumerate(leaves)]
-            state = jax.tree.unflatten(structure, kept)
-            report(first, "continued")
+            if header.get("identity") == identity:
+                kept = [jnp.asarray(tensors[str(index)], leaf.dtype) for index, leaf in enumerate(leaves)]
+                state, first = jax.tree.unflatten(structure, kept), int(header["steps"])
+                report(first, "continued")
     advance, constants = _compiled_chunk(optimisers), _constants(runs)
     for begin in range(first, steps, CHUNK):
         count = min(CHUNK, steps - begin)
