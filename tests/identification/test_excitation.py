@@ -9,6 +9,7 @@ import pytest
 from motor_logs import log_of
 
 from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.excitation.fit_excitation import fit_excitation, gait_frequency, windows_of
@@ -60,6 +61,19 @@ def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(fr
 def test_commands_are_one_per_run():
     with pytest.raises(ConfigError, match="commands"):
         fit_excitation(run_of(), "recorded", commands=(0.1, 0.2))
+
+
+def test_a_period_too_long_for_a_generator_is_refused():
+    with pytest.raises(ConfigError, match="period 0.05"):
+        fit_excitation(run_of(), "recorded", period=0.05)
+
+
+def test_an_artifact_of_another_kind_is_not_overwritten(tmp_path: Path):
+    path = tmp_path / "prior.safetensors"
+    write_tensors(path, {"a": np.zeros(1)}, {"kind": "motor prior"})
+    with pytest.raises(ConfigError, match="motor prior"):
+        fit_excitation(run_of(), "recorded", out=path)
+    assert read_tensors(path)[1]["kind"] == "motor prior"
 
 
 def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_sizes(tmp_path: Path):
