@@ -64,7 +64,7 @@ def test_commands_are_one_per_run():
 
 
 def test_a_period_too_long_for_a_generator_is_refused():
-    with pytest.raises(ConfigError, match="period 0.05"):
+    with pytest.raises(ConfigError, match=r"period 0\.05"):
         fit_excitation(run_of(), "recorded", period=0.05)
 
 
