@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -36,18 +37,20 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.read_log import load_log
 from motorprior.priors.adapt import adapt_to
-from motorprior.priors.fit_prior import fit_recipe
+from motorprior.priors.fit_prior import PRIOR, fit_recipe
 from motorprior.progress import Lines
-from motorprior.report.plots_style import png_bytes
+from motorprior.report.page import Picture, Section, Table, page, picture
+from motorprior.report.plots_style import describe, legend_below, new_figure, panels, png_bytes
+from motorprior.report.study import with_interval
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
-from motorprior.simulation.training import train_policy
 from motorprior.simulation.world import World
-from motorprior.studies.compare import compare
 from motorprior.studies.robot_fidelity import robot_fidelity, trot_targets
-from motorprior.studies.statistics import estimate, means
+from motorprior.studies.statistics import Estimate, estimate, means, summarise
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import study_walks
 from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
 
 PROGRESS = Lines(sys.stderr)
@@ -55,6 +58,7 @@ PLACES = {"standing": False, "suspended": True}
 COLORS = dict(zip(("runs", *KINDS), ("k", "C7", "C0", "C2", "C1", "C3"), strict=True))
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
+TESTED = {"fleet": "upright", "hard": "upright_hard"}  # environment of the transfer -> name of its figure
 ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs
     "paper": "paper", "paper_wide": "paper_wide", "rollout": "rollout",
 }  # fmt: skip
@@ -80,8 +84,8 @@ class Settings:
     adam_steps: int | None = None  # of networks; those of their recipes if not given
     adapt_seconds: float = 10.0  # of log of the held-out motors [s]; 0 measures on the training motors
     budgets: tuple[float, ...] = (2.0, 5.0, 10.0, 20.0, 60.0)  # of the curves [s]; none: leave them out
-    policies: int = 0  # per cell of the largest losses, for transfer; 0: leave it out
-    iterations: int = 50  # of their trainings
+    policies: int = 0  # per kind and bench, for transfer; 0: leave it out
+    iterations: int = 20  # of their trainings
     logs: tuple[Path, ...] = ()  # of a real robot: likeness of an excitation that is fitted to the first fit_logs
     fit_logs: int = 5
     columns: str | None = None  # column map of the logs
@@ -174,8 +178,6 @@ def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str
         own = Learned(prior.model, prior.mean, armature, np.zeros_like(armature))
         slopes = sensitivities(prior.model, prior.mean, recorded_inputs(prior.model, log))
         found["growth"] = growth(prior.model, own, slopes, float(LOADS[0]))[0]
-    if settings.policies:
-        found |= transfer(settings, robot, fleet, prior, seed)
     return found
 
 
@@ -187,36 +189,65 @@ def _prior(
     log = replace(record(motors, preset, round(seconds / preset.period), seed, fleet), robot=robot.name)
     name = settings.rollout_recipe if loss == "rollout" else ROUTES[loss]
     recipe = identification_preset(name, network_steps(name, settings.adam_steps))
-    folder = settings.out / "priors" / f"{name}_{kind}_{seed}_{seconds:g}"
-    return fit_recipe(log, name, recipe, seed, folder, PROGRESS), log
+    return fit_recipe(log, name, recipe, seed, _folder(settings, name, kind, seed, seconds), PROGRESS), log
 
 
-def transfer(settings: Settings, robot: Robot, fleet: Fleet, prior: MotorPrior, seed: int) -> dict[str, float]:
-    """Share of time upright and speed, on physical motors, of policies trained on samples of the prior."""
-    policies = [
-        train_policy(robot, prior, iterations=settings.iterations, seed=100 * seed + index, progress=PROGRESS)
-        for index in range(settings.policies)
-    ]
-    walked = compare(robot, {"prior": policies}, {"twin": fleet}, progress=PROGRESS)
-    return {f"transfer_{name}": walked.mean(quantity=name) for name in ("speed", "upright")}
+def _folder(settings: Settings, recipe: str, kind: str, seed: int, seconds: float) -> Path:
+    """Of a prior."""
+    return settings.out / "priors" / f"{recipe}_{kind}_{seed}_{seconds:g}"
 
 
-def summary(cells: list[dict[str, Any]], quantity: str) -> dict[str, float]:
-    """Mean over seeds and its 95 % interval; empty without a value."""
-    values = np.array([found[quantity] for found in cells if quantity in found])
-    if not values.size:
+def transfer(settings: Settings, robot: Robot, fleet: Fleet) -> dict[str, float]:
+    """Time upright of policies that are trained on samples of the prior of each kind, in the environments TESTED.
+
+    The priors are those of the loss rollout and seed 0; each of two benches has its own robots and disturbances.
+    """
+    if not settings.policies:
         return {}
-    found = estimate(values[:, None, None], means)
-    ends = {"low": found.low, "high": found.high} if values.size > 1 else {}
-    return {"": found.value, **ends}
+    kind_of = {}
+    for kind in settings.kinds:
+        _prior(settings, robot, fleet, "rollout", kind, 0, settings.seconds)
+        kind_of[f"prior:{_folder(settings, settings.rollout_recipe, kind, 0, settings.seconds) / PRIOR}"] = kind
+    study = Study(
+        settings.out / "transfer", settings.fleet, conditions=tuple(kind_of), environments=tuple(TESTED), benches=2,
+        seeds=settings.policies, walks=16, iterations=settings.iterations, robot=settings.robot,
+    )  # fmt: skip
+    figures = {}
+    for (env, condition, measure), found in summarise(study_walks(study, PROGRESS)).estimates.items():
+        if env in TESTED and measure == "upright":
+            figures |= with_ends(f"transfer/{kind_of[condition]}/{TESTED[env]}", found)
+    return figures
 
 
-def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
+def with_ends(name: str, found: Estimate) -> dict[str, float]:
+    """The figure ``name``, and its interval if there is one."""
+    ends = {f"{name}/low": found.low, f"{name}/high": found.high} if np.isfinite(found.low) else {}
+    return {name: found.value, **ends}
+
+
+def cells_of(
+    settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seconds: float
+) -> dict[str, Estimate]:
+    """Means over the seeds, with 95 % intervals, of everything that `measure` finds."""
+    cells = [
+        cell(
+            settings, f"{loss}/{kind}/{seed}/{seconds:g}",
+            lambda seed=seed: measure(settings, robot, fleet, loss, kind, seed, seconds),
+        )
+        for seed in range(settings.seeds)
+    ]  # fmt: skip
+    return {
+        quantity: estimate(np.array([found[quantity] for found in cells if quantity in found])[:, None, None], means)
+        for quantity in sorted({key for found in cells for key in found} - {"error"})
+    }
+
+
+def run(settings: Settings) -> dict[str, float]:
     """All figures; those of real logs alone if no walks are to be learned from."""
     figures = real_likeness(settings)
     if not settings.runs:
         write_json(settings.out / "figures.json", figures)
-        return figures, {}
+        return figures
     robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
     excitation, held_out, train_seconds = learned(settings, robot, fleet)
     figures["train_seconds"] = train_seconds
@@ -227,27 +258,17 @@ def run(settings: Settings) -> tuple[dict[str, float], dict[str, Results]]:
     write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
     for loss in settings.losses:
         for kind in settings.kinds:
-            cells = [
-                cell(
-                    settings, f"{loss}/{kind}/{seed}/{settings.seconds:g}",
-                    lambda loss=loss, kind=kind, seed=seed: measure(
-                        settings, robot, fleet, loss, kind, seed, settings.seconds
-                    ),
-                )
-                for seed in range(settings.seeds)
-            ]  # fmt: skip
-            for quantity in sorted({key for found in cells for key in found} - {"error"}):
+            for quantity, found in cells_of(settings, robot, fleet, loss, kind, settings.seconds).items():
                 name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
-                for end, value in summary(cells, quantity).items():
-                    figures["/".join(filter(None, (name, loss, kind, end)))] = value
-    figures |= budgets(settings, robot, fleet, excitation)
+                figures |= with_ends(f"{name}/{loss}/{kind}", found)
+    figures |= budgets(settings, robot, fleet, excitation) | transfer(settings, robot, fleet)
     write_json(settings.out / "figures.json", figures)
-    return figures, {"likeness": alike}
+    return figures
 
 
 def likeness_figures(alike: Results, name: str) -> dict[str, float]:
     """Means over joint classes."""
-    rows = [(kind, each) for kind in KINDS for each in ("auc", "coverage", "nearest")]
+    rows = [(kind, each) for kind in KINDS for each in ("auc", "coverage", "nearest", "nearest_signal")]
     rows += [(TRAIN, each) for each in ("auc", "coverage")]
     return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind, each in rows}
 
@@ -281,16 +302,8 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
             plan_excitation(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
         curves[kind] = []
         for seconds in settings.budgets:
-            cells = [
-                cell(
-                    settings, f"rollout/{kind}/{seed}/{seconds:g}",
-                    lambda kind=kind, seed=seed, seconds=seconds: measure(
-                        settings, robot, fleet, "rollout", kind, seed, seconds
-                    ),
-                )
-                for seed in range(settings.seeds)
-            ]  # fmt: skip
-            curves[kind].append(summary(cells, "standing_rmse").get("", np.inf))
+            found = cells_of(settings, robot, fleet, "rollout", kind, seconds)
+            curves[kind].append(found["standing_rmse"].value if "standing_rmse" in found else np.inf)
             figures[f"budget/{kind}/{seconds:g}"] = curves[kind][-1]
     goal = curves["rollout"][-1]
     for kind, curve in curves.items():
@@ -302,7 +315,7 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
 
 def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
     """Markdown: a row per class and kind."""
-    columns = ("auc", "coverage", "nearest", *FEATURES)
+    columns = ("auc", "coverage", "nearest", "nearest_signal", *FEATURES)
     lines = [f"| class | excitation | {' | '.join(columns)} |", "|" + "---|" * (len(columns) + 2)]
     for name in classes:
         for kind in ("runs", TRAIN, *KINDS):
@@ -341,6 +354,52 @@ def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, 
     path.write_bytes(png_bytes(figure))
 
 
+def report(settings: Settings, figures: dict[str, float]) -> str:
+    """The page: likeness with a picture per class, walking errors, error against seconds of log, transfer."""
+
+    def cells(name: str, factor: float, form: str) -> str:
+        """A figure with its interval, empty if it was not measured."""
+        if name not in figures:
+            return ""
+        found = Estimate(*(figures.get(f"{name}{end}", np.nan) for end in ("", "/low", "/high")))
+        return with_interval(found, factor, form)
+
+    columns = ("auc", "coverage", "nearest_signal")
+    rows = [(kind, *(cells(f"likeness/{kind}/{each}", 1.0, ".2f") for each in columns)) for kind in (TRAIN, *KINDS)]
+    caption = (
+        "AUC of a classifier against held-out walks, coverage of them, distance to the training windows over theirs"
+    )
+    pictures = [
+        Picture(f"{path.stem.removeprefix('likeness_')}: windows, spectra and distributions", path.read_bytes())
+        for path in sorted(settings.out.glob("likeness_*.png"))
+    ]
+    sections = [Section("Likeness", (), tuple(pictures), (Table(("excitation", *columns), rows, caption),))]
+    rows = [
+        (loss, *(cells(f"walking_error/{loss}/{kind}", 1e3, ".0f") for kind in settings.kinds))
+        for loss in settings.losses
+    ]
+    caption = f"error of the trotting robot after {settings.seconds:g} s of log per motor, mean [95 % interval] [mrad]"
+    sections.append(Section("Excitation or loss", tables=(Table(("loss", *settings.kinds), rows, caption),)))
+    if settings.budgets:
+        figure = new_figure(3.0)
+        ((axes,),) = panels(figure, 1)
+        for kind in (*settings.kinds, "active"):
+            known = [seconds for seconds in settings.budgets if f"budget/{kind}/{seconds:g}" in figures]
+            errors = [1e3 * figures[f"budget/{kind}/{seconds:g}"] for seconds in known]
+            axes.loglog(known, errors, "o-", ms=3, color=COLORS.get(kind, "C4"), label=kind)
+        describe(axes, "log per motor [s]", "error of the trotting robot [mrad]")
+        legend_below(figure, axes, columns=6)
+        sections.append(Section("Seconds of log", pictures=(picture(figure, "Closed-loop training, mean over seeds"),)))
+    rows = [
+        (kind, *(cells(f"transfer/{kind}/{name}", 100.0, ".0f") for name in TESTED.values())) for kind in settings.kinds
+    ]
+    if any(any(row[1:]) for row in rows):
+        table = Table(("prior from", *TESTED), rows, "time upright of policies, mean over two benches [%]")
+        sections.append(Section("Transfer", tables=(table,)))
+    given = {name: value for name, value in vars(settings).items() if name != "out"}
+    return page("Learned excitation", sections, given, shlex.join(["python", *sys.argv]))
+
+
 def table(figures: dict[str, float], settings: Settings) -> str:
     """Markdown: a row per loss and excitation."""
     columns = ("walking_error", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf", "growth")
@@ -358,8 +417,9 @@ def main() -> None:
     """Measure; write figures.json, tables and pictures; print the tables."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    figures, _ = run(settings)
+    figures = run(settings)
     write_text(settings.out / "table.md", table(figures, settings))
+    write_text(settings.out / "report.html", report(settings, figures))
     pages = [path.read_text("utf-8") for path in sorted(settings.out.glob("likeness*.md"))]
     print(*pages, table(figures, settings), sep="\n")
 

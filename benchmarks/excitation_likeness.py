@@ -23,6 +23,7 @@ LINEAR = ("impacts", "reversals")  # features [1/s]; of the others the logarithm
 IMPACT = 4.0  # torque rate of an impact over the root mean square of the runs'
 NEIGHBOURS = 5  # of `coverage`
 STREAMS = 8  # from which windows are cut
+SHIFTS = 16  # frames by which a window may be shifted, either way, against one that it copies
 TRAIN = "train"  # the training windows themselves: what an excitation can reach at best
 KINDS = ("sinusoid", "rollout", "surrogate", "recorded", "generated")
 
@@ -76,6 +77,18 @@ def coverage(made: np.ndarray, real: np.ndarray) -> float:
     return float(np.mean(_distances(real, made).min(axis=1) <= reach))
 
 
+def nearest_signal(made: np.ndarray, train: np.ndarray) -> np.ndarray:
+    """(n,) root mean square difference of windows (n, frames, 1 + SUB) to the nearest of ``train`` at any shift.
+
+    Channels are divided by their standard deviation over ``train``.
+    """
+    scale, inner = train.std(axis=(0, 1)) + 1e-9, made.shape[1] - 2 * SHIFTS
+    cut = (made[:, SHIFTS : SHIFTS + inner] / scale).reshape(len(made), -1)
+    shifted = [(train[:, first : first + inner] / scale).reshape(len(train), -1) for first in range(2 * SHIFTS + 1)]
+    squares = [np.sum(cut**2, axis=1)[:, None] - 2.0 * cut @ each.T + np.sum(each**2, axis=1) for each in shifted]
+    return np.sqrt(np.maximum(np.min(squares, axis=(0, 2)), 0.0) / cut.shape[1])
+
+
 def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.linalg.norm(one[:, None] - other[None], axis=2)
 
@@ -87,8 +100,9 @@ def likeness(
 
     Returns:
         ``auc`` of a classifier (0.5 is perfect), ``coverage`` of the test windows, ``nearest``: distance to the
-        training windows over that of the test windows (far below 1: memorised), and the median of each of FEATURES;
-        kind "runs" are the test windows themselves, TRAIN the training windows, without ``nearest``.
+        training windows over that of the test windows in the space of FEATURES, ``nearest_signal``: the same in that of
+        the signals (1: like new data, far below 1: copies), and the median of each of FEATURES; kind "runs" are the
+        test windows themselves, TRAIN the training windows, without both distances.
     """
     return Results.of(_rows(runs, test, seed, kinds, count))
 
@@ -103,9 +117,13 @@ def _rows(
         known, wanted = (features(windows, runs.period, limit) for windows in (train, real))
         for kind in ("runs", TRAIN, *kinds):
             rng = np.random.default_rng([seed, 61, KINDS.index(kind) if kind in KINDS else 99])
-            made = {"runs": wanted, TRAIN: known}.get(kind)
-            if made is None:
-                made = features(windows_of_kind(runs, kind, name, count, rng), runs.period, limit)
+            if kind in ("runs", TRAIN):
+                made = wanted if kind == "runs" else known
+            else:
+                windows = windows_of_kind(runs, kind, name, count, rng)
+                made = features(windows, runs.period, limit)
+                apart = [np.median(nearest_signal(each, train)) for each in (windows, real)]
+                yield Result("nearest_signal", "1", float(apart[0] / apart[1]), kind, part=name)
             if kind != "runs":
                 yield Result("auc", "1", two_sample_auc(made, wanted, seed), kind, part=name)
                 scaled, given = standardise(made, np.concatenate([wanted, known]))

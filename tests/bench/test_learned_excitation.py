@@ -12,10 +12,13 @@ from motorprior.bench.bounded_stream import Bounds, bounded
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.learned_excitation import (
     CHANNELS,
+    CODE,
+    FADE,
     MIN_SCALE,
     SUB,
     LearnedExcitation,
     excitation_of,
+    recorded,
     surrogate,
     weight_shapes,
 )
@@ -35,7 +38,7 @@ def sample(method: str = "recorded") -> LearnedExcitation:
     torque = 0.3 * rng.standard_normal((20, 64, SUB))
     windows = np.concatenate([target[..., None], torque], axis=2)
     limits = np.array([[0.15, 3.0, 100.0, 1.0], [0.5, 12.0, 400.0, 1.5]])
-    shapes = weight_shapes(2, 20).items()
+    shapes = {"codes": (20, CODE), **weight_shapes(2)}.items()
     weights = {n: rng.standard_normal(s) / np.sqrt(np.prod(s[:-1])) if len(s) > 1 else np.zeros(s) for n, s in shapes}
     scales = np.stack([windows[which == kind].std(axis=(0, 1)) for kind in (0, 1)])
     return LearnedExcitation(
@@ -83,16 +86,26 @@ def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
     assert not np.array_equal(target[:, 1], target[:, 2])
 
 
-def test_a_channel_that_is_constant_in_the_runs_stays_zero():
+def test_a_channel_that_is_constant_in_the_runs_stays_constant():
     runs = sample("generated")
     scales = np.column_stack([runs.scales[:, :1], np.full((2, SUB), MIN_SCALE)])
     target, torque = replace(runs, scales=scales).frames(np.random.default_rng(1), 50, np.array([0, 1]))
-    assert target.std() > 0.0 and not torque.any()
+    assert target.std() > 0.0 and np.abs(torque).max() < 100 * MIN_SCALE
+
+
+def test_recorded_windows_are_all_played_and_seams_fade():
+    runs = sample()
+    raw = recorded(runs, np.random.default_rng(0), 10 * (64 - FADE), 1)
+    middles = raw.reshape(10, 64 - FADE, CHANNELS)[:, FADE:]
+    played = {int(np.argmin([np.abs(own[FADE:-FADE] - middle).max() for own in runs.windows])) for middle in middles}
+    assert played == set(range(10, 20))
+    steps = np.abs(np.diff(raw[:, 0])).max()
+    assert steps < 0.4 * 2 * np.pi * 3.0 * DT + 0.8 * np.pi / 2 / FADE  # own speed, and a fade over at most 0.8 rad
 
 
 def test_surrogates_have_the_marginals_and_the_frequency_of_the_runs():
     runs = sample()
-    raw = surrogate(runs, np.random.default_rng(0), 4096, np.array([1]))[:, 0]
+    raw = surrogate(runs, np.random.default_rng(0), 4096, 1)
     knees = runs.windows[runs.window_class == 1].reshape(-1, CHANNELS)
     shares = np.linspace(0.05, 0.95, 19)
     assert np.quantile(raw, shares, axis=0) == pytest.approx(np.quantile(knees, shares, axis=0), abs=0.02)

@@ -1,7 +1,7 @@
 """Excitations learned from runs of a robot: windows that are played, surrogates with their spectrum, or generated.
 
-A frame is one control period: a position target, and SUB external torques. Makers give raw streams (frames, n,
-CHANNELS) of joints of classes ``which`` (n,); `bounded_stream` bounds them. `excitation_of` finds every excitation.
+A frame is one control period: a position target, and SUB external torques. Makers give a raw stream (frames, CHANNELS)
+of a joint of class ``kind``; `bounded_stream` bounds it. `excitation_of` finds every excitation.
 """
 
 from __future__ import annotations
@@ -27,137 +27,114 @@ BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
 GAIT_FRAMES, TRANSITION = 250, 25  # frames of a gait in a generated stream, and of the transition to the next one
 NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
-NOISE, CODE, HARMONICS = 10, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
-LAYERS, EMBEDDING = 3, 96  # layers of the embedding of a gait's phase, and its channels
-NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3)  # channels, taps and dilations of the convolutions
-TARGET_NOISE = 0.1  # factor of the convolutions in the target, which is smooth
-RECEPTIVE = 1 + (TAPS - 1) * sum(DILATIONS)  # frames that one output depends on
+NOISE, CODE, HARMONICS = 8, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
+LAYERS, WIDTH, TAPS = 2, 64, 17  # layers and channels of the network; frames of noise that a frame depends on
+TARGET_NOISE = 0.1  # factor of the noise in the target, which is smooth
 LEAK = 0.2  # slope of the activations for negative inputs
 MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
 UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
-_MIN_SURROGATE = 4096  # frames over which a surrogate has the marginals of the runs
+_SURROGATE = 4096, 64  # frames over which a surrogate has the marginals of the runs; windows whose spectra it mixes
 _REMEDY = "write it again with `motorprior excite`"
 
 
-def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """All windows of each joint's class in random order, then again, with cross-faded seams.
+def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+    """All windows of a class in random order, then again, with cross-faded seams.
 
-    The next window is the one of FOLLOWERS random ones whose beginning differs least from the end of the last.
+    The next window is the one of FOLLOWERS random ones whose targets continue the last one's best.
     """
-    length = runs.windows.shape[1] - FADE
-    rising = 0.5 - 0.5 * np.cos(np.pi * (np.arange(FADE) + 0.5) / FADE)
-    weight = np.concatenate([rising, np.ones(length - FADE), rising[::-1]])[:, None]
-    count = -(-(frames + FADE) // length)
-    out = np.zeros((count * length + FADE, len(which), CHANNELS))
-    for joint, kind in enumerate(which):
-        every = np.flatnonzero(runs.window_class == kind)
-        last, left = rng.choice(every), np.empty(0, int)
-        for slot in range(count):
-            left = left if len(left) else rng.permutation(every)
-            seams = (runs.windows[left[:FOLLOWERS], :FADE] - runs.windows[last, -FADE:]) / runs.scales[kind]
-            best = int(np.argmin(np.sum(seams**2, axis=(1, 2))))
-            last, left = left[best], np.delete(left, best)
-            out[slot * length : (slot + 1) * length + FADE, joint] += weight * runs.windows[last]
-    return out[FADE : FADE + frames]
+    windows, count = runs.windows[runs.window_class == kind], -(-frames // (runs.windows.shape[1] - FADE))
+    last, left, order = rng.integers(len(windows)), np.empty(0, int), []
+    for _ in range(count):
+        left = left if len(left) else rng.permutation(len(windows))
+        seams = windows[left[:FOLLOWERS], :FADE, 0] - windows[last, -FADE:, 0]
+        best = int(np.argmin(np.sum(seams**2, axis=1)))
+        last, left = left[best], np.delete(left, best)
+        order.append(last)
+    rising = (0.5 - 0.5 * np.cos(np.pi * (np.arange(FADE) + 0.5) / FADE))[:, None]
+    played = windows[order]
+    played[1:, :FADE] = rising * played[1:, :FADE] + rising[::-1] * played[:-1, -FADE:]
+    return played[:, :-FADE].reshape(-1, CHANNELS)[:frames]
 
 
-def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """Gaussian processes with the cross-spectra of each joint's class, then its marginals.
+def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+    """A Gaussian process with the cross-spectra of a class, then its marginals.
 
-    Phase-randomised surrogates (Theiler et al., Physica D 58, 1992) of the mean cross-spectrum of the windows,
-    mapped by rank to the windows' values, channel by channel.
+    Phase-randomised surrogate (Theiler et al., Physica D 58, 1992): a sum of the spectra of windows with random complex
+    weights at every frequency, mapped by rank to the windows' values, channel by channel.
     """
-    total, out = max(frames, _MIN_SURROGATE), np.empty((frames, len(which), CHANNELS))
-    for kind in np.unique(which):
-        windows = runs.windows[runs.window_class == kind]
-        spectra = np.fft.rfft(np.hanning(windows.shape[1])[:, None] * windows, axis=1)
-        cross = np.einsum("wfi,wfj->fij", spectra, spectra.conj()) / len(windows)
-        at = np.linspace(0.0, len(cross) - 1.0, total // 2 + 1)
-        low = np.minimum(at.astype(int), len(cross) - 2)
-        share = (at - low)[:, None, None]
-        dense = (1.0 - share) * cross[low] + share * cross[low + 1]
-        scale = np.einsum("fii->fi", dense).real.max(axis=0)
-        factor = np.linalg.cholesky(dense + 1e-6 * np.diag(scale + 1e-12))
-        values = np.sort(windows.reshape(-1, CHANNELS), axis=0)
-        levels = np.linspace(0, len(values) - 1, total).astype(int)
-        for joint in np.flatnonzero(which == kind):
-            noise = rng.standard_normal((2, total // 2 + 1, CHANNELS))
-            process = np.fft.irfft(np.einsum("fij,fj->fi", factor, noise[0] + 1j * noise[1]), n=total, axis=0)
-            ranks = process.argsort(axis=0).argsort(axis=0)
-            out[:, joint] = np.take_along_axis(values[levels], ranks, axis=0)[:frames]
-    return out
+    total, windows = max(frames, _SURROGATE[0]), runs.windows[runs.window_class == kind]
+    mixed = rng.permutation(windows)[: _SURROGATE[1]]
+    spectra = np.fft.rfft(np.hanning(windows.shape[1])[:, None] * mixed, axis=1)
+    at = np.linspace(0.0, spectra.shape[1] - 1.0, total // 2 + 1).round().astype(int)
+    weights = rng.standard_normal((2, len(at), len(mixed)))
+    process = np.fft.irfft(np.einsum("fw,wfi->fi", weights[0] + 1j * weights[1], spectra[:, at]), n=total, axis=0)
+    values = np.sort(windows.reshape(-1, CHANNELS), axis=0)
+    levels = np.linspace(0, len(values) - 1, total).astype(int)
+    return np.take_along_axis(values[levels], process.argsort(axis=0).argsort(axis=0), axis=0)[:frames]
 
 
-def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, which: np.ndarray) -> np.ndarray:
-    """Streams of the generator: convolutions of endless inputs, hence without seams.
+def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+    """A stream of the generator, without seams.
 
-    Every GAIT_FRAMES the next gait follows: frequency, commanded speed and code between those of two similar windows.
+    Every GAIT_FRAMES the next gait follows: frequency, code and commanded speed between those of two similar windows.
     """
-    total, out = frames + RECEPTIVE - 1, np.empty((frames, len(which), CHANNELS))
-    known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])
-    for joint, kind in enumerate(which):
-        at = np.arange(total) + rng.integers(GAIT_FRAMES)
-        number, since = at // GAIT_FRAMES, at % GAIT_FRAMES + 0.5
-        gaits = _gaits(known[runs.window_class == kind], rng, number[-1] + 2)
-        share = 0.5 - 0.5 * np.cos(np.pi * np.minimum(since / TRANSITION, 1.0))[:, None]
-        gait = (1.0 - share) * gaits[number] + share * gaits[number + 1]
-        phase = 2 * np.pi * (rng.random() + runs.period * np.cumsum(np.exp(gait[:, 0])))
-        conditions = np.column_stack([gait[:, 1:], np.tile(np.eye(len(runs.classes))[kind], (total, 1))])
-        noise, scales = rng.standard_normal((1, total, NOISE)), runs.scales[kind]
-        made = generator(runs.weights, phase[None], conditions[None], noise)[0]
-        out[:, joint] = made * np.where(scales > MIN_SCALE, scales, 0.0)
-    return out
+    number, since = np.divmod(np.arange(frames) + rng.integers(GAIT_FRAMES), GAIT_FRAMES)
+    known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])[runs.window_class == kind]
+    first, mixed = rng.integers(len(known), size=number[-1] + 2), rng.uniform(0.0, 0.5, (number[-1] + 2, 1))
+    second = rng.permuted(similar(known)[first], axis=1)[:, 0]
+    gaits = (1.0 - mixed) * known[first] + mixed * known[second]
+    share = 0.5 - 0.5 * np.cos(np.pi * np.minimum((since + 0.5) / TRANSITION, 1.0))[:, None]
+    gait = (1.0 - share) * gaits[number] + share * gaits[number + 1]
+    phase = 2 * np.pi * (rng.random() + runs.period * np.cumsum(np.exp(gait[:, 0])))
+    conditions = np.column_stack([gait[:, 1:], np.eye(len(runs.classes))[np.full(frames, kind)]])
+    noise = rng.standard_normal((1, frames + TAPS - 1, NOISE))
+    return generator(runs.weights, phase[None], conditions[None], noise)[0] * runs.scales[kind]
 
 
-def _gaits(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest rows."""
-    first, share = rng.integers(len(known), size=count), rng.uniform(0.0, 0.5, (count, 1))
-    apart = np.linalg.norm((known[first, None] - known) / (known.std(axis=0) + 1e-9), axis=2)
-    nearest = np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1]
-    second = nearest[np.arange(count), rng.integers(nearest.shape[1], size=count)]
-    return (1.0 - share) * known[first] + share * known[second]
+def similar(known: np.ndarray) -> np.ndarray:
+    """(n, NEIGHBOURS + 1) indices of the rows of ``known`` (n, K) nearest to each row, itself included."""
+    scaled = known / (known.std(axis=0) + 1e-9)
+    apart = np.linalg.norm(scaled[:, None] - scaled, axis=2)
+    return np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1]
 
 
 def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: Any, xp: ModuleType = np) -> Any:
-    """(n, frames - RECEPTIVE + 1, CHANNELS) scaled raw streams; also for JAX.
+    """(n, frames, CHANNELS) scaled raw streams; also for JAX.
 
     Inputs are the gait's phase (n, frames) [rad], conditions (n, frames, CODE + 1 + classes): the code, the commanded
-    speed and the class; and Gaussian noise (n, frames, NOISE). An embedding of phase and conditions, frame by frame,
-    gives mean target and torques; gated convolutions of embedding and noise add oscillations.
+    speed and the class; and Gaussian noise (n, frames + TAPS - 1, NOISE). Layers of phase and conditions, frame by
+    frame, give mean target and torques; one more layer of these and of the filtered noise adds oscillations.
     """
     waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
-    embedding = xp.concatenate([*waves, conditions], axis=2)
+    hidden = xp.concatenate([*waves, conditions], axis=2)
     for layer in range(LAYERS):
-        embedding = embedding @ weights[f"v{layer}"] + weights[f"c{layer}"]
-        embedding = xp.where(embedding > 0.0, embedding, LEAK * embedding)
-    hidden = xp.concatenate([embedding, noise], axis=2)
-    for layer, dilation in enumerate(DILATIONS):
-        found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
-        found = found[..., :NUM_HIDDEN] * (0.5 + 0.5 * xp.tanh(0.5 * found[..., NUM_HIDDEN:]))
-        reach = dilation * (TAPS - 1) // 2
-        hidden = found + hidden[:, reach:-reach] if layer else found
-    base = embedding[:, (RECEPTIVE - 1) // 2 :][:, : hidden.shape[1]] @ weights["w_skip"] + weights["b_out"]
-    return base + (hidden @ weights["w_out"]) * np.array([TARGET_NOISE] + SUB * [1.0], np.float32)
+        hidden = leaky(hidden @ weights[f"w{layer}"] + weights[f"b{layer}"], xp)
+    mean = hidden @ weights["w_mean"] + weights["b_mean"]
+    hidden = xp.concatenate([hidden, convolved(noise, weights["w_filter"])], axis=2)
+    hidden = leaky(hidden @ weights["w_noise"] + weights["b_noise"], xp)
+    return mean + (hidden @ weights["w_out"]) * xp.array([TARGET_NOISE] + SUB * [1.0])
 
 
-def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
+def leaky(signal: Any, xp: ModuleType = np) -> Any:
+    """``signal``, its negative values times LEAK."""
+    return xp.where(signal > 0.0, signal, LEAK * signal)
+
+
+def convolved(signal: Any, kernel: Any, stride: int = 1) -> Any:
     """Convolution of (n, frames, inputs) with (taps, inputs, outputs), without padding."""
-    count = signal.shape[1] - dilation * (len(kernel) - 1)
-    return sum(signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel)))
+    count = signal.shape[1] - len(kernel) + 1
+    return sum(signal[:, tap : tap + count : stride] @ kernel[tap] for tap in range(len(kernel)))
 
 
-def weight_shapes(num_classes: int, num_windows: int) -> dict[str, tuple[int, ...]]:
+def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the generator's weights."""
+    inputs = 2 * HARMONICS + CODE + 1 + num_classes
     shapes: dict[str, tuple[int, ...]] = {
-        "codes": (num_windows, CODE), "w_skip": (EMBEDDING, CHANNELS),
-        "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
+        "w_filter": (TAPS, NOISE, WIDTH), "w_noise": (2 * WIDTH, WIDTH),
+        "b_noise": (WIDTH,), "w_mean": (WIDTH, CHANNELS), "b_mean": (CHANNELS,), "w_out": (WIDTH, CHANNELS),
     }  # fmt: skip
     for layer in range(LAYERS):
-        before = EMBEDDING if layer else 2 * HARMONICS + CODE + 1 + num_classes
-        shapes |= {f"v{layer}": (before, EMBEDDING), f"c{layer}": (EMBEDDING,)}
-    for layer in range(len(DILATIONS)):
-        before = NUM_HIDDEN if layer else EMBEDDING + NOISE
-        shapes |= {f"w{layer}": (TAPS, before, 2 * NUM_HIDDEN), f"b{layer}": (2 * NUM_HIDDEN,)}
+        shapes |= {f"w{layer}": (WIDTH if layer else inputs, WIDTH), f"b{layer}": (WIDTH,)}
     return shapes
 
 
@@ -242,7 +219,7 @@ class LearnedExcitation:
 
     def frames(self, rng: Rng, frames: int, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Targets (frames, n) [rad] and external torques (frames·SUB, n) [N·m] of joints of classes ``which`` (n,)."""
-        raw = MAKERS[self.method](self, rng, frames + BURN_IN + 1, which)
+        raw = np.stack([MAKERS[self.method](self, rng, frames + BURN_IN + 1, kind) for kind in which], axis=1)
         limits = Bounds(*self.bounds[which].T)
         target = bounded(raw[..., 0], limits, self.period)[BURN_IN:]
         torque = soft_clip(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
@@ -259,8 +236,8 @@ class LearnedExcitation:
     def load(cls, path: str | Path) -> LearnedExcitation:
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
-        count, has_weights = len(header["classes"]), header["method"] == "generated" or "w_out" in tensors
-        shapes = weight_shapes(count, len(tensors["commands"])) if has_weights else {}
+        count, has_weights = len(header["classes"]), header["method"] == "generated" or "codes" in tensors
+        shapes = {"codes": ("windows", CODE), **weight_shapes(count)} if has_weights else {}
         weights = {name: Tensor(shape) for name, shape in shapes.items()}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": count})
         return cls(

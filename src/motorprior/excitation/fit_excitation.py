@@ -18,7 +18,7 @@ from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.logs.motor_log import MotorLog, motion_digest
-from motorprior.logs.operations import excited_joints, resample
+from motorprior.logs.operations import EXCITED_STD, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
@@ -55,7 +55,7 @@ def fit_excitation(
         commands: commanded speed of each run [m/s]; unknown if not given.
         steps: training steps of the network.
         seed: of the training, which is deterministic.
-        out: .safetensors file to write; an interrupted training continues from the file next to it.
+        out: .safetensors file to write; training continues from the .checkpoint next to it, also if it is finished.
         progress: where to report to.
 
     Raises:
@@ -70,7 +70,8 @@ def fit_excitation(
     if not logs or len(commands) not in (0, len(logs)):
         problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
         raise ConfigError(problem, remedy=remedy, argument="commands")
-    finished = None if out is None else _finished(Path(out))
+    if out is not None:
+        _require_excitation(Path(out))
     found = windows_of(logs, period, commands)
     trained_on = [
         {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
@@ -82,67 +83,58 @@ def fit_excitation(
         from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
-        if finished is not None and finished.weights and finished.provenance == origin:
-            progress.note(f"{out} has a generator with the same runs and settings already")
-            weights = finished.weights
-        else:
-            started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
-            with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
-                weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
-            progress.note(f"trained in {monotonic() - started:.1f} s")
-        found = replace(found, weights=weights)
+        started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
+        with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
+            found = replace(found, weights=train_generator(found, steps, seed, checkpoint, origin, task.advance))
+        progress.note(f"trained in {monotonic() - started:.1f} s")
     found = replace(found.with_method(method), provenance=origin)
     if out is not None:
         found.save(Path(out))
-        Path(out).with_suffix(".checkpoint").unlink(missing_ok=True)
     return found
 
 
-def _finished(out: Path) -> LearnedExcitation | None:
-    """The excitation in a file, None if it is damaged or there is none; ConfigError for an artifact of another kind."""
+def _require_excitation(out: Path) -> None:
+    """Raise ConfigError if a file is an artifact of another kind, which would be overwritten."""
     with suppress(ArtifactError):
         kind = read_tensors(out)[1].get("kind")
         if kind != "excitation":
             raise ConfigError(f"{out} is a {kind}", remedy="give another file", argument="out")
-        return LearnedExcitation.load(out)
-    return None
 
 
 def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float] = ()) -> LearnedExcitation:
     """The windows of runs with a control period of ``period`` [s] and commanded speeds [m/s], played by themselves.
 
-    Static joints are left out. Raises `LogError` if no segment with a moving joint is as long as a window.
+    Windows with a static target are left out. Raises `LogError` if no window is left.
     """
     frames = round(SECONDS / period)
-    rows: list[tuple[str, float, np.ndarray, np.ndarray]] = []  # class, command, target around the window, window
-    inertia: dict[str, list[float]] = {}
+    by_class: dict[str, list[tuple[np.ndarray, ...]]] = {}  # class -> window, target around it, command, load inertia
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
-        by_name = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
-        kinds = by_name if any(by_name) else log.joint_names
+        names = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
         for segment in (each for each in log.segments() if each.duration > SECONDS):
             grid = resample(segment, period / SUB)
-            for joint in excited_joints(segment).tolist():
-                whole = _frames(grid, joint)
+            loads = np.full_like(grid.position_target, np.nan) if grid.load_inertia is None else grid.load_inertia
+            for joint, kind in enumerate(names if any(names) else log.joint_names):
+                whole, load = _frames(grid, joint), np.median(loads[:, joint])
                 for first in range(0, len(whole) - frames + 1, frames // OVERLAP):
-                    around = whole[max(0, first - frames) : first + 2 * frames, 0]
-                    rows.append((kinds[joint], command, around, whole[first : first + frames]))
-                if grid.load_inertia is not None:
-                    inertia.setdefault(kinds[joint], []).append(float(np.median(grid.load_inertia[:, joint])))
-    if not rows:
+                    window, around = (
+                        whole[first : first + frames],
+                        whole[max(0, first - frames) : first + 2 * frames, 0],
+                    )
+                    if window[:, 0].std() > EXCITED_STD:
+                        by_class.setdefault(kind, []).append((window, around, np.array(command), load))
+    if not by_class:
         remedy = "record longer runs, or runs that move"
-        raise LogError(f"no segment of {SECONDS:g} s with a moving joint", where=logs[0].source, remedy=remedy)
-    classes = tuple(dict.fromkeys(row[0] for row in rows))
-    of_kind = [[row for row in rows if row[0] == kind] for kind in classes]
-    places = [np.unique(np.linspace(0, len(each) - 1, MAX_WINDOWS).astype(int)) for each in of_kind]
-    kept = [each[place] for each, chosen in zip(of_kind, places, strict=True) for place in chosen]
-    which, windows = np.array([classes.index(row[0]) for row in kept]), np.stack([row[3] for row in kept])
-    of_class = [windows[which == kind] for kind in range(len(classes))]
-    ranges = [(min(inertia[kind]), max(inertia[kind])) if kind in inertia else (UNKNOWN_LOAD,) * 2 for kind in classes]
+        raise LogError(f"no window of {SECONDS:g} s with a moving joint", where=logs[0].source, remedy=remedy)
+    places = [np.unique(np.linspace(0, len(own) - 1, MAX_WINDOWS).astype(int)) for own in by_class.values()]
+    kept = [own[place] for own, chosen in zip(by_class.values(), places, strict=True) for place in chosen]
+    windows, which = np.stack([each[0] for each in kept]), np.repeat(np.arange(len(places)), [len(p) for p in places])
+    of_class = [windows[which == kind] for kind in range(len(places))]
+    known = [[each[3] for each in own if each[3] > 0.0] or [UNKNOWN_LOAD] for own in by_class.values()]
     return LearnedExcitation(
-        "recorded", classes, period, windows, which,
-        np.array([row[1] for row in kept], float), np.array([gait_frequency(row[2], period) for row in kept]),
+        "recorded", tuple(by_class), period, windows, which,
+        np.array([each[2] for each in kept], float), np.array([gait_frequency(each[1], period) for each in kept]),
         np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in of_class]),
-        np.array([_bounds(own, period) for own in of_class]), np.array(ranges),
+        np.array([_bounds(own, period) for own in of_class]), np.array([(min(own), max(own)) for own in known]),
     )  # fmt: skip
 
 
