@@ -72,7 +72,7 @@ class Settings:
     robot: str = "pupper_v2"
     fleet: str = "pupper_v2"  # population of motors
     runs: int = 10  # walks to learn from; 0: only the real logs
-    held_out_runs: int = 6  # other walks, for the likeness
+    held_out_runs: int = 20  # other walks, for the likeness: windows of one trot are much alike
     run_seconds: float = 20.0  # of a walk [s]
     training_steps: int = STEPS  # of the generator
     motors: int = 32  # on the bench, and as many held-out ones

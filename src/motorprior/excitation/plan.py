@@ -92,31 +92,22 @@ def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: st
     return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
 
 
-def greedy(added: np.ndarray, count: int) -> list[int]:
-    """Indices of ``count`` matrices (n, K, K) whose sum with the identity has a large determinant, in order."""
-    total, chosen = np.eye(added.shape[1]), []
-    for _ in range(count):
+def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
+    """The windows that identify every constant that all windows identify, given their information (n, K, K)."""
+    slopes, alone = _slopes(model), np.eye(added.shape[1])
+
+    def deviations(total: np.ndarray) -> dict[str, float]:
+        return {key: float(np.sqrt(slope @ np.linalg.solve(total, slope))) for key, slope in slopes.items()}
+
+    reachable = [key for key, value in deviations(alone + added.sum(axis=0)).items() if value < IDENTIFIED]
+    total, chosen, after = alone, [], deviations(alone)
+    while not chosen or (len(chosen) < len(added) and any(after[key] >= IDENTIFIED for key in reachable)):
         gains = np.linalg.slogdet(total + added)[1]
         gains[chosen] = -np.inf
         chosen.append(int(np.argmax(gains)))
         total = total + added[chosen[-1]]
-    return chosen
-
-
-def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
-    slopes = _slopes(model)
-
-    def deviations(total: np.ndarray) -> dict[str, float]:
-        covariance = np.linalg.inv(np.eye(len(total)) + total)
-        return {key: float(np.sqrt(slope @ covariance @ slope)) for key, slope in slopes.items()}
-
-    order = greedy(added, len(added))
-    sums = np.cumsum(added[order], axis=0)
-    after = [deviations(total) for total in sums]
-    reachable = [key for key, value in after[-1].items() if value < IDENTIFIED]
-    enough = next(i for i, each in enumerate(after) if all(each[key] < IDENTIFIED for key in reachable))
-    before = deviations(np.zeros_like(sums[0]))
-    return Plan(name, (enough + 1) * seconds, before, after[enough], np.array(order[: enough + 1]))
+        after = deviations(total)
+    return Plan(name, len(chosen) * seconds, deviations(alone), after, np.array(chosen))
 
 
 def _slopes(model: GreyBox) -> dict[str, np.ndarray]:
