@@ -6,7 +6,7 @@ al., ICML 2018). With z for code and noise, and z' with a code between those of 
     Σ_i w_i·|x_i - G(z)_i| + MATCHING·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - C(G(z'))             of codes and generator,
     max(0, 1 - C(x)) + max(0, 1 + C(G(z')))                                                of the critic C.
 
-x_i are the columns of `seen`. C_l are the inputs and hidden layers of the critic, s are mean, standard deviation,
+x_i are the columns of `_seen`. C_l are the inputs and hidden layers of the critic, s are mean, standard deviation,
 maximum and minimum over the window (feature matching, Salimans et al., NeurIPS 2016). The critic's weights have
 spectral norm 1 (Miyato et al., ICLR 2018).
 """
@@ -25,19 +25,8 @@ import numpy as np
 import optax
 
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.learned_excitation import (
-    CHANNELS,
-    CODE,
-    NOISE,
-    SUB,
-    TAPS,
-    LearnedExcitation,
-    convolved,
-    generator,
-    leaky,
-    similar,
-    weight_shapes,
-)
+from motorprior.bench import learned_excitation
+from motorprior.bench.learned_excitation import CHANNELS, CODE, NOISE, SUB, TAPS, LearnedExcitation
 from motorprior.exceptions import ArtifactError
 from motorprior.progress import ReportProgress
 
@@ -100,7 +89,7 @@ def train_generator(
 
 
 def _data(runs: LearnedExcitation) -> Weights:
-    """Of every window: itself, scaled; command and class; phases; initial code; similar windows; see `seen`."""
+    """Of every window: itself, scaled; command and class; phases; initial code; similar windows; see `_seen`."""
     kinds = np.eye(len(runs.classes))[runs.window_class]
     windows = runs.windows / runs.scales[runs.window_class][:, None]
     squares = np.stack([np.mean(part**2, axis=(1, 2)) for part in _derivatives(windows, np)], axis=1)
@@ -118,7 +107,7 @@ def _data(runs: LearnedExcitation) -> Weights:
     codes = np.linalg.svd(known, full_matrices=False)[0][:, :CODE] * len(known) ** 0.5
     codes = np.pad(codes, ((0, 0), (0, CODE - codes.shape[1])))
     given = np.column_stack([runs.commands, kinds])
-    near = similar(np.column_stack([np.log(runs.frequency), codes, 1e3 * given]))
+    near = learned_excitation.similar(np.column_stack([np.log(runs.frequency), codes, 1e3 * given]))
     found = {"windows": windows, "given": given, "phases": phases, "codes": codes, "sizes": sizes}
     return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()} | {"similar": jnp.asarray(near)}
 
@@ -135,7 +124,11 @@ def _initial(runs: LearnedExcitation, seed: int, data: Weights) -> dict[str, Any
         scales = {n: (not n.startswith("b")) / np.sqrt(max(1, np.prod(shape[:-1]))) for n, shape in shapes.items()}
         return {n: jnp.asarray(scales[n] * rng.standard_normal(s), jnp.float32) for n, s in shapes.items()}
 
-    return {"codes": data["codes"], "generator": weights(weight_shapes(len(runs.classes))), "critic": weights(critic)}
+    return {
+        "codes": data["codes"],
+        "generator": weights(learned_excitation.weight_shapes(len(runs.classes))),
+        "critic": weights(critic),
+    }
 
 
 def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
@@ -164,7 +157,8 @@ def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
         kernel = critic[f"w{layer}"]
         matrix = kernel.reshape(-1, CRITIC_WIDTH)
         norm = jnp.sqrt(jnp.linalg.eigvalsh(matrix.T @ matrix)[-1])
-        layers.append(leaky(convolved(layers[-1], kernel / norm, STRIDE) + critic[f"b{layer}"], jnp))
+        found = learned_excitation.convolved(layers[-1], kernel / norm, STRIDE) + critic[f"b{layer}"]
+        layers.append(learned_excitation.leaky(found, jnp))
     pooled = [
         jnp.concatenate([x.mean(axis=1), jnp.sqrt(x.var(axis=1) + 1e-6), x.max(axis=1), x.min(axis=1)], axis=1)
         for x in layers
@@ -173,29 +167,31 @@ def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
 
 
 def _loss(networks: dict[str, Any], data: Weights, key: Any) -> tuple[Any, Any]:
-    """Loss of all networks for a random batch; and of the reconstruction, and the critic's gap."""
-    pick, other, mix, *sounds = jax.random.split(key, 5)
+    """Loss of all networks for a random batch; loss of the reconstruction, and the critic's gap."""
+    pick, other, mix, *noise_keys = jax.random.split(key, 5)
     chosen = jax.random.randint(pick, (BATCH,), 0, len(data["windows"]))
     own = {name: value[chosen] for name, value in data.items()}
     second = jax.random.permutation(other, own["similar"], axis=1, independent=True)[:, 0]
     share = jax.random.uniform(mix, (BATCH, 1), maxval=0.5)
     frozen = jax.lax.stop_gradient(networks["critic"])
 
-    def made(codes: Any, sound: Any) -> Any:
+    def generated(codes: Any, noise_key: Any) -> Any:
         conditions = jnp.concatenate([codes, own["given"]], axis=1)[:, None]
         conditions = jnp.broadcast_to(conditions, (*own["phases"].shape, conditions.shape[2]))
-        noise = jax.random.normal(sound, (BATCH, own["phases"].shape[1] + TAPS - 1, NOISE))
-        return _seen(generator(networks["generator"], own["phases"], conditions, noise, jnp), own)
+        noise = jax.random.normal(noise_key, (BATCH, own["phases"].shape[1] + TAPS - 1, NOISE))
+        return _seen(learned_excitation.generator(networks["generator"], own["phases"], conditions, noise, jnp), own)
 
     codes = networks["codes"][chosen]
-    real, rebuilt = _seen(own["windows"], own), made(codes, sounds[0])
-    mixed = made((1.0 - share) * codes + share * networks["codes"][second], sounds[1])
+    real, rebuilt = _seen(own["windows"], own), generated(codes, noise_keys[0])
+    mixed = generated((1.0 - share) * codes + share * networks["codes"][second], noise_keys[1])
     of_real, wanted = _scores(networks["critic"], real)
     of_fake, _ = _scores(networks["critic"], jax.lax.stop_gradient(mixed))
     hinge = jnp.mean(jax.nn.relu(1.0 - of_real)) + jnp.mean(jax.nn.relu(1.0 + of_fake))
     columns = len(RECONSTRUCTION)
-    apart = jnp.mean(jnp.abs(rebuilt - real)[..., :columns], axis=(0, 1)) @ jnp.array(RECONSTRUCTION)
+    reconstruction = jnp.mean(jnp.abs(rebuilt - real)[..., :columns], axis=(0, 1)) @ jnp.array(RECONSTRUCTION)
     pairs = zip(_scores(frozen, rebuilt)[1], jax.lax.stop_gradient(wanted), strict=True)
     matching = sum(jnp.mean(jnp.abs(a - b)) for a, b in pairs)
     score = jnp.mean(_scores(frozen, mixed)[0])
-    return hinge + apart + MATCHING * matching - score, jnp.stack([apart, of_real.mean() - of_fake.mean()])
+    return hinge + reconstruction + MATCHING * matching - score, jnp.stack(
+        [reconstruction, of_real.mean() - of_fake.mean()]
+    )
