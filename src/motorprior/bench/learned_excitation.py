@@ -27,9 +27,11 @@ BURN_IN = 50  # frames discarded at the start of a stream
 FADE, FOLLOWERS = 10, 128  # frames of a cross-fade between two windows; windows from which the next one is chosen
 GAIT_FRAMES, TRANSITION = 250, 25  # frames of a gait in a generated stream, and of the transition to the next one
 NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
-NOISE, CODE, HARMONICS = 8, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
-LAYERS, WIDTH, TAPS = 2, 64, 17  # layers and channels of the network; frames of noise that a frame depends on
-TARGET_NOISE = 0.1  # factor of the noise in the target, which is smooth
+NOISE, CODE, HARMONICS = 10, 12, 10  # inputs: noise per frame, code of a window, harmonics of the gait's phase
+LAYERS, EMBEDDING = 3, 96  # layers of the embedding of a gait's phase, and its channels
+NUM_HIDDEN, TAPS, DILATIONS = 32, 5, (1, 3)  # channels, taps and dilations of the convolutions
+TARGET_NOISE = 0.1  # factor of the convolutions in the target, which is smooth
+EDGE = (TAPS - 1) * sum(DILATIONS) // 2  # frames before and after an output that it depends on
 LEAK = 0.2  # slope of the activations for negative inputs
 MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
 UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
@@ -74,44 +76,48 @@ def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, ki
 
 
 def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
-    """A stream of the generator, without seams.
+    """A stream of the generator, convolutions of endless inputs, hence without seams.
 
     Every GAIT_FRAMES the next gait follows: frequency, code and commanded speed between those of two similar windows.
     """
-    number, since = np.divmod(np.arange(frames) + rng.integers(GAIT_FRAMES), GAIT_FRAMES)
+    total = frames + 2 * EDGE
+    number, since = np.divmod(np.arange(total) + rng.integers(GAIT_FRAMES), GAIT_FRAMES)
     known = np.column_stack([np.log(runs.frequency), runs.weights["codes"], runs.commands])[runs.window_class == kind]
-    first, mixed = rng.integers(len(known), size=number[-1] + 2), rng.uniform(0.0, 0.5, (number[-1] + 2, 1))
-    second = rng.permuted(similar(known)[first], axis=1)[:, 0]
-    gaits = (1.0 - mixed) * known[first] + mixed * known[second]
+    gaits = _gaits(known, rng, number[-1] + 2)
     share = 0.5 - 0.5 * np.cos(np.pi * np.minimum((since + 0.5) / TRANSITION, 1.0))[:, None]
     gait = (1.0 - share) * gaits[number] + share * gaits[number + 1]
     phase = 2 * np.pi * (rng.random() + runs.period * np.cumsum(np.exp(gait[:, 0])))
-    conditions = np.column_stack([gait[:, 1:], np.eye(len(runs.classes))[np.full(frames, kind)]])
-    noise = rng.standard_normal((1, frames + TAPS - 1, NOISE))
+    conditions = np.column_stack([gait[:, 1:], np.eye(len(runs.classes))[np.full(total, kind)]])
+    noise = rng.standard_normal((1, total, NOISE))
     return generator(runs.weights, phase[None], conditions[None], noise)[0] * runs.scales[kind]
 
 
-def similar(known: np.ndarray) -> np.ndarray:
-    """(n, NEIGHBOURS + 1) indices of the rows of ``known`` (n, K) nearest to each row, itself included."""
-    scaled = known / (known.std(axis=0) + 1e-9)
-    apart = np.linalg.norm(scaled[:, None] - scaled, axis=2)
-    return np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1]
+def _gaits(known: np.ndarray, rng: np.random.Generator, count: int) -> np.ndarray:
+    """(count, K) random points between a row of ``known`` (n, K) and one of its nearest rows."""
+    first, share = rng.integers(len(known), size=count), rng.uniform(0.0, 0.5, (count, 1))
+    apart = np.linalg.norm((known[first, None] - known) / (known.std(axis=0) + 1e-9), axis=2)
+    second = rng.permuted(np.argsort(apart, axis=1)[:, : NEIGHBOURS + 1], axis=1)[:, 0]
+    return (1.0 - share) * known[first] + share * known[second]
 
 
 def generator(weights: Mapping[str, Any], phase: Any, conditions: Any, noise: Any, xp: ModuleType = np) -> Any:
-    """(n, frames, CHANNELS) scaled raw streams; also for JAX.
+    """(n, frames - 2 EDGE, CHANNELS) scaled raw streams; also for JAX.
 
     Inputs are the gait's phase (n, frames) [rad], conditions (n, frames, CODE + 1 + classes): the code, the commanded
-    speed and the class; and Gaussian noise (n, frames + TAPS - 1, NOISE). Layers of phase and conditions, frame by
-    frame, give mean target and torques; one more layer of these and of the filtered noise adds oscillations.
+    speed and the class; and Gaussian noise (n, frames, NOISE). An embedding of phase and conditions, frame by frame,
+    gives mean target and torques; gated convolutions of embedding and noise add oscillations.
     """
     waves = [wave(order * phase)[..., None] for order in range(1, HARMONICS + 1) for wave in (xp.sin, xp.cos)]
-    hidden = xp.concatenate([*waves, conditions], axis=2)
+    embedding = xp.concatenate([*waves, conditions], axis=2)
     for layer in range(LAYERS):
-        hidden = leaky(hidden @ weights[f"w{layer}"] + weights[f"b{layer}"], xp)
-    mean = hidden @ weights["w_mean"] + weights["b_mean"]
-    hidden = xp.concatenate([hidden, convolved(noise, weights["w_filter"])], axis=2)
-    hidden = leaky(hidden @ weights["w_noise"] + weights["b_noise"], xp)
+        embedding = leaky(embedding @ weights[f"v{layer}"] + weights[f"c{layer}"], xp)
+    hidden = xp.concatenate([embedding, noise], axis=2)
+    for layer, dilation in enumerate(DILATIONS):
+        found = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
+        found = found[..., :NUM_HIDDEN] * (0.5 + 0.5 * xp.tanh(0.5 * found[..., NUM_HIDDEN:]))
+        reach = dilation * (TAPS - 1) // 2
+        hidden = found + hidden[:, reach:-reach] if layer else found
+    mean = embedding[:, EDGE:-EDGE] @ weights["w_skip"] + weights["b_out"]
     return mean + (hidden @ weights["w_out"]) * xp.array([TARGET_NOISE] + SUB * [1.0])
 
 
@@ -120,21 +126,23 @@ def leaky(signal: Any, xp: ModuleType = np) -> Any:
     return xp.where(signal > 0.0, signal, LEAK * signal)
 
 
-def convolved(signal: Any, kernel: Any, stride: int = 1) -> Any:
+def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
     """Convolution of (n, frames, inputs) with (taps, inputs, outputs), without padding."""
-    count = signal.shape[1] - len(kernel) + 1
-    return sum(signal[:, tap : tap + count : stride] @ kernel[tap] for tap in range(len(kernel)))
+    count = signal.shape[1] - dilation * (len(kernel) - 1)
+    return sum(signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel)))
 
 
 def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the generator's weights."""
     inputs = 2 * HARMONICS + CODE + 1 + num_classes
     shapes: dict[str, tuple[int, ...]] = {
-        "w_filter": (TAPS, NOISE, WIDTH), "w_noise": (2 * WIDTH, WIDTH),
-        "b_noise": (WIDTH,), "w_mean": (WIDTH, CHANNELS), "b_mean": (CHANNELS,), "w_out": (WIDTH, CHANNELS),
+        "w_skip": (EMBEDDING, CHANNELS), "w_out": (NUM_HIDDEN, CHANNELS), "b_out": (CHANNELS,),
     }  # fmt: skip
     for layer in range(LAYERS):
-        shapes |= {f"w{layer}": (WIDTH if layer else inputs, WIDTH), f"b{layer}": (WIDTH,)}
+        shapes |= {f"v{layer}": (EMBEDDING if layer else inputs, EMBEDDING), f"c{layer}": (EMBEDDING,)}
+    for layer in range(len(DILATIONS)):
+        before = NUM_HIDDEN if layer else EMBEDDING + NOISE
+        shapes |= {f"w{layer}": (TAPS, before, 2 * NUM_HIDDEN), f"b{layer}": (2 * NUM_HIDDEN,)}
     return shapes
 
 

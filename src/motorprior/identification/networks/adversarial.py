@@ -1,14 +1,14 @@
 """A generator of windows of joint motion, trained by reconstruction and against a critic.
 
-Every recorded window x has a code, which is trained with the generator G (generative latent optimisation, Bojanowski et
-al., ICML 2018). With z for code and noise, and z' with a code between those of two similar windows, the loss is
+Every recorded window x has a code and a gait phase, which are trained with the generator G (generative latent
+optimisation, Bojanowski et al., ICML 2018). With z for code, phase and noise, the losses are
 
-    Σ_i w_i·|x_i - G(z)_i| + MATCHING·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - C(G(z'))             of codes and generator,
-    max(0, 1 - C(x)) + max(0, 1 + C(G(z')))                                                of the critic C.
+    Σ_i w_i·|r_i(x) - r_i(G(z))| + MATCHING·Σ_l |s(C_l(x)) - s(C_l(G(z)))| - C(G(z))    of codes and generator,
+    max(0, 1 - C(x)) + max(0, 1 + C(G(z)))                                              of the critic C.
 
-x_i are the columns of `_seen`. C_l are the inputs and hidden layers of the critic, s are mean, standard deviation,
-maximum and minimum over the window (feature matching, Salimans et al., NeurIPS 2016). The critic's weights have
-spectral norm 1 (Miyato et al., ICLR 2018).
+r_i are the target, its differences, their differences and the mean torque of a frame. C_l are the inputs and hidden
+layers of the critic, s are mean, standard deviation, maximum and minimum over the window (feature matching, Salimans
+et al., NeurIPS 2016). The critic's weights have spectral norm 1 (Miyato et al., ICLR 2018).
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ import optax
 
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import learned_excitation
-from motorprior.bench.learned_excitation import CHANNELS, CODE, NOISE, SUB, TAPS, LearnedExcitation
+from motorprior.bench.learned_excitation import CHANNELS, CODE, EDGE, NOISE, SUB, LearnedExcitation
 from motorprior.exceptions import ArtifactError
 from motorprior.progress import ReportProgress
 
 CHUNK, BATCH = 25, 32  # steps per compiled call; windows per step
 RATES = {"codes": 2e-2, "generator": 3e-3, "critic": 1e-3}  # learning rates of Adam, which decay to 0 (cosine)
-RECONSTRUCTION = [10.0] + SUB * [0.4] + [5.0, 10.0]  # w_i of target, torques, differences of the target, and theirs
+RECONSTRUCTION = [10.0, 5.0, 10.0, 3.0]  # w_i
 MATCHING = 5.0
+CODE_NOISE = 0.05  # standard deviation of noise on codes in training: similar codes then give similar windows
+PHASE_UNIT = 0.2  # unit of the trained phases [rad]: they have the codes' learning rate
 CRITIC_LAYERS, CRITIC_WIDTH, CRITIC_TAPS, STRIDE = 3, 48, 5, 2  # convolutions of the critic
 ORDERS = 6  # harmonics in the initial codes
 Weights: TypeAlias = dict[str, Any]
@@ -84,32 +86,31 @@ def train_generator(
             arrays = {str(index): np.asarray(leaf) for index, leaf in enumerate(jax.tree.leaves(state))}
             write_tensors(checkpoint, arrays, {"identity": identity, "steps": begin + count})
         report(count, "reconstruction {:.2f}, critic's gap {:.2f}".format(*losses.tolist()))
-    found = state[0]["generator"] | {"codes": state[0]["codes"]}
+    found = state[0]["generator"] | {"codes": state[0]["codes"][:, :CODE]}
     return {name: np.asarray(value, np.float64) for name, value in found.items()}
 
 
 def _data(runs: LearnedExcitation) -> Weights:
-    """Of every window: itself, scaled; command and class; phases; initial code; similar windows; see `_seen`."""
+    """Of every window: scaled signals; command and class; phases; initial code; sizes of its class's `_derivatives`."""
     kinds = np.eye(len(runs.classes))[runs.window_class]
+    class_means = kinds @ np.linalg.pinv(kinds)
     windows = runs.windows / runs.scales[runs.window_class][:, None]
     squares = np.stack([np.mean(part**2, axis=(1, 2)) for part in _derivatives(windows, np)], axis=1)
-    sizes = np.sqrt(kinds @ (np.linalg.pinv(kinds) @ squares)) + 1e-6  # of the class
-    centred = windows[..., 0] - windows[..., 0].mean(axis=1, keepdims=True)
-    turned = 2 * np.pi * runs.frequency[:, None] * runs.period * np.arange(windows.shape[1])
-    taper = np.hanning(windows.shape[1]) / windows.shape[1]
-    phases = turned + np.angle((np.exp(-1j * turned) * centred) @ taper)[:, None]
+    # phase of the gait, that of the target's fundamental, also EDGE frames around the window
+    taper = np.hanning(windows.shape[1]) / np.hanning(windows.shape[1]).sum()
+    turned = 2 * np.pi * runs.frequency[:, None] * runs.period * np.arange(-EDGE, windows.shape[1] + EDGE)
+    target = windows[..., 0] - windows[..., 0].mean(axis=1, keepdims=True)
+    phases = turned + np.angle((np.exp(-1j * turned[:, EDGE:-EDGE]) * target) @ taper)[:, None]
     # codes begin as principal components of harmonics of target and torque, and of sizes of `_derivatives`
-    waves = np.exp(-1j * np.arange(ORDERS + 1)[:, None, None] * phases) * taper
+    waves = 2.0 * taper * np.exp(-1j * np.arange(ORDERS + 1)[:, None, None] * phases[:, EDGE:-EDGE])
     signals = np.stack([windows[..., 0], windows[..., 1:].mean(axis=2)])
     harmonics = np.einsum("kwf,swf->wks", waves, signals).reshape(len(windows), -1)
     known = np.column_stack([harmonics.real, harmonics.imag, 0.5 * np.log(squares + 1e-6)])
-    known = known - kinds @ (np.linalg.pinv(kinds) @ known)
-    codes = np.linalg.svd(known, full_matrices=False)[0][:, :CODE] * len(known) ** 0.5
-    codes = np.pad(codes, ((0, 0), (0, CODE - codes.shape[1])))
-    given = np.column_stack([runs.commands, kinds])
-    near = learned_excitation.similar(np.column_stack([np.log(runs.frequency), codes, 1e3 * given]))
-    found = {"windows": windows, "given": given, "phases": phases, "codes": codes, "sizes": sizes}
-    return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()} | {"similar": jnp.asarray(near)}
+    codes = np.linalg.svd(known - class_means @ known, full_matrices=False)[0][:, :CODE] * len(known) ** 0.5
+    codes = np.pad(codes, ((0, 0), (0, CODE + 1 - codes.shape[1])))  # the last number is the trained phase
+    conditions, sizes = np.column_stack([runs.commands, kinds]), np.sqrt(class_means @ squares) + 1e-6
+    found = {"windows": windows, "conditions": conditions, "phases": phases, "codes": codes, "sizes": sizes}
+    return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()}
 
 
 def _initial(runs: LearnedExcitation, seed: int, data: Weights) -> dict[str, Any]:
@@ -121,7 +122,7 @@ def _initial(runs: LearnedExcitation, seed: int, data: Weights) -> dict[str, Any
         critic |= {f"w{layer}": (CRITIC_TAPS, given, CRITIC_WIDTH), f"b{layer}": (CRITIC_WIDTH,)}
 
     def weights(shapes: Mapping[str, tuple[int, ...]]) -> Weights:
-        scales = {n: (not n.startswith("b")) / np.sqrt(max(1, np.prod(shape[:-1]))) for n, shape in shapes.items()}
+        scales = {n: (n[0] not in "bc") / np.sqrt(max(1, np.prod(shape[:-1]))) for n, shape in shapes.items()}
         return {n: jnp.asarray(scales[n] * rng.standard_normal(s), jnp.float32) for n, s in shapes.items()}
 
     return {
@@ -140,14 +141,13 @@ def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
 
 
 def _seen(windows: Any, own: Weights) -> Any:
-    """(B, frames - 2, CHANNELS + 2 + SUB + classes + 1) inputs of the critic: windows, `_derivatives`, what is given.
+    """(B, frames - 2, CHANNELS + 2 + SUB + 1 + classes) inputs of the critic: windows, `_derivatives`, conditions.
 
     Windows and their derivatives are scaled; derivatives are compressed, since impacts would outweigh all else.
     """
     sizes = own["sizes"][:, :, None, None]
     parts = [jnp.arcsinh(part / sizes[:, index]) for index, part in enumerate(_derivatives(windows))]
-    given = jnp.broadcast_to(own["given"][:, None], (*parts[0].shape[:2], own["given"].shape[1]))
-    return jnp.concatenate([windows[:, 2:], *parts, given], axis=2)
+    return jnp.concatenate([windows[:, 2:], *parts, _at_frames(own["conditions"], windows.shape[1] - 2)], axis=2)
 
 
 def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
@@ -166,32 +166,33 @@ def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
     return pooled[-1] @ critic["w_out"] / jnp.linalg.norm(critic["w_out"]), pooled
 
 
+def _at_frames(values: Any, frames: int) -> Any:
+    """(B, frames, K) of values (B, K)."""
+    return jnp.broadcast_to(values[:, None], (len(values), frames, values.shape[1]))
+
+
 def _loss(networks: dict[str, Any], data: Weights, key: Any) -> tuple[Any, Any]:
-    """Loss of all networks for a random batch; loss of the reconstruction, and the critic's gap."""
-    pick, other, mix, *noise_keys = jax.random.split(key, 5)
-    chosen = jax.random.randint(pick, (BATCH,), 0, len(data["windows"]))
+    """Sum of the losses of all networks for a random batch; loss of the reconstruction, and the critic's gap."""
+    batch_key, code_key, noise_key = jax.random.split(key, 3)
+    chosen = jax.random.randint(batch_key, (BATCH,), 0, len(data["windows"]))
     own = {name: value[chosen] for name, value in data.items()}
-    second = jax.random.permutation(other, own["similar"], axis=1, independent=True)[:, 0]
-    share = jax.random.uniform(mix, (BATCH, 1), maxval=0.5)
-    frozen = jax.lax.stop_gradient(networks["critic"])
+    codes, phases = networks["codes"][chosen, :CODE], own["phases"] + PHASE_UNIT * networks["codes"][chosen, CODE:]
+    codes = codes + CODE_NOISE * jax.random.normal(code_key, codes.shape)
+    conditions = _at_frames(jnp.concatenate([codes, own["conditions"]], axis=1), phases.shape[1])
+    noise = jax.random.normal(noise_key, (*phases.shape, NOISE))
+    made = learned_excitation.generator(networks["generator"], phases, conditions, noise, jnp)
+    real, fake = _seen(own["windows"], own), _seen(made, own)
 
-    def generated(codes: Any, noise_key: Any) -> Any:
-        conditions = jnp.concatenate([codes, own["given"]], axis=1)[:, None]
-        conditions = jnp.broadcast_to(conditions, (*own["phases"].shape, conditions.shape[2]))
-        noise = jax.random.normal(noise_key, (BATCH, own["phases"].shape[1] + TAPS - 1, NOISE))
-        return _seen(learned_excitation.generator(networks["generator"], own["phases"], conditions, noise, jnp), own)
+    score_of_real, layers = _scores(networks["critic"], real)
+    score_of_fake, _ = _scores(networks["critic"], jax.lax.stop_gradient(fake))
+    hinge = jnp.mean(jax.nn.relu(1.0 - score_of_real)) + jnp.mean(jax.nn.relu(1.0 + score_of_fake))
 
-    codes = networks["codes"][chosen]
-    real, rebuilt = _seen(own["windows"], own), generated(codes, noise_keys[0])
-    mixed = generated((1.0 - share) * codes + share * networks["codes"][second], noise_keys[1])
-    of_real, wanted = _scores(networks["critic"], real)
-    of_fake, _ = _scores(networks["critic"], jax.lax.stop_gradient(mixed))
-    hinge = jnp.mean(jax.nn.relu(1.0 - of_real)) + jnp.mean(jax.nn.relu(1.0 + of_fake))
-    columns = len(RECONSTRUCTION)
-    reconstruction = jnp.mean(jnp.abs(rebuilt - real)[..., :columns], axis=(0, 1)) @ jnp.array(RECONSTRUCTION)
-    pairs = zip(_scores(frozen, rebuilt)[1], jax.lax.stop_gradient(wanted), strict=True)
-    matching = sum(jnp.mean(jnp.abs(a - b)) for a, b in pairs)
-    score = jnp.mean(_scores(frozen, mixed)[0])
-    return hinge + reconstruction + MATCHING * matching - score, jnp.stack(
-        [reconstruction, of_real.mean() - of_fake.mean()]
-    )
+    score, layers_of_fake = _scores(jax.lax.stop_gradient(networks["critic"]), fake)
+    pairs = zip(layers_of_fake, jax.lax.stop_gradient(layers), strict=True)
+    matching = sum(jnp.mean(jnp.abs(one - other)) for one, other in pairs)
+    apart = fake - real
+    mean_torque = apart[..., 1:CHANNELS].mean(axis=2, keepdims=True)
+    parts = jnp.concatenate([apart[..., :1], apart[..., CHANNELS : CHANNELS + 2], mean_torque], axis=2)
+    reconstruction = jnp.mean(jnp.abs(parts), axis=(0, 1)) @ jnp.array(RECONSTRUCTION)
+    total = hinge + reconstruction + MATCHING * matching - jnp.mean(score)
+    return total, jnp.stack([reconstruction, score_of_real.mean() - score_of_fake.mean()])
