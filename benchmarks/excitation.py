@@ -55,7 +55,7 @@ from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitiviti
 
 PROGRESS = Lines(sys.stderr)
 PLACES = {"standing": False, "suspended": True}
-COLORS = dict(zip(("runs", *KINDS), ("k", "C7", "C0", "C2", "C1", "C3"), strict=True))
+COLORS: dict[str, str] = {"runs": "k", **dict(zip(KINDS, ("C7", "C0", "C2", "C1", "C3"), strict=True))}
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
 TESTED = {"fleet": "upright", "hard": "upright_hard"}  # environment of the transfer -> name of its figure
@@ -373,7 +373,8 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
         Picture(f"{path.stem.removeprefix('likeness_')}: windows, spectra and distributions", path.read_bytes())
         for path in sorted(settings.out.glob("likeness_*.png"))
     ]
-    sections = [Section("Likeness", (), tuple(pictures), (Table(("excitation", *columns), rows, caption),))]
+    titles = ("excitation", "AUC", "coverage", "distance")
+    sections = [Section("Likeness", (), tuple(pictures), (Table(titles, rows, caption),))]
     rows = [
         (loss, *(cells(f"walking_error/{loss}/{kind}", 1e3, ".0f") for kind in settings.kinds))
         for loss in settings.losses
@@ -386,7 +387,10 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
         for kind in (*settings.kinds, "active"):
             known = [seconds for seconds in settings.budgets if f"budget/{kind}/{seconds:g}" in figures]
             errors = [1e3 * figures[f"budget/{kind}/{seconds:g}"] for seconds in known]
-            axes.loglog(known, errors, "o-", ms=3, color=COLORS.get(kind, "C4"), label=kind)
+            if known:
+                axes.semilogx(known, errors, "o-", ms=3, color=COLORS.get(kind, "C4"), label=kind)
+        axes.set_xticks(settings.budgets, [f"{seconds:g}" for seconds in settings.budgets])
+        axes.set_xticks([], minor=True)
         describe(axes, "log per motor [s]", "error of the trotting robot [mrad]")
         legend_below(figure, axes, columns=6)
         sections.append(Section("Seconds of log", pictures=(picture(figure, "Closed-loop training, mean over seeds"),)))

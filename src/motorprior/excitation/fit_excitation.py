@@ -22,7 +22,7 @@ from motorprior.logs.operations import EXCITED_STD, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
 
-STEPS = 4000  # training steps
+STEPS = 5000  # training steps
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 MAX_CONTROL_PERIOD = 0.04  # [s]: with a longer one, a window has too few frames for the generator's critic
 OVERLAP = 4  # windows that contain a row

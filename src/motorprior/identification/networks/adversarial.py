@@ -13,7 +13,7 @@ et al., NeurIPS 2016). The critic's weights have spectral norm 1 (Miyato et al.,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
@@ -53,7 +53,8 @@ def train_generator(
 
     The state after every CHUNK steps is in the file ``checkpoint``; a call with the same ``identity`` continues there.
     """
-    adams = {n: optax.adam(optax.cosine_decay_schedule(r, steps), b1=0.5, b2=0.99) for n, r in RATES.items()}
+    schedules = {name: optax.cosine_decay_schedule(rate, steps) for name, rate in RATES.items()}
+    adams: dict[Hashable, Any] = {name: optax.adam(each, b1=0.5, b2=0.99) for name, each in schedules.items()}
     optimiser, data = optax.multi_transform(adams, {name: name for name in RATES}), _data(runs)
 
     # numbers of the runs are arguments: the compiled program can then be cached for all runs of a shape
