@@ -94,8 +94,8 @@ def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do
     assert len({met[0][1] for met in pairs.values()}) == 15
 
 
-@pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])
-def test_a_training_ends_after_enough_evaluations_without_a_better_policy(patience, ends):
+@pytest.mark.parametrize(("patience", "ends"), [(1, 20), (3, 40), (None, 45)])
+def test_a_training_ends_when_its_return_has_not_increased_often_enough(patience, ends):
     search, candidates, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(5.0), Constant(1.0)
     search.train(candidates, 45, evaluator, patience)
     assert search.best_iteration == 0 and search.ars.iteration == ends

@@ -44,7 +44,8 @@ class WalkSettings(WalkConfig):
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """Stop after so many evaluations, one every 10 iterations, without a better policy; never if not given."""
+    """Stop once the mean training return of 10 iterations has not increased so many times in a row; never if not
+    given."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of
     the training if not given. Not the fleet of a twin on which the policy is tested later."""
@@ -226,7 +227,7 @@ class Training:
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
             ended = f"{name}: ended after {search.ars.iteration} iterations"
-            progress.note(f"{ended}, no better policy since {search.best_iteration}")
+            progress.note(f"{ended}: the training return does not increase; best policy of {search.best_iteration}")
         faults, episodes = self._faults()
         for fault, count in faults.items():
             progress.note(f"{count} of {episodes} episodes ended early: {fault}")
