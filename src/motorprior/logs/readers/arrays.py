@@ -93,6 +93,8 @@ def _numpy(path: Path) -> Any:
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             require_archive_size(archive, path)
+    elif path.suffix == ".npz":  # numpy would take it for a pickle
+        raise LogError("not an archive of NumPy", where=path, remedy="write it with numpy.savez")
     loaded = np.load(path, allow_pickle=False)
     if isinstance(loaded, np.ndarray):
         return loaded

@@ -103,11 +103,11 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
     Rows begin when every topic has a message.
     """
-    parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
-    row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
     times, values, latest = array("q"), array("d"), {}
-    count = dict.fromkeys((topic for topic, _ in parsed.values()), 0)
     with _opened(path) as (reader, types):
+        parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
+        row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
+        count = dict.fromkeys((topic for topic, _ in parsed.values()), 0)
         for topic in count.keys() - types.keys():
             raise missing_column("topic", topic, types, path)
         for found in reader.iter_decoded_messages(topics=list(count)):  # in order of time
@@ -125,8 +125,8 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
     if silent := [topic for topic, messages in count.items() if not messages]:
         raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
     table, clock = np.array(values).reshape(len(times), len(parsed)), np.array(times)
-    columns_of = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
-    return {name: columns_of[name] for name in names}
+    by_name = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
+    return {name: by_name[name] for name in names}
 
 
 def _parsed(name: str, path: Path) -> tuple[str, list[tuple[str, str | None]]]:
