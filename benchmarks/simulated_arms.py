@@ -15,23 +15,17 @@ are rounded to ENCODER counts per turn, gains are logged. figures.json has
 # pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
-import tyro
 
-from figures import report
+import motorprior as mp
+from figures import PROGRESS, run_benchmark
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.loads import with_loads
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid
-from motorprior.priors.fit_prior import fit_prior
-from motorprior.progress import Lines
-from motorprior.robots.load import load_robot
-from motorprior.stage import FIGURES
 
 JOINTS = 3
 RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]
@@ -48,7 +42,6 @@ FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'  # MuJ
 RADIANS = '<compiler angle="radian"/>'
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
-PROGRESS = Lines(sys.stderr)
 
 
 @dataclass(frozen=True)
@@ -90,7 +83,7 @@ def commands(rng: np.random.Generator, seconds: float, rate: float) -> np.ndarra
     return waves.sum(axis=1) + steps * (time.astype(int) % 3 == 0)[:, None]
 
 
-def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> MotorLog:
+def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> mp.MotorLog:
     """The log of an arm, on the grid of the fit and with loads."""
     truth = mujoco.MjModel.from_xml_path(str(write_arm(folder / "true", constants).with_suffix(".xml")))
     truth.opt.timestep, truth.opt.integrator = PHYSICS_DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -107,8 +100,8 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
             mujoco.mj_step(truth, data)
             step += 1
     quantum, ones = 2.0 * np.pi / ENCODER, np.ones_like(target)
-    robot = load_robot(str(write_arm(folder / "known")))
-    log = MotorLog(
+    robot = mp.load_robot(str(write_arm(folder / "known")))
+    log = mp.MotorLog(
         time=np.arange(len(target)) / rate, position_target=target, joint_pos=quantum * np.round(angles / quantum),
         joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", logged_kp=kp * ones,
         logged_kd=kd * ones,
@@ -128,7 +121,7 @@ def figures(settings: Settings) -> dict[str, float]:
     for arm in range(settings.arms):
         constants, folder = drawn_constants(np.random.default_rng([settings.seed, arm])), settings.out / f"arm_{arm}"
         log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
-        prior = fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
+        prior = mp.fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
         for name, (low, high) in prior.intervals().items():
             if name in FITTED:
                 inside[name].append((low <= constants[name]) & (constants[name] <= high))
@@ -140,11 +133,5 @@ def figures(settings: Settings) -> dict[str, float]:
     return found | {"arms/delay_bias": float(np.mean(bias)), "arms/spurious": spurious}
 
 
-def main() -> None:
-    """Measure, write figures.json, print it."""
-    settings = tyro.cli(Settings, description=__doc__)
-    report(figures(settings), settings.out / FIGURES)
-
-
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, figures, __doc__)

@@ -14,13 +14,12 @@ from unittest import mock
 
 import numpy as np
 
+import motorprior as mp
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_robot import Firmware
-from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
 DELAY = 1e-4  # transmission delay from host to robot [s]
@@ -80,12 +79,12 @@ class SimulatedPort(SerialLink):
         period: telemetry period [ms].
         drop: fraction of lost frames, in both directions.
         corrupt: fraction of damaged frames, in both directions.
-        wear: function that wears the motors, see `closing_the_loop.WEAR`.
+        wear: function that wears the motors, see `closing_the_loop.with_wear`.
     """
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
         self,
-        robot: Robot,
+        robot: mp.Robot,
         number: int,
         noise_seed: int = 0,
         *,
@@ -97,7 +96,7 @@ class SimulatedPort(SerialLink):
     ):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
-        motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
+        motors = draw_motors(robot, mp.load_fleet(robot.fleets[0][0]), number)
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
         self.firmware = Firmware(robot, self.body, period)

@@ -20,22 +20,21 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+import motorprior as mp
 from figures import markdown
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, zero_order_hold
 from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
-from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.train import identify
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -122,7 +121,7 @@ class Learned:
         return EngineAssisted(self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index])
 
 
-def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
+def residual_log(log: mp.MotorLog, armature: np.ndarray, damping: np.ndarray) -> mp.MotorLog:
     """The log with the torque to learn if the engine has armature and damping (n,).
 
     torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the last sample of a
@@ -138,11 +137,11 @@ def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> Mo
     return replace(log, joint_torque=torque)
 
 
-def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, MotorLog]:
+def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, mp.MotorLog]:
     """The learned motors of a variant, and their log."""
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
-    log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
+    log = record(motors, variant.bench, STEPS, settings.seed, mp.load_fleet(settings.fleet))
     armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
     found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
     if preset.has_armature:
@@ -192,7 +191,7 @@ def growth(network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: f
     return size, float(np.median(np.abs(np.angle(largest))) / (2 * np.pi * period))
 
 
-def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> np.ndarray:
+def recorded_inputs(network: LatentNetwork, log: mp.MotorLog, count: int = 12) -> np.ndarray:
     """(M, count, 2T) scaled histories from a log."""
     first, rows = log.segment_slices()[0], np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
@@ -214,7 +213,7 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
-    motors = require_geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
+    motors = require_geared(training_motors(mp.load_fleet(settings.fleet), MOTORS, settings.seed))
     every = np.arange(MOTORS)
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}
@@ -228,7 +227,9 @@ def measure(settings: Settings) -> dict[str, Any]:
             loops = [growth(learned.model, learned, slopes, load) for load in LOADS]
             variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
         print(f"trained: {name}", flush=True)
-    physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
+    physical: dict[str, Any] = {
+        "chatter": [chatter(mp.PhysicalActuator(motors), load, settings.seed) for load in LOADS]
+    }
     models = {name: learned.motors for name, learned in found.items()}
     for place, suspended in (("standing", False), ("suspended", True)):
         fidelity = robot_fidelity(PUPPER_V2, motors, models, suspended, settings.seed)
