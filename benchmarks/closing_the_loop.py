@@ -17,8 +17,6 @@ of robot and seed the median path length [m] (in straight segments of a second),
 and sign of the gain over the control. Finished trainings are reused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -159,8 +157,8 @@ def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
             own, control = (np.array([np.median(walks[of][:, column]) for walks in pairs]) for of in (name, CONTROL))
             figures[f"{name}/{key}"] = float(np.median(own))
             if name != CONTROL:
-                for share, value in zip((25, 50, 75), np.percentile(own - control, (25, 50, 75)), strict=True):
-                    figures[f"{name}/gain_{key}/p{share}"] = float(value)
+                for share in (25, 50, 75):
+                    figures[f"{name}/gain_{key}/p{share}"] = float(np.percentile(own - control, share))
                 figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(own > control))
     return figures
 

@@ -5,8 +5,6 @@
 Finished stages are reused. Twenty minutes per fleet on two cores.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -64,15 +62,12 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
 
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
-    folder, priors = settings.out / "validate", tuple(identify(settings, preset) for preset in PRESETS)
-    results = validate_on_bench(priors, folder / "all", seed=settings.seed, progress=PROGRESS)
-    position_only = identify(settings, "rollout", torque=False)
-    found = validate_on_bench([position_only], folder / "position_only", seed=settings.seed, progress=PROGRESS)
-    paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
-    times = (
-        Result("identify_seconds", "s", read_json(path.parent / MARKER)["seconds"], model)
-        for model, path in paths.items()
-    )
+    folder, paths = settings.out / "validate", {preset: identify(settings, preset) for preset in PRESETS}
+    results = validate_on_bench(tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS)
+    paths["position_only"] = alone = identify(settings, "rollout", torque=False)
+    found = validate_on_bench([alone], folder / "position_only", seed=settings.seed, progress=PROGRESS)
+    seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
+    times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
     return results + Results.of([*renamed, *times])
 

@@ -1,8 +1,5 @@
 """Run a benchmark; its figures are written as JSON, printed, and set in tables."""
 
-from __future__ import annotations
-
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +10,7 @@ from motorprior.artifacts import write_json
 from motorprior.progress import Lines
 from motorprior.stage import FIGURES
 
-PROGRESS = Lines(sys.stderr)
+PROGRESS = Lines()
 
 
 def run_benchmark(settings: type[Any], measure: Callable[[Any], Mapping[str, float]], text: str | None) -> None:

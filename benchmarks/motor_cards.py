@@ -8,8 +8,6 @@ adapting to their first 10 s. That of pupper_v2 is fitted to a bench of the ship
 logs of a standing robot. Licences are those of the logs.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -86,9 +84,8 @@ def card_of_fleet(arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | 
 def _without_paths(prior: mp.MotorPrior, arguments: Arguments) -> mp.MotorPrior:
     """The prior with names of logs instead of paths of this machine in its provenance."""
     text = json.dumps(prior.provenance)
-    for folder in (arguments.data, arguments.work):
-        for path in (folder, folder.resolve()):
-            text = text.replace(f"{path}/", "")
+    for path in (arguments.data, arguments.data.resolve(), arguments.work, arguments.work.resolve()):
+        text = text.replace(f"{path}/", "")
     return replace(prior, provenance=json.loads(text))
 
 

@@ -13,8 +13,6 @@ frames:
     SHARE/other_gains             walks in which the robot got wrong gains or a wrong current limit from a damaged frame
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections import Counter

@@ -10,8 +10,6 @@ motors [rad] as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prio
 FAMILY/two_sample_auc. Finished stages are reused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +26,6 @@ from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = {"gait": "bench_gait_rmse", "impacts": "bench_impact_rmse", "chirp": "bench_chirp_rmse"}
-MODELS = (*PRESETS, "tuned_pd", "physical")
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ def measured_family(settings: Settings, family: str) -> dict[str, float]:
         warmth = bench_errors(motors, models, seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
         here = results.where(motors="train" if each == "train" else "held_out", statistic="median")
         for kind, quantity in EXCITATIONS.items():
-            for model in MODELS:
+            for model in (*PRESETS, "tuned_pd", "physical"):
                 key = f"{family}/{kind}/{'floor' if model == 'physical' else model}/{each}"
                 figures[key] = here.value(quantity=quantity, model=model)
             figures[f"{family}/{kind}/floor_warmth/{each}"] = float(np.median(warmth[kind]["floor_warmth"]))

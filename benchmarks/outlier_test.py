@@ -6,8 +6,6 @@ MOTORS motors of the fleet, unchanged and with one constant changed, each adapte
 p-value below FALSE_ALARMS, and the median closed-loop error of the posterior means on held-out gait + impacts.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

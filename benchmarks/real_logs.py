@@ -18,8 +18,6 @@ unseen_leg: the prior and the PD are fitted to the motors of the other legs (rec
 of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -166,8 +164,8 @@ def go2(settings: Settings) -> Iterator[Test]:
     if test := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
         yield UNSEEN, [measure(settings, "go2", UNSEEN, paths, test)]
     yield "leave_one_log_out", leave_out(settings, "go2", paths, [[path] for path in paths])
-    groups = list(enumerate(leg.joints for leg in robot.legs))
-    yield MOTORS_OUT, [_motors_out(settings, robot, paths, *each) for each in groups[: settings.folds]]
+    legs = enumerate(robot.legs[: settings.folds])
+    yield MOTORS_OUT, [_motors_out(settings, robot, paths, fold, leg.joints) for fold, leg in legs]
 
 
 def _motors_out(settings: Settings, robot: mp.Robot, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:

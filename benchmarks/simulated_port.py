@@ -4,8 +4,6 @@ Host code, firmware and twin are the real ones. The operating system (port, prio
 are not simulated. Frames can be lost and damaged.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -27,14 +25,7 @@ _ROUNDING = 1e-6  # [ms]
 
 
 class NoisyLine:
-    """A line that loses, damages and delays frames.
-
-    Args:
-        drop: probability that a frame is lost.
-        corrupt: probability that one of its bytes is changed.
-        delay: delay of every frame [s].
-        rng: random generator.
-    """
+    """A line that loses frames and changes bytes with the probabilities ``drop`` and ``corrupt``; ``delay`` is in s."""
 
     def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
         self._drop, self._corrupt, self._delay, self._rng = drop, corrupt, delay, rng

@@ -13,13 +13,12 @@ figures.json contains
 Finished benches, priors and policies are reused. Half an hour on two cores.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -39,9 +38,7 @@ from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import WARM_UP, completed, gait_quality, headings
 
-SPEEDS = (0.3, 0.55, 0.8)  # 0.15, 0.275 and 0.4 m/s for the shipped robot
 PLACES = ("sampled", "twin", "hard")
-UNTRAINED = "untrained_"
 TURNS = "commanded/"  # prefix of the names of these quantities
 # commanded speed and yaw rate over the robot's fastest; forward and left are positive
 COMMANDS = (
@@ -58,7 +55,7 @@ class Settings:
     out: Path  # run folder
     robot: str = DEFAULT_ROBOT  # robot
     fleet: str | None = None  # population of motors; the robot's own if not given
-    speeds: tuple[float, ...] = SPEEDS  # commanded speeds, as shares of the robot's fastest
+    speeds: tuple[float, ...] = (0.3, 0.55, 0.8)  # commanded speeds, as shares of the robot's fastest
     seeds: int = 5  # policies
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
@@ -74,11 +71,7 @@ class Environments:
     robot: mp.Robot
     fleet: mp.Fleet
     prior: mp.MotorPrior
-
-    @property
-    def steps(self) -> int:
-        """Control steps of a walk."""
-        return round(self.settings.seconds / self.robot.control_dt)
+    steps: int  # of a walk
 
     def episodes(self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0) -> list[Episode]:
         """One episode per sample, with the same command [m/s, rad/s]."""
@@ -132,7 +125,8 @@ def measure(settings: Settings) -> dict[str, float]:
     robot, folder = mp.load_robot(settings.robot), settings.out / "prior"
     log = mp.record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
     prior = mp.fit_prior(log, out=folder, progress=PROGRESS)
-    environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
+    fleet, steps = load_robot_fleet(robot, settings.fleet), round(settings.seconds / robot.control_dt)
+    environments = Environments(settings, robot, fleet, prior, steps)
     found: defaultdict[str, list[float]] = defaultdict(list)
 
     def add(place: str, rows: Rows, seed: int) -> None:
@@ -143,15 +137,15 @@ def measure(settings: Settings) -> dict[str, float]:
                 found[key].append(value)
 
     for place in PLACES:
-        add(UNTRAINED + place, environments.straight(place, PolicyShape(robot.num_joints).untrained()), 0)
+        add(f"untrained_{place}", environments.straight(place, PolicyShape(robot.num_joints).untrained()), 0)
     for seed in range(settings.seeds):
         policy = mp.train_policy(
             settings.robot, f"prior:{folder / PRIOR}", out=settings.out / f"seed_{seed}", seed=seed,
             iterations=settings.iterations, workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
         ).arrays  # fmt: skip
         for place in PLACES:
-            add(place, environments.straight(place, policy), seed)
-            add(place, environments.commanded(place, policy), seed)
+            rows = environments.straight(place, policy), environments.commanded(place, policy)
+            add(place, chain(*rows), seed)
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
