@@ -111,7 +111,7 @@ def figures(settings: Settings) -> dict[str, float]:
     bias, spurious = [], 0.0
     for arm in range(settings.arms):
         rng, folder = np.random.default_rng([settings.seed, arm]), settings.out / f"arm_{arm}"
-        constants = {name: np.exp(rng.uniform(*np.log(limits), JOINTS)) for name, limits in RANGES.items()}
+        constants = {name: np.exp(rng.uniform(*np.log(limits).tolist(), JOINTS)) for name, limits in RANGES.items()}
         log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
         prior = mp.fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
         for name, (low, high) in prior.intervals().items():
