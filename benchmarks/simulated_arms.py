@@ -111,7 +111,8 @@ def figures(settings: Settings) -> dict[str, float]:
     bias, spurious = [], 0.0
     for arm in range(settings.arms):
         rng, folder = np.random.default_rng([settings.seed, arm]), settings.out / f"arm_{arm}"
-        constants = {name: np.exp(rng.uniform(*np.log(limits).tolist(), JOINTS)) for name, limits in RANGES.items()}
+        drawn = ((name, rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items())
+        constants = {name: np.exp(logarithms) for name, logarithms in drawn}
         log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
         prior = mp.fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
         for name, (low, high) in prior.intervals().items():
@@ -119,10 +120,9 @@ def figures(settings: Settings) -> dict[str, float]:
                 inside[name].append((low <= constants[name]) & (constants[name] <= high))
         bias.append(prior.model.constants(prior.mean)["delay"] - constants["delay"])
         spurious += bool(recipe_of(prior).terms)
-    shares = {name: float(np.mean(each)) for name, each in inside.items()}
-    found = {f"arms/coverage90/{name}": share for name, share in shares.items()}
-    found["arms/coverage90"] = float(np.mean(list(shares.values())))
-    return found | {"arms/delay_bias": float(np.mean(bias)), "arms/spurious": spurious}
+    shares = {f"arms/coverage90/{name}": float(np.mean(each)) for name, each in inside.items()}
+    overall = {"arms/coverage90": float(np.mean(list(shares.values()))), "arms/spurious": spurious}
+    return shares | overall | {"arms/delay_bias": float(np.mean(bias))}
 
 
 if __name__ == "__main__":
