@@ -23,13 +23,12 @@ try:
 except ModuleNotFoundError as error:
     raise SystemExit(f"{error}: pip install 'motorprior[mjlab]'") from error
 
+import motorprior as mp
 from figures import report
-from motorprior.exports.cards import from_pretrained
 from motorprior.exports.exporter import sampled
 from motorprior.exports.warp_motors import WarpMotors
-from motorprior.robots.load import load_robot
 
-ROBOT, SAMPLES, STEPS, ROUNDS = load_robot("pupper_v2"), 1024, 100, 7
+ROBOT, SAMPLES, STEPS, ROUNDS = mp.load_robot("pupper_v2"), 1024, 100, 7
 Work = Callable[[], object]
 PATHS, SUBSTEPS = ("pd", "learned"), round(ROBOT.control_dt / ROBOT.physics_dt)
 
@@ -62,7 +61,7 @@ def trot(worlds: int) -> wp.array:
 def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work, Work]:
     """Restart of the motors, and all their launches for a physics step."""
     shape, size = target.shape, target.size
-    bank = sampled(from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
+    bank = sampled(mp.from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
     motors = WarpMotors(bank, size, ROBOT.physics_dt, str(wp.get_device()))
     drawn = np.random.default_rng(0).integers(0, SAMPLES, shape) * shape[1] + np.arange(shape[1])
     chosen, waiting = wp.array(drawn.ravel(), dtype=int), wp.ones(size, dtype=wp.bool)

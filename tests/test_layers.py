@@ -113,6 +113,37 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     assert found == ([breach] if breach else [])
 
 
+def command_imports(folder: Path) -> list[str]:
+    """Imports of `motorprior.commands` in the files of a folder, as "file:line: name"."""
+    return [
+        f"{file.relative_to(folder).as_posix()}:{line}: {name}"
+        for file in sorted(folder.rglob("*.py"))
+        for line, name in imported(ast.parse(file.read_text("utf-8")), [])
+        if f"{name}.".startswith("motorprior.commands.")
+    ]
+
+
+@pytest.mark.parametrize("name", ["benchmarks", "examples"])
+def test_benchmarks_and_examples_import_the_library_not_commands(name: str):
+    folder = SOURCE.parents[1] / name
+    assert any(folder.rglob("*.py"))
+    assert command_imports(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("from motorprior.commands.validate import Validate", ["a.py:1: motorprior.commands.validate.Validate"]),
+        ("def main():\n    from motorprior import commands", ["a.py:2: motorprior.commands"]),
+        ("import motorprior.commands.walk", ["a.py:1: motorprior.commands.walk"]),
+        ("from motorprior.hardware import commands\nimport motorprior as mp", []),
+    ],
+)
+def test_an_import_of_commands_is_caught(tmp_path: Path, code: str, found: list[str]):
+    (tmp_path / "a.py").write_text(code)
+    assert command_imports(tmp_path) == found
+
+
 @pytest.mark.parametrize(("name", "min_modules"), [("commands", 5), ("identification", 6), ("priors", 6), ("logs", 2)])
 def test_modules_of_a_folder_import_one_way(name: str, min_modules: int):
     """Each folder and module of it counts as one."""

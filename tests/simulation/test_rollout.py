@@ -12,10 +12,10 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import BackendSimulator, Scene, SimulatedBackend, WalkConfig, WalkSimulator
-from untrained import zero_policy
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -97,6 +97,6 @@ def test_commands_randomization_and_hidden_units_are_the_same_in_both_loops():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_zero_policy_trots_and_stays_up(kind):
     walk, (draw, physics_dt) = WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)), KINDS[kind]
-    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(zero_policy(12), 0, trace=True)
+    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(PolicyShape(12).untrained(), 0, trace=True)
     assert episode.steps == STEPS and episode.fault == 0 and episode.motion.shape == (STEPS, 6 + 24)
     assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings

@@ -98,7 +98,7 @@ _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map can begin
 
 
-def encode(message: Command | Telemetry, joints: int) -> bytes:
+def encode_message(message: Command | Telemetry, joints: int) -> bytes:
     """The payload of a message to or from a robot with this number of joints; ProtocolError for an invalid one."""
     values = {key: value for key, value in vars(message).items() if value is not None}
     values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
@@ -111,7 +111,7 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
     return payload
 
 
-def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
+def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
     """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored; or ProtocolError."""
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
@@ -149,8 +149,8 @@ def _is_finite(value: Any) -> bool:
 
 
 def framed(message: Command | Telemetry, joints: int) -> bytes:
-    """The bytes of a message on the wire; raises as `encode`."""
-    form, payload = _FORMATS[type(message)], encode(message, joints)
+    """The bytes of a message on the wire; raises as `encode_message`."""
+    form, payload = _FORMATS[type(message)], encode_message(message, joints)
     return form.start + len(payload).to_bytes(form.length_bytes, "big") + payload + form.end
 
 
@@ -196,7 +196,7 @@ class FrameReader(Generic[Message]):
         try:
             if not possible or buffer[total - len(form.end) : total] != form.end:
                 raise ProtocolError("an impossible length, or no end of the frame")
-            out.append(decode(bytes(buffer[head : head + length]), self._kind, self._joints))
+            out.append(decode_message(bytes(buffer[head : head + length]), self._kind, self._joints))
             del buffer[:total]
         except ProtocolError:
             self.rejected += 1

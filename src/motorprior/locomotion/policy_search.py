@@ -53,7 +53,7 @@ class PolicySearch:
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
         self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
-        self.best = shape.policy(np.zeros(shape.size), self.ars.observations)
+        self.best = shape.untrained()
         self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
         self.mean_returns = np.empty(0)  # of every iteration so far
         if start is not None:

@@ -140,7 +140,6 @@ def train_policy(
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
-Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
 def _described(motors: object) -> str:
@@ -169,7 +168,8 @@ class Training:
         if start is not None:
             start.require_robot(robot, where)
             robot = robot.with_speed_range(start.forward)
-        self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, Curve()
+        self.robot, self.settings = settings.commands.extend_range(robot), settings
+        self.curve: list[dict[str, Any]] = []  # of `policy_search.Iteration`, with its faults by name
         fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
         self._validation = None if fleet is None else fleet.name
         self.motors = simulated_motors(motors, self.robot)
