@@ -14,6 +14,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
+from motorprior.bounds import generator_of
 from motorprior.exceptions import ConfigError
 from motorprior.exports.mjcf import Mjcf
 
@@ -79,7 +80,7 @@ def sampled(
     Raises:
         ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator_of(seed)
     of: Any = len(joint_names)
     if isinstance(source, MotorPrior):
         of = source.joint_classes(joint_names)

@@ -30,8 +30,7 @@ class Mjcf:
     path: Path | None
     in_degrees: bool  # unit of its angles
     drivers: np.ndarray  # (actuators, joints) see `drives`
-    servos: int = 0  # actuators that were added after those of the model
-    dropped: tuple[tuple[int, int], ...] = ()  # address and number of activations removed from keyframes
+    dropped: tuple[int, ...] = ()  # addresses of activations that were removed from keyframes
     rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
 
     @classmethod
@@ -99,14 +98,6 @@ class Mjcf:
             if words := key.getAttribute(name).split():
                 edit(words, index)
                 key.setAttribute(name, " ".join(words))
-
-    def drop_activations(self, actuator: int) -> None:
-        """Remove the activations of an actuator that is replaced from the keyframes."""
-        own, count = int(self.compiled.actuator_actadr[actuator]), int(self.compiled.actuator_actnum[actuator])
-        if count > 0:
-            first = own - sum(number for address, number in self.dropped if address < own)
-            self.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
-            self.dropped += ((own, count),)
 
     def text(self) -> str:
         """The document as text."""

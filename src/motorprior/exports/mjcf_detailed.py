@@ -87,8 +87,9 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
         limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
-    named = filter(None, (each.getAttribute("name") for each in moved.getElementsByTagName("joint")))
-    first = min(model.joint(name).id for name in named)  # the joint before which the rotor stands
+    inside = {each.getAttribute("name") for each in moved.getElementsByTagName("joint")} - {""}
+    # the joint before which the rotor stands
+    first = next(index for index in range(model.njnt) if model.joint(index).name in inside)
     before = sum(other <= first for other in mjcf.rotors)  # rotors of the same body stand in the order of their writing
     angles = [number(angle + values["encoder_zero"]) for angle in model.key_qpos[:, found.qposadr[0]]]
     at_pos, at_vel = (int(each[first]) + before for each in (model.jnt_qposadr, model.jnt_dofadr))

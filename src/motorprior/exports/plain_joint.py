@@ -21,7 +21,6 @@ from motorprior.bench.dynamometer import Trial
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor, prior_of
 from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
-from motorprior.robots.user_model import cannot_read
 from motorprior.simulation.driven_joints import hinge, require_uncoupled
 
 _NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
@@ -72,9 +71,7 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     angles = [number(angle) for angle in model.key_qpos[:, model.joint(joint).qposadr[0]]]
     if old is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
-        at = model.nu + mjcf.servos
-        mjcf.edit_keyframes("ctrl", lambda words, key: words.insert(at, angles[key]))
-        mjcf.servos += 1
+        mjcf.edit_keyframes("ctrl", lambda words, key: words.append(angles[key]))
         return
     element, index = old
     is_servo = model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0
@@ -84,7 +81,11 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     else:
         at = getattr(model, "actuator_ctrladr", range(model.nu))[index]  # MuJoCo 4 has actuators without control
         mjcf.edit_keyframes("ctrl", lambda words, key: words.__setitem__(at, angles[key]))
-    mjcf.drop_activations(index)
+    if (count := int(model.actuator_actnum[index])) > 0:
+        own = int(model.actuator_actadr[index])
+        first = own - sum(address < own for address in mjcf.dropped)
+        mjcf.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
+        mjcf.dropped += tuple(range(own, own + count))
     name = element.getAttribute("name") or joint
     element.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), element)
 
@@ -146,11 +147,9 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     folder = request.out / model.parent.relative_to(root)
     files = [folder / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
-        write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
-        try:
-            mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
-            raise cannot_read(path, str(error)) from error
+        text = f"{variant.text()}\n<!-- {about} -->\n"
+        write_text(path, text)
+        Mjcf.read(text, path)  # raises ArtifactError if it cannot be compiled
     return [*files, *write_table(request)]
 
 

@@ -20,7 +20,7 @@ from motorprior.actuator.optional_terms import constants_of
 from motorprior.artifacts import read_text
 from motorprior.bench.dynamometer import Trial, run, trial_of
 from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
-from motorprior.bounds import require_count, require_seed
+from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
@@ -34,9 +34,8 @@ from motorprior.signals import rmse
 
 EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
 MAX_STEP = 0.002  # maximum physics step of the replay [s]
-SMOOTH, STEP_SIGNALS = ("gait", "sine"), ("steps",)  # signals, in turn for the motors
-# trial -> load inertia over the median armature [-], and signals; steps reach the torque limit
-TRIALS = {"leg": (1.25, SMOOTH), "shank": (0.1, SMOOTH), "leg_steps": (1.25, STEP_SIGNALS)}
+# trial -> load inertia over the median armature [-], and signals in turn for the motors; steps reach the torque limit
+TRIALS = {"leg": (1.25, ("gait", "sine")), "shank": (0.1, ("gait", "sine")), "leg_steps": (1.25, ("steps",))}
 GRAVITY_PER_INERTIA = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
 SECONDS, HOLD = 3.0, 0.01  # duration of a trial and of each target (a 100 Hz policy's) [s]
 _SEED = 54
@@ -104,7 +103,6 @@ def export(
         raise ConfigError(f"no format {format!r}", remedy=f"use one of {', '.join(EXPORTERS)}", argument="format")
     exporter, changed, plain = EXPORTERS[format], None, 0.0
     require_count("motors", motors)
-    require_seed(seed)
     if not is_supported(exporter):
         problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
         raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
