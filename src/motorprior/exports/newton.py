@@ -92,12 +92,9 @@ class MotorPriorDrive(DriveBase):
 
         ``newer`` are arguments of later versions, such as ``custom_inputs``.
         """
-        gathered = (
-            (self._pos, positions, pos_indices), (self._vel, velocities, vel_indices),
-            (self._target, target_pos, target_pos_indices),
-        )  # fmt: skip
-        for own, world, indices in gathered:
-            wp.copy(own, world[indices.view(wp.int32)])
+        wp.copy(self._pos, positions[pos_indices.view(wp.int32)])
+        wp.copy(self._vel, velocities[vel_indices.view(wp.int32)])
+        wp.copy(self._target, target_pos[target_pos_indices.view(wp.int32)])
         self._motors.step(self._target, self._pos, self._vel)
         arrays = [self._motors.torque, self._motors.damping, self._vel, self._motors.memory, forces]
         wp.launch(_effort, dim=self._motors.count, inputs=arrays, device=self._device)

@@ -150,8 +150,9 @@ def log_trial(log: MotorLog, robots: int, dt: float) -> Trial:
         raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
     one = trial_of(resample(max(log.segments(), key=lambda each: each.num_rows), dt))
     stiffness = np.zeros_like(one.external_torque) if one.load_stiffness is None else one.load_stiffness
-    series = (np.tile(each, robots) for each in (one.position_target, one.external_torque, one.load_inertia))
-    return Trial(*series, dt, load_stiffness=np.tile(stiffness, robots))
+    series = (one.position_target, one.external_torque, one.load_inertia, stiffness)
+    targets, external, inertia, stiffness = (np.tile(each, robots) for each in series)
+    return Trial(targets, external, inertia, dt, load_stiffness=stiffness)
 
 
 def constants(motors: GreyBoxActuator, dt: float) -> dict[str, np.ndarray]:

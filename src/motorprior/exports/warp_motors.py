@@ -83,17 +83,18 @@ def traced_step(terms: tuple[str, ...]) -> str:
     return "\n".join([*code, f"torque.data[i] = {_text(torque)};", f"damping.data[i] = {_text(damping)};"])
 
 
-_DELAY_LINE = """
-const int length = memory.shape[0] - {line};
+_DELAY_LINE = f"""
+const int n = table.shape[1];
+const int length = memory.shape[0] - {LINE};
 const int newest = clock.data[i];
-memory.data[({line} + newest) * n + i] = command;
-const float age = table.data[{delay} * n + i] + 0.5f;
+memory.data[({LINE} + newest) * n + i] = command;
+const float age = table.data[{StepConstants._fields.index("delay")} * n + i] + 0.5f;
 const int whole = (int)age;
 const int first = newest >= whole ? newest - whole : newest - whole + length;
 const int second = first > 0 ? first - 1 : length - 1;
-const float newer = memory.data[({line} + first) * n + i];
-const float target = newer + (age - (float)whole) * (memory.data[({line} + second) * n + i] - newer);
-memory.data[{target} * n + i] = target;
+const float newer = memory.data[({LINE} + first) * n + i];
+const float target = newer + (age - (float)whole) * (memory.data[({LINE} + second) * n + i] - newer);
+memory.data[{TARGET} * n + i] = target;
 clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 """
 
@@ -101,9 +102,8 @@ clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 @cache
 def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
     """The kernel of a step of motors with these terms."""
-    body = _DELAY_LINE.format(line=LINE, target=TARGET, delay=StepConstants._fields.index("delay"))
 
-    @wp.func_native(f"const int n = table.shape[1];\n{body}\n{traced_step(terms)}")
+    @wp.func_native(_DELAY_LINE + traced_step(terms))
     def motor_step(
         i: int, table: Rows, memory: Rows, clock: Indices, command: float, q: float, dq: float, h: float, torque: Row,
         damping: Row,
@@ -142,14 +142,20 @@ class WarpMotors:
         device: of Warp.
 
     Raises:
-        ConfigError: the motors cannot be simulated at this step, see `require_gear`.
+        ConfigError: the physics step is longer than one of `max_steps`.
     """
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
-        require_gear(bank, dt)
-        terms = bank.model.terms
+        values, limits, terms = bank.constants(), max_steps(bank), bank.model.terms
+        if dt > (limit := float(limits.min())):
+            worst = int(limits.argmin())
+            raise ConfigError(
+                f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
+                f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
+                remedy=f"use a step of {limit:.2g} s or less, with a larger decimation", argument="dt",
+            )  # fmt: skip
         self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
-        table = motor_table(bank.constants(), dt, terms).astype(np.float32)
+        table = motor_table(values, dt, terms).astype(np.float32)
         self._bank = wp.array(table, dtype=float, device=device)
         self.table = wp.zeros((len(table), count), dtype=float, device=device)
         self.memory = wp.zeros((memory_rows(dt), count), dtype=float, device=device)
@@ -173,15 +179,3 @@ def max_steps(motors: GreyBoxActuator) -> np.ndarray:
     values = motors.constants()
     needed = np.minimum(0.5 * values["gear_stiffness"], MIN_STIFFNESS * values["kp"])
     return np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
-
-
-def require_gear(motors: GreyBoxActuator, dt: float) -> None:
-    """Raise `ConfigError` if a physics step [s] is longer than one of `max_steps`."""
-    max_dt, values = max_steps(motors), motors.constants()
-    if dt > (limit := float(max_dt.min())):
-        worst = int(max_dt.argmin())
-        raise ConfigError(
-            f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
-            f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
-            remedy=f"use a step of {limit:.2g} s or less, with a larger decimation", argument="dt",
-        )  # fmt: skip
