@@ -64,20 +64,18 @@ def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work,
     bank = sampled(mp.from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
     motors = WarpMotors(bank, size, ROBOT.physics_dt, str(wp.get_device()))
     drawn = np.random.default_rng(0).integers(0, SAMPLES, shape) * shape[1] + np.arange(shape[1])
-    chosen, waiting = wp.array(drawn.ravel(), dtype=int), wp.ones(size, dtype=wp.bool)
+    motors.chosen.assign(drawn.ravel())
     pos, vel = wp.zeros(shape, dtype=float), wp.zeros(shape, dtype=float)
     model.dof_damping = wp.zeros((shape[0], model.nv), dtype=float)
 
     def drive() -> None:
         wp.copy(pos, data.qpos[:, 7:])
         wp.copy(vel, data.qvel[:, 6:])
-        motors.reset(waiting, chosen, pos.flatten(), pos.flatten())
-        waiting.fill_(False)
         motors.step(target.flatten(), pos.flatten(), vel.flatten())
         wp.copy(data.ctrl, motors.torque.reshape(shape))
         wp.copy(model.dof_damping[:, 6:], motors.damping.reshape(shape))
 
-    return lambda: waiting.fill_(True), drive
+    return lambda: motors.waiting.fill_(True), drive
 
 
 def seconds(work: Work, calls: int) -> float:
