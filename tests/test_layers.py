@@ -23,7 +23,7 @@ ORDER = [
 FORBIDDEN = {
     # what the robot's computer does not install
     "hardware": {"simulation", "actuator", "identification", "evaluation", "priors", "excitation"},
-    "locomotion": {"simulation"},  # gets a backend handed in
+    "locomotion": {"simulation"},  # gets a simulator handed in
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/networks/"),

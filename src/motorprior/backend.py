@@ -1,13 +1,8 @@
-"""Interface of a simulated robot: reset, step, close; MuJoCo and PyBullet implement it.
-
-A real robot, and a virtual one behind the same wire, does not: its control step is a deadline that depends on the age
-of the telemetry, and a fault in it ends in a crouch or without current, neither of which `step` can express.
-`hardware.motions` plays the policy as a motion instead.
-"""
+"""State of a simulated robot, of both engines."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,19 +18,3 @@ class BackendState(NamedTuple):
     foot_pos: np.ndarray  # (legs, 3) centres of the feet [m], world; NaN if unknown
     torque_squared_sum: float  # Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]
     fault: int = 0  # 0, or the number of a fault that ended the episode
-
-
-class Backend(Protocol):
-    """A robot that holds position targets."""
-
-    def reset(self, seed: int) -> BackendState:
-        """Begin an episode; ``seed`` determines everything random."""
-        ...
-
-    def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold the (joints,) targets [rad] for one control period."""
-        ...
-
-    def close(self) -> None:
-        """Release the robot."""
-        ...

@@ -196,9 +196,9 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
 
 @njit(cache=True)
 def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.ndarray) -> tuple[float, bool]:
-    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the backend failed.
+    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the engine failed.
 
-    A fault of the backend ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
+    A fault of the engine ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
     ``weights`` (8,) are `TaskWeights.array()`.
     """
     if state.fault != 0:

@@ -99,9 +99,9 @@ class World:
             substeps=self.substeps,
         )
         self.data.qpos[self.first_joint :] = joint_pos
-        motors = actuator.arrays(self.physics_dt)
-        reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
-        return motors
+        self._motors = actuator.arrays(self.physics_dt)
+        reset_actuator(self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
+        return self._motors
 
     def _apply(self, conditions: EpisodeConditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
@@ -120,16 +120,16 @@ class World:
         model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
         mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
-    def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """See `hold_target`."""
-        return hold_target(self.arrays, motors, target)
+    def step(self, target: np.ndarray) -> BackendState:
+        """Hold (joints,) targets [rad], finite float64, for one control step (`hold_target`); then as `state`."""
+        return self.state(hold_target(self.arrays, self._motors, target))
 
-    def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+    def state(self, torque_squared_sum: float = 0.0) -> BackendState:
         """State of a free robot, a copy; see `read_state`."""
         measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
-        pos, quat, lin_vel, ang_vel, *_, fault = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
-        base = pos.copy(), quat.copy(), lin_vel.copy(), ang_vel.copy()
-        return BackendState(*base, measured, feet, torque_squared_sum, fault)
+        found = read_state(self.arrays, self._motors, torque_squared_sum, measured, feet)
+        base = (view.copy() for view in found[:4])
+        return BackendState(*base, measured, feet, torque_squared_sum, found.fault)
 
     def close(self) -> None:
         """Nothing to close."""
