@@ -13,7 +13,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
+    *("schema", "bounds", "delay_line", "progress", "stage", "texts"),
 }
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification", "evaluation", "priors", "excitation"),

@@ -8,8 +8,8 @@ from grey_boxes import make_grey_box
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
@@ -24,7 +24,7 @@ class Standing:
         self._scene, self._world = scene, scene.world()
         self.step, self.close = self._world.step, self._world.close
 
-    def reset(self, seed: int) -> BackendState:
+    def reset(self, seed: int) -> RobotState:
         self._scene.begin(self._world, seed)
         return self._world.state()
 
@@ -63,7 +63,7 @@ def backend(request: pytest.FixtureRequest):
     made.close()
 
 
-def walked(backend: Standing, seed: int, steps: int = 20) -> list[BackendState]:
+def walked(backend: Standing, seed: int, steps: int = 20) -> list[RobotState]:
     """States of a small motion of all joints."""
     states = [backend.reset(seed)]
     for step in range(steps):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from drawn_motors import draw_pd
 
-from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.control_step import TaskWeights
+from motorprior.locomotion.control_step import RobotState, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 
@@ -26,7 +25,7 @@ class GlidingWorld:
         return self.state()
 
     def state(self):
-        return BackendState(
+        return RobotState(
             base_pos=np.array([0.003 * self.count, 0.0, 0.17]),
             base_quat=np.array([1.0, 0.0, 0.0, 0.0]) if self.count < self.fall_at else np.array([0.8, 0.6, 0, 0]),
             base_lin_vel=np.array([0.3, 0.0, 0.0]),

@@ -22,9 +22,9 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.kernels import make_explicit, measure_joint_pos, reset_actuator, step_actuator
-from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import EpisodeConditions, nominal_conditions
@@ -83,7 +83,7 @@ class BulletWorld:
             self._bullet.disconnect(self._client)
             self._client = -1
 
-    def step(self, target: np.ndarray) -> BackendState:
+    def step(self, target: np.ndarray) -> RobotState:
         """See `World.step`."""
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, total = self._conditions.push, 0.0
@@ -107,14 +107,14 @@ class BulletWorld:
         self.torque -= self._damping * self._joints[1]
         return float(self.torque @ self.torque)
 
-    def state(self, torque_squared_sum: float = 0.0) -> BackendState:
+    def state(self, torque_squared_sum: float = 0.0) -> RobotState:
         """State of a free robot; the positions of its feet are unknown."""
         pos, quat, lin_vel, ang_vel = self.base()
         joint_pos, joint_vel = self.joints()
         measured = np.zeros_like(joint_pos)
         measure_joint_pos(self._motors, joint_pos, measured)
         qpos, qvel = np.concatenate([pos, quat, joint_pos]), np.concatenate([lin_vel, ang_vel, joint_vel])
-        return BackendState(
+        return RobotState(
             pos, quat, lin_vel, ang_vel, measured + self._conditions.encoder_offset,
             np.full((len(self.robot.legs), 3), np.nan), torque_squared_sum, int(has_diverged(qpos, qvel)),
         )  # fmt: skip

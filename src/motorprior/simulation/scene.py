@@ -17,7 +17,6 @@ from gymnasium.spaces import Box
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.registry import DrawMotors
-from motorprior.backend import BackendState
 from motorprior.bounds import require_array, require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
@@ -25,6 +24,7 @@ from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
+    RobotState,
     SensorErrors,
     TaskWeights,
     begin_gait,
@@ -232,11 +232,11 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Close the engine."""
         self.world.close()
 
-    def _observed(self, state: BackendState) -> np.ndarray:
+    def _observed(self, state: RobotState) -> np.ndarray:
         complete_observation(self._body, self.gait, self._sensors, self._schedule, self._steps, state.base_quat)
         return self.gait.observation.copy()
 
-    def _info(self, state: BackendState) -> dict[str, Any]:
+    def _info(self, state: RobotState) -> dict[str, Any]:
         return {
             "fault": int(state.fault),
             "phase": self.gait.phase,
