@@ -39,7 +39,7 @@ class GlidingWorld:
 
 def env_of(walk=WalkConfig(), **ends):  # noqa: B008
     env = WalkEnv(Scene(PUPPER_V2, draw_pd, walk))
-    env.world = GlidingWorld(**ends)
+    env.world = GlidingWorld(**ends)  # pyright: ignore[reportAttributeAccessIssue]
     return env
 
 

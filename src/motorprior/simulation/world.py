@@ -128,7 +128,7 @@ class World:
         """State of a free robot, a copy; see `read_state`."""
         measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
         found = read_state(self.arrays, self._motors, torque_squared_sum, measured, feet)
-        base = (view.copy() for view in found[:4])
+        base = found.base_pos.copy(), found.base_quat.copy(), found.base_lin_vel.copy(), found.base_ang_vel.copy()
         return RobotState(*base, measured, feet, torque_squared_sum, found.fault)
 
     def close(self) -> None:
