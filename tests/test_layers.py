@@ -13,7 +13,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
+    *("schema", "bounds", "delay_line", "progress", "stage", "texts"),
 }
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification", "evaluation", "priors", "excitation"),
@@ -23,7 +23,7 @@ ORDER = [
 FORBIDDEN = {
     # what the robot's computer does not install
     "hardware": {"simulation", "actuator", "identification", "evaluation", "priors", "excitation"},
-    "locomotion": {"simulation"},  # gets a backend handed in
+    "locomotion": {"simulation"},  # gets a simulator handed in
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/networks/"),

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS, stats_of
 
-from motorprior.backend import BackendState
 from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import command_step, follow_command, new_gait, observe
+from motorprior.locomotion.control_step import RobotState, command_step, follow_command, new_gait, observe
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
@@ -120,7 +119,7 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_
 
     def seen(state, quat, rates, joints, yaw_rate):
         nothing = np.zeros(3)
-        at = BackendState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
+        at = RobotState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
         observe(body, at, state.observation)
         follow_command(body, state, forward, yaw_rate)
         return state.observation

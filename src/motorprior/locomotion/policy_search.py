@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,20 +17,11 @@ from motorprior.locomotion.policy_shape import PolicyShape
 EVALUATION_EVERY, EVALUATION_EPISODES = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
-_MEANS = ("steps", "speed_error")  # means over the episodes of an iteration
 START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
 
 
-@dataclass(frozen=True)
-class Iteration:
-    """A point of the learning curve: means over the episodes, and the number of episodes by fault."""
-
-    iteration: int
-    mean_return: float
-    best_return: float
-    mean_steps: float
-    mean_speed_error: float
-    faults: dict[int, int]
+Point: TypeAlias = dict[str, Any]
+"""Point of the learning curve: iteration, mean and best return, mean steps and speed error, episodes by fault."""
 
 
 def run_task(simulator: Any, search: PolicySearch, task: tuple[int, int, int]) -> Any:
@@ -70,7 +60,7 @@ class PolicySearch:
         parameters = self.ars.candidate(direction, sign) if sign else self.ars.average
         return self.shape.policy(parameters, self.ars.observations)
 
-    def advance(self, executor: Executor) -> Iteration:
+    def advance(self, executor: Executor) -> Point:
         """One ARS iteration: ask, run every candidate, tell."""
         iteration, seed = self.ars.iteration, self.ars.config.seed
         tasks = [(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
@@ -79,10 +69,14 @@ class PolicySearch:
         self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
         self.mean_returns = np.append(self.mean_returns, returns.mean())
         faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
-        steps, speed_error = (float(np.mean([getattr(each, name) for each in episodes])) for name in _MEANS)
-        return Iteration(
-            iteration, float(returns.mean()), float(returns.max()), steps, speed_error, dict(sorted(faults.items()))
-        )
+        return {
+            "iteration": iteration,
+            "mean_return": float(returns.mean()),
+            "best_return": float(returns.max()),
+            "mean_steps": float(np.mean([episode.steps for episode in episodes])),
+            "mean_speed_error": float(np.mean([episode.speed_error for episode in episodes])),
+            "faults": dict(sorted(faults.items())),
+        }
 
     def evaluate(self, executor: Executor) -> None:
         """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
@@ -98,7 +92,7 @@ class PolicySearch:
         iterations: int,
         evaluator: Executor | None = None,
         patience: int | None = None,
-        progress: Callable[[Iteration], None] = lambda _: None,
+        progress: Callable[[Point], None] = lambda _: None,
     ) -> None:
         """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
 

@@ -6,8 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
@@ -30,16 +28,12 @@ from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks,
 _NOTES, _TRACES = "notes.json", "traces.png"
 
 
-def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
-    return Section(title, (text,), (picture(figure, caption),), tables)
-
-
 def samples(prior: MotorPrior) -> Section:
     """Behaviour of samples of each class of joints, and where their spread comes from."""
     figure = plots.draw_class_behaviours(class_behaviours(prior))
     caption = f"Responses on a load of {LOAD:g} times the armature, and friction; a row per class of joints."
     text = " ".join(f"{line[0].upper()}{line[1:]}." for line in prior.spread_notes())
-    return _section("Samples of the prior", text, figure, caption)
+    return Section("Samples of the prior", (text,), (picture(figure, caption),))
 
 
 def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ()) -> None:
@@ -76,7 +70,8 @@ def bench(folder: Path) -> Section:
         f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."
     )
     figure = plots.excitation_and_response(part, "Preset rollout, first motor")
-    return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
+    drawn = picture(figure, "Excitation and response of one motor.")
+    return Section("Bench: excitation and response", (text,), (drawn,))
 
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
@@ -86,7 +81,8 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."
     )
-    return _section("Learning to walk", text, figure, "Mean return of the perturbed policies per iteration.")
+    drawn = picture(figure, "Mean return of the perturbed policies per iteration.")
+    return Section("Learning to walk", (text,), (drawn,))
 
 
 def gaits(robot: Robot, walks: Mapping[str, Episode]) -> Section:
