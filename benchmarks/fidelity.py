@@ -71,7 +71,7 @@ def measure(settings: Settings) -> Results:
         for model, path in paths.items()
     )
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
-    return results + Results.of([*renamed, *times])
+    return results + Results([*renamed, *times])
 
 
 def table(results: Results, motors: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
-from motorprior.robots.model_source import GeneratedModel, ModelFile
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.wire import Wire
 from motorprior.texts import Overview, Printable
 
@@ -94,7 +94,7 @@ class Robot(Printable):
     motor: str  # name of the motors
     joints: tuple[Joint, ...]  # in the order of the model; they are the model's last coordinates
     base: Literal["free", "fixed"]  # "free" or "fixed"
-    model: GeneratedModel | ModelFile  # MJCF, generated or a file
+    model: ModelFile
     num_links: int  # moving bodies of the model, including a free base
     nominal: tuple[float, ...]  # joint angles of the standing or resting pose [rad]
     legs: tuple[Leg, ...] = ()  # none for an arm

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.robots.model_source import GeneratedModel
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.urdf import urdf
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.wire import SafetyLimits, Wire
@@ -73,7 +73,7 @@ PUPPER_V2 = Robot(
     motor="DJI M2006 P36 + C610",
     joints=tuple(_joint(leg, kind) for leg in _LEGS for kind in _LIMITS),
     base="free",
-    model=GeneratedModel((_FOLDER / "pupper_v2.xml").read_text, urdf),
+    model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,
     nominal=_NOMINAL,
     legs=_MADE_LEGS,
