@@ -4,6 +4,7 @@
 # MuJoCo ships no type stubs.
 from contextlib import chdir
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
