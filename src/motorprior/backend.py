@@ -1,9 +1,4 @@
-"""Interface of a simulated robot: reset, step, close; MuJoCo and PyBullet implement it.
-
-A real robot, and a virtual one behind the same wire, does not: its control step is a deadline that depends on the age
-of the telemetry, and a fault in it ends in a crouch or without current, neither of which `step` can express.
-`hardware.motions` plays the policy as a motion instead.
-"""
+"""Interface of a simulated robot: reset, step, close; MuJoCo and PyBullet implement it."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
             problem = f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits {lower:g} to {upper:g} rad"
             raise ArtifactError(problem, where=where, remedy="give an angle within the limits of the model")
         gains = (numbers[key][i] for key in ("kp", "kd", "torque_limit"))
-        joints.append(Joint(name, lower, upper, *gains, encoder=table.get("encoder", "joint")))
+        joints.append(Joint(name, lower, upper, *gains))
     made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
     used = [name for leg in legs.values() for name in (*leg["joints"], f"foot {leg['foot']}")]
     if shared := [name for name in used if used.count(name) > 1]:
@@ -136,6 +136,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         model=source,
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
+        encoder=table.get("encoder", "joint"),
         legs=made,
         leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
         gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),

@@ -48,7 +48,6 @@ def _joint(leg: str, kind: str) -> Joint:
         kp=_WIRE.kp * _WIRE.torque_constant,
         kd=_WIRE.kd * _WIRE.torque_constant,
         torque_limit=_WIRE.max_current * _WIRE.torque_constant,
-        encoder="rotor",
     )
 
 
@@ -76,6 +75,7 @@ PUPPER_V2 = Robot(
     model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,
     nominal=_NOMINAL,
+    encoder="rotor",
     legs=_MADE_LEGS,
     gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
     weight=round(GRAVITY * _MASS, 9),
