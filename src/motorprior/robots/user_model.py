@@ -125,7 +125,7 @@ class UserModel:
 
         Raises ArtifactError for no joint, one of another type, or one without limits.
         """
-        limits = {}
+        limits: dict[str, tuple[float, float]] = {}
         for index in range(self._model.njnt):
             kind, name = self._model.jnt_type[index], self._model.joint(index).name
             if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -136,7 +136,8 @@ class UserModel:
             if not self._model.jnt_limited[index]:
                 remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
                 raise self._error(f"joint {name!r} has no limits", remedy)
-            limits[name] = tuple(self._model.jnt_range[index].tolist())
+            lower, upper = self._model.jnt_range[index].tolist()
+            limits[name] = lower, upper
         if not limits:
             raise self._error("the model has no hinges", "give a model with joints")
         return limits
