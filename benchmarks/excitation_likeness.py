@@ -90,7 +90,7 @@ def likeness(
         training windows over that of the test windows (far below 1: memorised), and the median of each of FEATURES;
         kind "runs" are the test windows themselves, TRAIN the training windows, without ``nearest``.
     """
-    return Results.of(_rows(runs, test, seed, kinds, count))
+    return Results(_rows(runs, test, seed, kinds, count))
 
 
 def _rows(

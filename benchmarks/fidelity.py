@@ -69,7 +69,7 @@ def measure(settings: Settings) -> Results:
     seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
     times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
-    return results + Results.of([*renamed, *times])
+    return results + Results([*renamed, *times])
 
 
 def table(results: Results, motors: str) -> str:

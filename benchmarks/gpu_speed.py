@@ -35,7 +35,7 @@ PATHS, SUBSTEPS = ("pd", "learned"), round(ROBOT.control_dt / ROBOT.physics_dt)
 
 def model_of(path: str) -> mujoco.MjModel:
     """The robot on a floor with the actuators of a path, and mjlab's integrator."""
-    spec = mujoco.MjSpec.from_string(ROBOT.model.mjcf())
+    spec = mujoco.MjSpec.from_file(str(ROBOT.model.path))
     spec.option.timestep, spec.option.integrator = ROBOT.physics_dt, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.worldbody.first_body().pos = [0.0, 0.0, ROBOT.standing_height]
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,25 +32,13 @@ class Result:
     seconds: float | None = None  # duration of the log of the motors [s]
 
 
-@dataclass(frozen=True)
-class Results:
+class Results(tuple[Result, ...]):
     """Rows in the order of their measurement."""
 
-    rows: tuple[Result, ...] = ()
+    __slots__ = ()
 
-    @classmethod
-    def of(cls, rows: Iterable[Result]) -> Results:
-        """Table of these rows."""
-        return cls(tuple(rows))
-
-    def __iter__(self) -> Iterator[Result]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __add__(self, other: Results) -> Results:
-        return Results(self.rows + other.rows)
+    def __add__(self, other: tuple[Any, ...]) -> Results:
+        return Results((*self, *other))
 
     def __str__(self) -> str:
         named = [name for name in Result.__dataclass_fields__ if any(getattr(row, name) is not None for row in self)]
@@ -63,7 +50,7 @@ class Results:
     def where(self, **columns: Any) -> Results:
         """Rows with these values; a tuple stands for any of its values, None for no value."""
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
-        return Results.of(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
+        return Results(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
 
     def distinct(self, column: str) -> list[Any]:
         """Distinct values of a column, in the order of the rows."""
@@ -106,7 +93,7 @@ class Results:
     def load(cls, path: Path) -> Results:
         """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
         try:
-            return cls.of(Result(**row) for row in read_json(path)["rows"])
+            return cls(Result(**row) for row in read_json(path)["rows"])
         except (KeyError, TypeError) as error:
             remedy = f"delete the folder {path.parent} and run the same command again"
             raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error

@@ -128,7 +128,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
             page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
         results += found.as_results()
-        results += Results.of([Result("seconds", "s", time.monotonic() - started)])
+        results += Results([Result("seconds", "s", time.monotonic() - started)])
         stage.write_results(out, results)
         write_page(sections, complete=True)
         progress.note(study_page.headline(found))

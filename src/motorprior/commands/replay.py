@@ -68,7 +68,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                     simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
-        write_results(config.out, Results.of(rows))
+        write_results(config.out, Results(rows))
     return read_results(config.out)
 
 

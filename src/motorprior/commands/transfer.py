@@ -68,7 +68,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
         seeds[condition] += 1
     with working(config.out, wanted):
         found = in_parallel(works, usable_threads(config.workers, progress), progress)
-        write_results(config.out, Results.of(row for rows in found for row in rows))
+        write_results(config.out, Results(row for rows in found for row in rows))
     return read_results(config.out)
 
 

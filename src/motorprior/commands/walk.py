@@ -79,6 +79,6 @@ def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
     with atomic_path(config.out / PICTURE) as temporary:
         temporary.write_bytes(png_bytes(learning_curves({config.out.name: read_curves(folders.values())})))
     best = {seed: float(policy.provenance["best_return"]) for seed, policy in zip(folders, found, strict=True)}
-    results = Results.of(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
+    results = Results(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
     write_results(config.out, results)
     return results

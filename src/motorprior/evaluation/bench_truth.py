@@ -136,9 +136,9 @@ def bench_coverage(
         for level in LEVELS:
             share = sum(float(np.mean(each[level])) / _COVERED for each in inside)
             rows.append(Result(f"coverage{level}", "1", share, motors="held_out", part=kind))
-    of_each = Results.of(rows)
+    of_each = Results(rows)
     overall = [
         Result(f"coverage{level}", "1", of_each.mean(quantity=f"coverage{level}"), motors="held_out")
         for level in LEVELS
     ]
-    return Results.of(overall) + of_each
+    return Results(overall) + of_each

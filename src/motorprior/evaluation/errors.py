@@ -201,7 +201,7 @@ def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEA
                 for name, row in zip(names, table, strict=True)
                 if np.isfinite(row).any()
             ]
-    return Results.of(rows)
+    return Results(rows)
 
 
 def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:

@@ -75,20 +75,17 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    """Keys and frame of a message."""
+    """Frame of a message."""
 
-    keys: tuple[str, ...]
-    required: tuple[str, ...]
     max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian
     end: bytes  # after the payload
 
 
-_COMMAND_KEYS, _TELEMETRY_KEYS = (tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry))
 _FORMATS: dict[type, _Format] = {
-    Command: _Format(_COMMAND_KEYS, (), 255, b"\x00", 1, b""),
-    Telemetry: _Format(_TELEMETRY_KEYS, _TELEMETRY_KEYS[:9], 1023, b"\x45\x45", 2, b"\r\n"),
+    Command: _Format(255, b"\x00", 1, b""),
+    Telemetry: _Format(1023, b"\x45\x45", 2, b"\r\n"),
 }
 _ARRAYS = ("pos", "vel", "cur")
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
@@ -120,11 +117,12 @@ def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
         raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict) or not values:
         raise ProtocolError("not a msgpack map with keys")
-    known = {key: values[key] for key in _FORMATS[kind].keys if key in values}
-    unknown = kind is Command and len(known) < len(values)
-    if unknown or not all(key in known for key in _FORMATS[kind].required):
-        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}")
-    return kind(**_validated(known, joints))
+    if kind is Telemetry:
+        values = {field.name: values[field.name] for field in fields(kind) if field.name in values}
+    try:
+        return kind(**_validated(values, joints))
+    except TypeError as error:
+        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}") from error
 
 
 def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.logs.splits import Split
 from motorprior.priors.fit_prior import fit_recipe
-from motorprior.progress import WARNING, NoteProgress, Progress
+from motorprior.progress import WARNING, Progress
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
@@ -46,7 +46,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         warnings.extend([text] if text.startswith(WARNING) else [])
         progress.note(text)
 
-    notes = NoteProgress(note, progress)
+    notes = Progress(note, progress.line)
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:

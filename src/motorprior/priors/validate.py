@@ -23,7 +23,7 @@ from motorprior.logs.splits import first_and_rest, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SHOWN, SILENT, WARNING, NoteProgress, Progress
+from motorprior.progress import SHOWN, SILENT, WARNING, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
@@ -107,8 +107,8 @@ def validate(
         task.advance()
     for line in found.warnings:
         progress.note(line)
-    trained = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
-    return replace(found, results=trained + found.results.where(log=None) + Results.of(coverages))
+    trained = Results([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
+    return replace(found, results=trained + found.results.where(log=None) + Results(coverages))
 
 
 def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:
@@ -145,7 +145,7 @@ def fitted_baselines(
             recipe = replace(recipe, steps=adam_steps)
         try:
             out = None if folder is None else folder / name
-            fitted = fit_recipe(log, named, recipe, seed, out, NoteProgress(SILENT.note, progress), tuned=tuned)
+            fitted = fit_recipe(log, named, recipe, seed, out, Progress(SILENT.note, progress.line), tuned=tuned)
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None

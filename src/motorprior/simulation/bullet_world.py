@@ -25,7 +25,7 @@ from motorprior.actuator.kernels import make_explicit, measure_joint_pos, reset_
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.control_step import RobotState
-from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.robots.model_source import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import EpisodeConditions, nominal_conditions
 from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
@@ -47,7 +47,7 @@ class BulletWorld:
         self.robot, self.suspended = robot, suspended
         self.substeps = substeps_of(robot.control_dt, PHYSICS_DT)
         self._bullet, self._client = import_bullet(), -1
-        if not isinstance(robot.model, GeneratedModel) or robot.model.urdf is None:
+        if robot.model.urdf is None:
             raise ConfigError(f"robot {robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
         self._urdf = robot.model.urdf
         self._nominal = self._conditions = nominal_conditions(robot)
