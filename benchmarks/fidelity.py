@@ -22,8 +22,8 @@ from motorprior.commands.validate import Validate, run_validate
 from motorprior.identification.presets import network_steps
 from motorprior.priors.fit_prior import PRIOR
 from motorprior.progress import Lines
-from motorprior.results import Result, Results
-from motorprior.stage import FIGURES, MARKER, write_results
+from motorprior.results import Result, Results, write_results
+from motorprior.stage import FIGURES, MARKER
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",

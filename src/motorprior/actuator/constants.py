@@ -6,16 +6,18 @@ import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import PER_LOGGED, named_multiples, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.texts import text_table
+
+if TYPE_CHECKING:
+    from motorprior.actuator.latent import LatentNetwork
 
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
@@ -92,7 +94,7 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
     Those in units of a firmware are multiples with names of their own (`named_multiples`). A network has a torque limit
     and, if it decodes one, an armature.
     """
-    if isinstance(model, LatentNetwork):
+    if not isinstance(model, GreyBox):
         limit = {"torque_limit": np.full(len(z), model.torque_limit)}
         return limit | ({"armature": model.armature(z)} if model.has_armature else {})
     values = model.constants(z)

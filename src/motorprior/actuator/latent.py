@@ -21,10 +21,31 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_step
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
 from motorprior.actuator.vector import LANES, add_product, soften
+from motorprior.bounds import BOOLEAN, exactly, integer, many, number
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
+from motorprior.schema import Schema, Tensor
 
 NETWORK_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")  # fields of `LatentNetwork`
+_INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
+# content of a prior's file: arrays, and entries of its header
+WEIGHTS = {
+    "b1": Tensor(("neurons",)),
+    "w1": Tensor(("inputs", "neurons")),
+    "v1": Tensor(("latents", "neurons")),
+    "w2": Tensor(("neurons", "neurons")),
+    "b2": Tensor(("neurons",)),
+    "w3": Tensor(("neurons",)),
+    "b3": Tensor(()),
+    "log_armature": Tensor(()),
+    "armature_slope": Tensor(("latents",)),
+}
+_ENTRIES = {
+    "input_order": exactly(_INPUT_ORDER),
+    "taps": many(integer(0, 10_000), minimum=1),
+    "has_armature": BOOLEAN,
+    **dict.fromkeys(NETWORK_SCALES, number(above=0.0)),
+}
 
 
 def _softsign(x: Any) -> Any:
@@ -81,6 +102,24 @@ class LatentNetwork:
         """H."""
         return self.w2.shape[0]
 
+    def contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and header entries for a prior's file."""
+        entries = {"input_order": _INPUT_ORDER, "taps": list(self.taps), "has_armature": self.has_armature}
+        weights = {name: np.asarray(getattr(self, name), np.float64) for name in WEIGHTS}
+        return weights, entries | {name: getattr(self, name) for name in NETWORK_SCALES}
+
+    @classmethod
+    def of(
+        cls, tensors: Mapping[str, np.ndarray], entries: Mapping[str, Any], period: float, copula: Copula | None
+    ) -> LatentNetwork:
+        """From `contents`, with its ``period`` [s]."""
+        arrays: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
+        scales = {name: float(entries[name]) for name in NETWORK_SCALES}
+        return cls(
+            **arrays, **scales, taps=tuple(entries["taps"]), period=period, has_armature=entries["has_armature"],
+            copula=copula,
+        )  # fmt: skip
+
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
@@ -100,6 +139,11 @@ class LatentNetwork:
     def motors(self, z: np.ndarray, gains: np.ndarray | None = None) -> NetworkActuator:
         """Motors with latents z (n, Z); gains have no effect."""
         return NetworkActuator(self, z)
+
+
+def network_schema(remedy: str) -> Schema:
+    """Declaration of the header entries of `LatentNetwork.contents`."""
+    return Schema(_ENTRIES, remedy, name="network")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Errors of motor models on logs, the warnings that follow from them, and their tables.
+"""Errors of motor models on logs, and the warnings that follow from them.
 
 All models simulate the joints from recorded commands and loads, without feedback from the recorded motion. Errors are
 simulated minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
@@ -11,10 +11,8 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 
@@ -32,7 +30,6 @@ from motorprior.identification.windows import relative_conditions, seconds_since
 from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import excited_joints, static_joints
 from motorprior.progress import Progress
-from motorprior.results import Result, Results
 from motorprior.signals import rms
 
 PRIOR, TUNED_PD = "prior", "tuned_pd"
@@ -40,9 +37,6 @@ SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
-Statistics: TypeAlias = Mapping[str | None, Callable[[np.ndarray], np.floating]]  # name in results -> function
-MEAN: Statistics = MappingProxyType({None: np.nanmean})
-MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 _MAX_SEGMENTS = 20  # maximum number of segments of a replay
 # quantities of the quick report: errors of free runs of whole segments and of 1 s
 WHOLE_RUN_RMSE, FREE_RUN_RMSE = "real_motors_rmse", "real_motors_free_run_rmse"
@@ -187,37 +181,3 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
                 "logs of both"
             )
     return found
-
-
-def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
-    """Statistics of each model over all joints and logs; its means by joint and by log."""
-    rows = []
-    for model, values in errors.models.items():
-        for statistic, function in statistics.items():
-            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
-        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
-            rows += [
-                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
-                for name, row in zip(names, table, strict=True)
-                if np.isfinite(row).any()
-            ]
-    return Results.of(rows)
-
-
-def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
-    """Model -> joint -> RMSE [rad]."""
-    errors: dict[str, dict[str, float]] = {}
-    for row in results.where(quantity=quantity, log=None):
-        if row.model is not None and row.part is not None:
-            errors.setdefault(row.model, {})[row.part] = row.value
-    return errors
-
-
-def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
-    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
-    rows: dict[str, list[str]] = {}
-    for quantity in quantities:
-        for model, errors in errors_by_joint(results, quantity).items():
-            rows.setdefault(model, [model]).extend(summary(errors))
-    return ["model", *columns], list(rows.values())

@@ -1,24 +1,16 @@
-"""Evaluation of models in free runs over logs: errors, warnings, and traces of two joints."""
+"""Evaluation of models in free runs over logs: errors with their tables, warnings, and traces of two joints."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.constants import Constants
-from motorprior.evaluation.errors import (
-    MAX_ERROR,
-    MEAN,
-    TUNED_PD,
-    LogErrors,
-    Statistics,
-    capped,
-    error_results,
-    error_table,
-)
+from motorprior.evaluation.errors import MAX_ERROR, TUNED_PD, LogErrors, capped, summary
 from motorprior.identification.baselines.response_fit import ResponseMotors
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
@@ -30,10 +22,13 @@ from motorprior.identification.physics.window_runs import (
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
-from motorprior.results import Results
+from motorprior.results import Result, Results
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
 
+Statistics: TypeAlias = Mapping[str | None, Callable[[np.ndarray], np.floating]]  # name in results -> function
+MEAN: Statistics = MappingProxyType({None: np.nanmean})
+MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 DURATION = 1.0  # of a FREE_RUN [s]
 # models of a log's motors: on its loads, or responses that need no loads
@@ -122,3 +117,37 @@ def validation_of(
         simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in plotted}
         traces.append(Trace(name, whole.joints[joint], time, target, measured, simulated))
     return Validation(results, traces, warnings)
+
+
+def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
+    """Statistics of each model over all joints and logs; its means by joint and by log."""
+    rows = []
+    for model, values in errors.models.items():
+        for statistic, function in statistics.items():
+            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
+        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
+            rows += [
+                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
+                for name, row in zip(names, table, strict=True)
+                if np.isfinite(row).any()
+            ]
+    return Results.of(rows)
+
+
+def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
+    """Model -> joint -> RMSE [rad]."""
+    errors: dict[str, dict[str, float]] = {}
+    for row in results.where(quantity=quantity, log=None):
+        if row.model is not None and row.part is not None:
+            errors.setdefault(row.model, {})[row.part] = row.value
+    return errors
+
+
+def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
+    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
+    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
+    rows: dict[str, list[str]] = {}
+    for quantity in quantities:
+        for model, errors in errors_by_joint(results, quantity).items():
+            rows.setdefault(model, [model]).extend(summary(errors))
+    return ["model", *columns], list(rows.values())

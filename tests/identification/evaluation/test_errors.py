@@ -15,12 +15,18 @@ from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
     capped,
-    error_results,
-    error_table,
     log_warnings,
     replay_errors,
 )
-from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, Validation, free_run_errors, free_runs
+from motorprior.evaluation.free_runs import (
+    FREE_RUN,
+    WHOLE_RUN,
+    Validation,
+    error_results,
+    error_table,
+    free_run_errors,
+    free_runs,
+)
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import PRESETS, with_logged_settings

@@ -66,6 +66,7 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
+MIN_OTHERS, BETWEEN, MIN_ADVANTAGE = 3, 0.6, 0.05
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -132,6 +133,8 @@ def fit_motors(
         search = centred(center, terms, runs)
         prior = separate_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
+    if together and runs.num_motors > MIN_OTHERS:
+        found = _more_plausible(search, rng, found, fixed, runs.classes)
     if together and runs.num_motors > 1:
         found = _empirical_bayes(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
@@ -227,6 +230,41 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
     for motor in range(len(x)):
         others = rng.permutation(np.delete(np.arange(len(x)), motor))[: candidates.shape[1] // 4]
         candidates[motor, : len(others)] = x[others]
+
+
+def _more_plausible(
+    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray
+) -> Fit:
+    """The fits, with that of a motor replaced by another optimum if this is more probable given the other motors."""
+    prior = _prior_of_others(found, search.problem.observations, classes).fixing(fixed)
+    std = np.sqrt(found.loss[:, None] / search.problem.observations / prior.precision)
+    shape, mean = (len(found.x), CANDIDATES, found.x.shape[1]), prior.mean
+
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        samples = mean[:, None] + std[:, None] * rng.standard_normal(shape)
+        candidates = np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
+        return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
+
+    own = search.descend(found.x, prior, RIGID_STEPS[1:])
+    other = search.until_found_again(own, prior, draw, RESTARTS // 4, STEPS)
+    moved = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
+    import sys
+    print("    plausible", own.energy.round(4), other.energy.round(4), "loss", found.loss.round(4), own.loss.round(4), other.loss.round(4), moved, file=sys.stdout, flush=True)
+    return found.replaced(moved, other.subset(moved))
+
+
+def _prior_of_others(found: Fit, windows: int, classes: np.ndarray) -> GaussianPrior:
+    """Gaussian (M, K) of each motor's x, from the others of its class, or from all others if these are too few.
+
+    m = median, std = max(BETWEEN, 1.48·median of |x - m|).
+    """
+    mean, std, index = np.empty_like(found.x), np.empty_like(found.x), np.arange(len(found.x))
+    for motor in index:
+        others = index[(classes == classes[motor]) & (index != motor)]
+        x = found.x[others if len(others) >= MIN_OTHERS else index != motor]
+        mean[motor] = np.median(x, axis=0)
+        std[motor] = np.maximum(BETWEEN, 1.48 * np.median(np.abs(x - mean[motor]), axis=0))
+    return GaussianPrior(mean, found.loss[:, None] / windows / std**2)
 
 
 def _empirical_bayes(
