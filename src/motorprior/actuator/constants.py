@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PER_LOGGED, named_multiples, with_logged_gains
+from motorprior.actuator.geared_motor_step import PER_LOGGED, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -91,7 +91,7 @@ class Constants:
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
     """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
 
-    Those in units of a firmware are multiples with names of their own (`named_multiples`). A network has a torque limit
+    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a torque limit
     and, if it decodes one, an armature.
     """
     if not isinstance(model, GreyBox):
@@ -102,10 +102,9 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
         return with_logged_gains(values, *gains)
     if not model.gain_unit:
         return values
-    named = named_multiples(values)
-    if gains is not None and np.array_equal(*gains):  # kd is not logged: the ratio is one of the motor
-        named = {name if name != f"kd_over_kp{PER_LOGGED}" else "kd_over_kp": each for name, each in named.items()}
-    return named
+    kd_is_logged = gains is None or not np.array_equal(*gains)  # else the ratio is one of the motor
+    multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
+    return {f"{name}{PER_LOGGED}" if name in multiples else name: value for name, value in values.items()}
 
 
 def plot_response(motors: Any, title: str, period: float) -> Any:

@@ -7,7 +7,7 @@ Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -401,11 +401,6 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
     if prior.model.gain_unit != PHYSICAL_GAINS:
         return None
     return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
-
-
-def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
-    """Values by name of the limits that the training logs do not identify, from the metrics of a prior."""
-    return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
 
 
 def limit_text(name: str, value: float) -> str:

@@ -11,7 +11,7 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
-from motorprior.logs.operations import excited_joints, static_joints
+from motorprior.logs.operations import static_joints
 from motorprior.progress import Progress
 from motorprior.signals import rms
 
@@ -91,23 +91,6 @@ class LogErrors:
     logs: tuple[str, ...]  # L names
     joints: tuple[str, ...]  # J names
     models: dict[str, np.ndarray]  # (L, J) by model; NaN where a joint is not excited
-
-    @classmethod
-    def of(cls, logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
-        """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
-        tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
-        for row, log in enumerate(logs.values()):
-            static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
-            for table in tables.values():
-                table[row, static] = np.nan
-        return cls(tuple(logs), next(iter(logs.values())).joint_names, tables)
-
-    def median_and_max(self, model: str) -> list[tuple[int, int]]:
-        """Log and joint of the median and of the maximum error of a model; once if they are the same."""
-        values = self.models[model]
-        order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
-        places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
-        return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
 
     def unexplained(self, model: str) -> np.ndarray:
         """(J,) √(max(e² - ENCODER_ERROR², 0)) / e_PD with the mean errors e over the logs [-]."""

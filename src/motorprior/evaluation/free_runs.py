@@ -22,6 +22,7 @@ from motorprior.identification.physics.window_runs import (
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import excited_joints
 from motorprior.results import Result, Results
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
@@ -85,6 +86,23 @@ class Validation(Printable):
         return Overview("joint RMSE [mrad] of free runs", facts, *error_table(self.results, titles))
 
 
+def log_errors(logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
+    """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
+    tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
+    for row, log in enumerate(logs.values()):
+        static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
+        for table in tables.values():
+            table[row, static] = np.nan
+    return LogErrors(tuple(logs), next(iter(logs.values())).joint_names, tables)
+
+
+def median_and_max(values: np.ndarray) -> list[tuple[int, int]]:
+    """Log and joint of the median and of the maximum of errors (L, J); once if they are the same."""
+    order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
+    places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
+    return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
+
+
 def validation_of(
     logs: Mapping[str, MotorLog],
     runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
@@ -105,12 +123,12 @@ def validation_of(
     for quantity, of_logs in runs.items():
         found = [free_run_errors(of_logs[name], models) for name in logs]
         failures = dict.fromkeys(failed, np.full(next(iter(logs.values())).num_joints, MAX_ERROR))
-        errors[quantity] = LogErrors.of(logs, [each | failures for each in found])
+        errors[quantity] = log_errors(logs, [each | failures for each in found])
     whole, whole_runs_of = list(errors.values())[-1], list(runs.values())[-1]
     results = sum((error_results(each, quantity, statistics) for quantity, each in errors.items()), Results())
     warnings = whole.warnings(main_model) if TUNED_PD in models else []
     traces = []
-    for log, joint in whole.median_and_max(main_model):
+    for log, joint in median_and_max(whole.models[main_model]):
         name = whole.logs[log]
         longest_run = max(whole_runs_of[name], key=lambda run: run.preset.window)
         time, target, measured = (longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))

@@ -134,7 +134,7 @@ def fit_motors(
         prior = separate_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > MIN_OTHERS:
-        found = _more_plausible(search, rng, found, fixed, runs.classes)
+        found = _searched_near_others(search, rng, found, fixed, runs.classes)
     if together and runs.num_motors > 1:
         found = _empirical_bayes(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
@@ -232,31 +232,35 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
         candidates[motor, : len(others)] = x[others]
 
 
-def _more_plausible(
+def _searched_near_others(
     search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray
 ) -> Fit:
-    """The fits, with that of a motor replaced by another optimum if this is more probable given the other motors."""
-    prior = _prior_of_others(found, search.problem.observations, classes).fixing(fixed)
-    std = np.sqrt(found.loss[:, None] / search.problem.observations / prior.precision)
-    shape, mean = (len(found.x), CANDIDATES, found.x.shape[1]), prior.mean
+    """The fits; of motors whose constants are improbable given the other motors', another optimum if it is better.
+
+    Both optima minimise the loss with the Gaussian of `_prior_of_others`. A fit is improbable if Σ (x - m)²/s² > 2·K.
+    """
+    windows, free = search.problem.observations, np.count_nonzero(~fixed)
+    prior = _prior_of_others(found, windows, classes).fixing(fixed)
+    own = search.descend(found.x, prior, RIGID_STEPS[1:])
+    improbable = np.flatnonzero((own.energy - own.loss) * windows > free * found.loss)
+    std, shape = np.sqrt(found.loss[:, None] / windows / prior.precision), (len(found.x), CANDIDATES, len(fixed))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = mean[:, None] + std[:, None] * rng.standard_normal(shape)
+        samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
         candidates = np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    own = search.descend(found.x, prior, RIGID_STEPS[1:])
-    other = search.until_found_again(own, prior, draw, RESTARTS // 4, STEPS)
-    moved = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
+    other = search.until_found_again(own, prior, draw, RESTARTS // 4, STEPS, which=improbable)
+    better = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
     import sys
-    print("    plausible", own.energy.round(4), other.energy.round(4), "loss", found.loss.round(4), own.loss.round(4), other.loss.round(4), moved, file=sys.stdout, flush=True)
-    return found.replaced(moved, other.subset(moved))
+    print("    plausible", own.energy.round(4), other.energy.round(4), "nats", ((own.energy - own.loss) * windows/found.loss).round(1), "loss", found.loss.round(4), own.loss.round(4), other.loss.round(4), improbable, better, file=sys.stdout, flush=True)
+    return found.replaced(better, other.subset(better))
 
 
 def _prior_of_others(found: Fit, windows: int, classes: np.ndarray) -> GaussianPrior:
     """Gaussian (M, K) of each motor's x, from the others of its class, or from all others if these are too few.
 
-    m = median, std = max(BETWEEN, 1.48·median of |x - m|).
+    m = median, s = max(BETWEEN, 1.48·median of |x - m|).
     """
     mean, std, index = np.empty_like(found.x), np.empty_like(found.x), np.arange(len(found.x))
     for motor in index:
