@@ -91,8 +91,8 @@ class Constants:
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
     """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
 
-    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a torque limit
-    and, if it decodes one, an armature.
+    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a
+    torque limit and, if it decodes one, an armature.
     """
     if not isinstance(model, GreyBox):
         limit = {"torque_limit": np.full(len(z), model.torque_limit)}

@@ -9,7 +9,10 @@ latent is one output. Each motor alone:
    random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
 3. Stop when the best optimum of each motor was found three times.
 
-Together: empirical Bayes from the separate fits (random effects, DerSimonian and Laird, 1986). Each turn updates
+Together: a log may not distinguish between optima, such as dry and viscous friction at a constant speed. A motor whose
+constants are improbable given those of the other motors is therefore searched again, with their Gaussian as its prior.
+
+Then empirical Bayes from these fits (random effects, DerSimonian and Laird, 1986). Each turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
@@ -66,6 +69,8 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
+# `searched_near_others`: minimum number of other motors; minimum standard deviation of the logarithm of a constant between
+# motors, that between joint classes of a quadruped (`standardise.ASSUMED_BETWEEN`); share of the energy to save
 MIN_OTHERS, BETWEEN, MIN_ADVANTAGE = 3, 0.6, 0.05
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
@@ -134,7 +139,7 @@ def fit_motors(
         prior = separate_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > MIN_OTHERS:
-        found = _searched_near_others(search, rng, found, fixed, runs.classes)
+        found = searched_near_others(search, rng, found, fixed, runs.classes, restarts // 4)
     if together and runs.num_motors > 1:
         found = _empirical_bayes(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
@@ -232,8 +237,8 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
         candidates[motor, : len(others)] = x[others]
 
 
-def _searched_near_others(
-    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray
+def searched_near_others(
+    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray, restarts: int
 ) -> Fit:
     """The fits; of motors whose constants are improbable given the other motors', another optimum if it is better.
 
@@ -250,10 +255,8 @@ def _searched_near_others(
         candidates = np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
-    other = search.until_found_again(own, prior, draw, RESTARTS // 4, STEPS, which=improbable)
+    other = search.until_found_again(own, prior, draw, restarts, STEPS, which=improbable)
     better = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
-    import sys
-    print("    plausible", own.energy.round(4), other.energy.round(4), "nats", ((own.energy - own.loss) * windows/found.loss).round(1), "loss", found.loss.round(4), own.loss.round(4), other.loss.round(4), improbable, better, file=sys.stdout, flush=True)
     return found.replaced(better, other.subset(better))
 
 
