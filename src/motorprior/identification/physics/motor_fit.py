@@ -69,8 +69,8 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
-# `searched_near_others`: minimum number of other motors; minimum standard deviation between motors of the logarithm of a
-# constant, that between joint classes of a quadruped (`standardise.ASSUMED_BETWEEN`); share of the energy to save
+# `searched_near_others`: minimum number of other motors; minimum standard deviation between motors of the logarithm of
+# a constant, that between joint classes of a quadruped (`standardise.ASSUMED_BETWEEN`); share of the energy to save
 MIN_OTHERS, BETWEEN, MIN_ADVANTAGE = 3, 0.6, 0.05
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
