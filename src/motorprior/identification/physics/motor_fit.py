@@ -28,14 +28,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import compress
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import TERMS, constants_of
+from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
@@ -88,16 +87,6 @@ class MotorFits:
     loss: np.ndarray
     terms: tuple[str, ...]
     is_rigid: bool = False
-
-    def arrays(self) -> Arrays:
-        """For a file."""
-        has = np.array([name in self.terms for name in TERMS], np.float64)
-        return {"center": self.center, "offsets": self.offsets, "loss": self.loss, "has": has}
-
-    @classmethod
-    def of(cls, arrays: Arrays) -> MotorFits:
-        """From `arrays`."""
-        return cls(arrays["center"], arrays["offsets"], arrays["loss"], tuple(compress(TERMS, arrays["has"])))
 
 
 def unsaved(name: str, compute: Callable[[], Arrays]) -> Arrays:
