@@ -68,9 +68,10 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
-# `searched_near_others`: minimum number of other motors; minimum standard deviation between motors of the logarithm of
-# a constant, that between joint classes of a quadruped (`standardise.ASSUMED_BETWEEN`); share of the energy to save
-MIN_OTHERS, BETWEEN, MIN_ADVANTAGE = 3, 0.6, 0.05
+# standard deviation of the logarithm of a constant between classes of a robot: hip, thigh and calf of a quadruped
+# differ by 0.8 in armature, 0.7 in Coulomb friction, 0.5 in viscous damping
+ASSUMED_BETWEEN = 0.6
+MIN_OTHERS, MIN_ADVANTAGE = 3, 0.05  # `searched_near_others`: motors of a Gaussian; share of the energy to save
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -252,14 +253,14 @@ def searched_near_others(
 def _prior_of_others(found: Fit, windows: int, classes: np.ndarray) -> GaussianPrior:
     """Gaussian (M, K) of each motor's x, from the others of its class, or from all others if these are too few.
 
-    m = median, s = max(BETWEEN, 1.48·median of |x - m|).
+    m = median, s = max(ASSUMED_BETWEEN, 1.48·median of |x - m|).
     """
     mean, std, index = np.empty_like(found.x), np.empty_like(found.x), np.arange(len(found.x))
     for motor in index:
         others = index[(classes == classes[motor]) & (index != motor)]
         x = found.x[others if len(others) >= MIN_OTHERS else index != motor]
         mean[motor] = np.median(x, axis=0)
-        std[motor] = np.maximum(BETWEEN, 1.48 * np.median(np.abs(x - mean[motor]), axis=0))
+        std[motor] = np.maximum(ASSUMED_BETWEEN, 1.48 * np.median(np.abs(x - mean[motor]), axis=0))
     return GaussianPrior(mean, found.loss[:, None] / windows / std**2)
 
 
