@@ -108,6 +108,10 @@ def test_of_two_optima_that_fit_alike_the_motor_gets_that_of_the_others():
     search, wide = Search(_TwoOptima()), np.zeros(2)
     x = np.stack([[2.0, 2.0, 2.0, 2.0, -2.0], 0.1 * np.arange(5)], axis=1)
     found = search.at(x, GaussianPrior(wide, wide))
-    changed = searched_near_others(search, np.random.default_rng(0), found, wide > 0.0, np.zeros(5, int), 12)
+    changed, same = (
+        searched_near_others(search, np.random.default_rng(0), found, wide > 0.0, classes, 12)
+        for classes in (np.arange(5), np.array([0, 1, 2, 3, 3]))
+    )
     assert changed.x[:4].tobytes() == x[:4].tobytes()  # the others are probable
     np.testing.assert_allclose(changed.x[4], [2.0, 0.4], atol=0.15)
+    assert same.x.tobytes() == x.tobytes()  # it is not alone in its class

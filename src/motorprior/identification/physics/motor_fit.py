@@ -9,10 +9,10 @@ latent is one output. Each motor alone:
    random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
 3. Stop when the best optimum of each motor was found three times.
 
-Together: a log may not distinguish between optima, such as dry and viscous friction at a constant speed. A motor whose
-constants are improbable given those of the other motors is therefore searched again, with their Gaussian as its prior.
-
-Then empirical Bayes from these fits (random effects, DerSimonian and Laird, 1986). Each turn updates
+Together: a log may not distinguish between optima, such as dry and viscous friction at a constant speed. A motor
+without others of its class, whose constants are improbable given those of the other motors, is therefore searched
+again, with their Gaussian as its prior. Then empirical Bayes from these fits (random effects, DerSimonian and Laird, 1986). Each
+turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
@@ -71,7 +71,7 @@ _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants tha
 # standard deviation of the logarithm of a constant between classes of a robot: hip, thigh and calf of a quadruped
 # differ by 0.8 in armature, 0.7 in Coulomb friction, 0.5 in viscous damping
 ASSUMED_BETWEEN = 0.6
-MIN_OTHERS, MIN_ADVANTAGE = 3, 0.05  # `searched_near_others`: motors of a Gaussian; share of the energy to save
+MIN_OTHERS, MIN_ADVANTAGE = 3, 0.05  # `searched_near_others`: other motors; share of the energy to save
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -230,38 +230,29 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
 def searched_near_others(
     search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray, restarts: int
 ) -> Fit:
-    """The fits; of motors whose constants are improbable given the other motors', another optimum if it is better.
+    """The fits; motors without others of their class get another optimum if the other motors make it more probable.
 
-    Both optima minimise the loss with the Gaussian of `_prior_of_others`. A fit is improbable if Σ (x - m)²/s² > 2·K.
+    Their prior is the Gaussian of all other motors, with m = median, s = max(ASSUMED_BETWEEN, 1.48·median of |x - m|).
+    They are searched with it if Σ (x - m)²/s² > 2·K.
     """
     windows, free = search.problem.observations, np.count_nonzero(~fixed)
-    prior = _prior_of_others(found, windows, classes).fixing(fixed)
+    others = [np.delete(found.x, motor, axis=0) for motor in range(len(found.x))]
+    mean = np.median(others, axis=1)
+    std = np.maximum(ASSUMED_BETWEEN, 1.48 * np.median(np.abs(others - mean[:, None]), axis=1))
+    prior = GaussianPrior(mean, found.loss[:, None] / windows / std**2).fixing(fixed)
     own = search.descend(found.x, prior, RIGID_STEPS[1:])
-    improbable = np.flatnonzero((own.energy - own.loss) * windows > free * found.loss)
-    std, shape = np.sqrt(found.loss[:, None] / windows / prior.precision), (len(found.x), CANDIDATES, len(fixed))
+    is_alone = np.sum(classes[:, None] == classes, axis=1) == 1
+    improbable = np.flatnonzero(is_alone & ((own.energy - own.loss) * windows > free * found.loss))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
+        shape = (len(mean), CANDIDATES, len(fixed))
+        samples = mean[:, None] + std[:, None] * rng.standard_normal(shape)
         candidates = np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
         return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
     other = search.until_found_again(own, prior, draw, restarts, STEPS, which=improbable)
     better = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
     return found.replaced(better, other.subset(better))
-
-
-def _prior_of_others(found: Fit, windows: int, classes: np.ndarray) -> GaussianPrior:
-    """Gaussian (M, K) of each motor's x, from the others of its class, or from all others if these are too few.
-
-    m = median, s = max(ASSUMED_BETWEEN, 1.48·median of |x - m|).
-    """
-    mean, std, index = np.empty_like(found.x), np.empty_like(found.x), np.arange(len(found.x))
-    for motor in index:
-        others = index[(classes == classes[motor]) & (index != motor)]
-        x = found.x[others if len(others) >= MIN_OTHERS else index != motor]
-        mean[motor] = np.median(x, axis=0)
-        std[motor] = np.maximum(ASSUMED_BETWEEN, 1.48 * np.median(np.abs(x - mean[motor]), axis=0))
-    return GaussianPrior(mean, found.loss[:, None] / windows / std**2)
 
 
 def _empirical_bayes(
