@@ -11,8 +11,8 @@ latent is one output. Each motor alone:
 
 Together: a log may not distinguish between optima, such as dry and viscous friction at a constant speed. A motor
 without others of its class, whose constants are improbable given those of the other motors, is therefore searched
-again, with their Gaussian as its prior. Then empirical Bayes from these fits (random effects, DerSimonian and Laird, 1986). Each
-turn updates
+again, with their Gaussian as its prior. Then empirical Bayes from these fits (random effects, DerSimonian and Laird,
+1986). Each turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
