@@ -116,12 +116,10 @@ class LatentNetwork:
         cls, tensors: Mapping[str, np.ndarray], entries: Mapping[str, Any], period: float, copula: Copula | None
     ) -> LatentNetwork:
         """From `contents`, with its ``period`` [s]."""
-        arrays: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
-        scales = {name: float(entries[name]) for name in NETWORK_SCALES}
-        return cls(
-            **arrays, **scales, taps=tuple(entries["taps"]), period=period, has_armature=entries["has_armature"],
-            copula=copula,
-        )  # fmt: skip
+        values: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
+        values |= {name: float(entries[name]) for name in NETWORK_SCALES}
+        taps = tuple(entries["taps"])
+        return cls(**values, taps=taps, period=period, has_armature=entries["has_armature"], copula=copula)
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
