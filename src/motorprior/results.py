@@ -10,6 +10,7 @@ import numpy as np
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
+from motorprior.stage import FIGURES, RESULTS
 from motorprior.texts import text_table
 
 # suffix of a figure's name by statistic; others, such as the median, have none
@@ -97,6 +98,17 @@ class Results(tuple[Result, ...]):
         except (KeyError, TypeError) as error:
             remedy = f"delete the folder {path.parent} and run the same command again"
             raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write results.json (rows) and figures.json (name -> value)."""
+    results.save(folder / RESULTS)
+    write_json(folder / FIGURES, results.to_figures())
+
+
+def read_results(folder: Path) -> Results:
+    """Results of a finished stage."""
+    return Results.load(folder / RESULTS)
 
 
 def _name(row: Result) -> str:

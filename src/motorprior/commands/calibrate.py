@@ -13,10 +13,10 @@ from motorprior.commands.replay import read_logs
 from motorprior.evaluation.bench_truth import band
 from motorprior.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.calibration import Calibration, FleetProblem, calibrate, calibrated_fleet
 from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
 

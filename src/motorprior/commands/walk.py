@@ -12,10 +12,9 @@ from motorprior.bounds import require_count
 from motorprior.locomotion.executor import ExecutorKind
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, write_results
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.training import WalkSettings, train_policy
-from motorprior.stage import write_results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
-from motorprior.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
-from motorprior.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.errors import PRIOR, TUNED_PD, log_warnings
+from motorprior.evaluation.free_runs import MEDIAN_AND_MEAN, MotorModel, Validation, free_runs, validation_of
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd

@@ -11,18 +11,18 @@ from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOAD, class_behaviours
 from motorprior.bench.families import FAMILIES
-from motorprior.evaluation import errors as log_errors
-from motorprior.evaluation.free_runs import Validation
+from motorprior.evaluation.free_runs import Validation, error_table, errors_by_joint
 from motorprior.exceptions import ConfigError
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import model_label, png_bytes
+from motorprior.results import read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.simulation.training import POLICY
-from motorprior.stage import PAGE, read_results, write_results
+from motorprior.stage import PAGE
 from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 
 _NOTES, _TRACES = "notes.json", "traces.png"
@@ -47,13 +47,13 @@ def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ())
 def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
     results, notes = read_results(folder), read_json(folder / _NOTES)
-    tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    tables = [Table(*error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if notes["constants"]:
         tables.append(Table(*notes["constants"], caption="Constants of the motors."))
     for row in results.where(quantity="whole_run_coverage90"):
         notes["lines"].append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
-        picture(plots.draw_errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(plots.draw_errors_by_joint(errors_by_joint(results, quantity)), "Errors by joint."),
         Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."

@@ -21,7 +21,7 @@ _MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
 
 
-def cannot_read(path: Path, reason: str) -> ArtifactError:
+def cannot_read(path: Path | None, reason: str) -> ArtifactError:
     """The error for a model that MuJoCo cannot compile."""
     reason = " ".join(reason.split())[:300]
     return ArtifactError(f"MuJoCo cannot read it ({reason})", where=path, remedy="correct the model")

@@ -18,11 +18,11 @@ from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit
 from motorprior.priors.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
 from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Results
+from motorprior.results import Results, read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 
 ADAPT_SECONDS = (2.0, 5.0, 10.0, 30.0)
