@@ -31,12 +31,12 @@ from figures import PROGRESS, run_benchmark
 from motorprior.artifacts import read_json, write_json
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
+from motorprior.evaluation.splits import first_and_rest, window
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import PRESETS, recipe_of
-from motorprior.logs.operations import joined
+from motorprior.logs.operations import joined, train_test_halves
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.logs.splits import first_and_rest, train_test_halves, window
 from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import fit_recipe
 from motorprior.priors.validate import baseline_recipes, fitted_baselines

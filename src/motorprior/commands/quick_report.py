@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.evaluation.splits import excited_in_any, long_segments, split
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.load_log import PERIOD, cleaned
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
 from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
-from motorprior.logs.splits import excited_in_any, long_segments, split
 from motorprior.progress import SILENT, WARNING, Progress
 from motorprior.results import Results, read_results
 from motorprior.robots.load import load_robot

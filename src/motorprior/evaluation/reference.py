@@ -16,8 +16,7 @@ from motorprior.identification.latents.latent_fit import fit_posterior, latent_s
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import moved
-from motorprior.logs.splits import train_test_halves
+from motorprior.logs.operations import moved, train_test_halves
 
 LEVELS = tuple(range(5, 100, 5))  # percentiles of the closed-loop residual that are saved [%]
 # upper bound of the joint's speed in each pool of residuals [rad/s]; residuals grow with speed

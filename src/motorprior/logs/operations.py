@@ -1,4 +1,4 @@
-"""Operations on logs: gaps, grid, noise, repeats, joining. Splits of rows: `splits`; loads: `loads`."""
+"""Operations on logs: gaps, grid, noise, repeats, joining. Loads: `loads`."""
 
 from __future__ import annotations
 
@@ -204,6 +204,13 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
 MOVED_STD = 1e-2  # [rad]; of a joint without commands, above play and sway
+
+
+def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
+    starts = [part.start for part in log.segment_slices()[1:]]
+    row = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
+    return log.rows(slice(0, row)), log.rows(slice(row, None))
 
 
 def excited_joints(log: MotorLog) -> np.ndarray:

@@ -11,6 +11,7 @@ from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.splits import Split
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
@@ -19,7 +20,6 @@ from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
-from motorprior.logs.splits import Split
 from motorprior.priors.fit_prior import fit_recipe
 from motorprior.progress import WARNING, Progress
 from motorprior.robots.robot import Robot

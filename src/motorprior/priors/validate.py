@@ -11,6 +11,7 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.errors import PRIOR, TUNED_PD, log_warnings
 from motorprior.evaluation.free_runs import MEDIAN_AND_MEAN, MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.splits import first_and_rest
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
@@ -18,8 +19,7 @@ from motorprior.identification.baselines.response_fit import fitted_responses
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import joined
-from motorprior.logs.splits import first_and_rest, train_test_halves
+from motorprior.logs.operations import joined, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
