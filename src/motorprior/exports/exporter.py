@@ -21,7 +21,7 @@ from motorprior.exports.mjcf import Mjcf
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
-Replay: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
+ReplayFunction: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Exporter:
     name: str  # value of the option --format
     not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
+    replay: ReplayFunction | None = None  # None: the format loses nothing; all others lack the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
     mujoco: int = 3  # major version that it needs
     # (constants, timestep [s]) whether a motor is written as a plain joint

@@ -24,7 +24,7 @@ from motorprior.bounds import require_count
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
-from motorprior.exports.exporter import Exporter, Replay, Request, described_loss, sampled
+from motorprior.exports.exporter import Exporter, ReplayFunction, Request, described_loss, sampled
 from motorprior.exports.mjcf import Mjcf
 from motorprior.exports.mjcf_detailed import DETAILED
 from motorprior.exports.plain_joint import PLAIN, TABLE
@@ -166,7 +166,7 @@ def constants(motors: GreyBoxActuator, dt: float) -> dict[str, np.ndarray]:
     return values | {"friction": values["coulomb"] + values["load_friction"] * np.abs(torque).mean(axis=0)}
 
 
-def losses(replay: Replay, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
+def losses(replay: ReplayFunction, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
     """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
     values = constants(motors, dt)
     trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS}
