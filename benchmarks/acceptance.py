@@ -10,8 +10,6 @@ Use a new --out for each commit: finished runs are reused whatever the code.
 any number of workers, so the tolerance only covers differences between processors.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -23,18 +21,7 @@ import tyro
 
 BENCHMARKS = Path(__file__).parent
 SMALL = ["--motors", "16", "--steps", "2000", "--adam-steps", "100"]
-COLLECTED = "acceptance.json"
-
-
-def commands(data: Path, out: Path) -> dict[str, list[str]]:
-    """Python arguments of every run, by name."""
-    product, real = ["-m", "motorprior"], [str(BENCHMARKS / "real_logs.py"), "--data", str(data)]
-    return {
-        "demo": [*product, "demo", "--out", str(out / "demo")],
-        "real_logs": [*real, "--folds", "1", "--seconds", "12", "--adam-steps", "100", "--out", str(out / "real_logs")],
-        "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL, "--out", str(out / "fidelity")],
-        "out_of_family": [str(BENCHMARKS / "out_of_family.py"), *SMALL, "--out", str(out / "out_of_family")],
-    }
+REAL = ["--folds", "1", "--seconds", "12", "--adam-steps", "100"]
 
 
 def run(data: Path, out: Path) -> None:
@@ -44,15 +31,22 @@ def run(data: Path, out: Path) -> None:
         data: folder with the real logs of `benchmarks/real_logs.py`.
         out: run folder.
     """
+    runs = {  # arguments of Python
+        "demo": ["-m", "motorprior", "demo"],
+        "real_logs": [str(BENCHMARKS / "real_logs.py"), "--data", str(data), *REAL],
+        "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL],
+        "out_of_family": [str(BENCHMARKS / "out_of_family.py"), *SMALL],
+    }
     environment, figures = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, {}
-    for name, arguments in commands(data, out).items():
+    for name, arguments in runs.items():
         done = out / f"{name}.done"
         if not done.exists():
-            subprocess.run([sys.executable, *arguments], check=True, env=environment)
+            command = [sys.executable, *arguments, "--out", str(out / name)]
+            subprocess.run(command, check=True, env=environment)
             done.touch()
         found = json.loads((out / name / "figures.json").read_text())
         figures |= {f"{name}/{key}": value for key, value in found.items() if "seconds" not in key}
-    (out / COLLECTED).write_text(json.dumps(figures, indent=0, sort_keys=True) + "\n")
+    (out / "acceptance.json").write_text(json.dumps(figures, indent=0, sort_keys=True) + "\n")
 
 
 def compare(

@@ -14,45 +14,37 @@ robot: 60 s of recording in the air, `logs import --suspended`, `adapt`. For eac
 Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise. figures.json: for each pair
 of robot and seed the median path length [m] (in straight segments of a second), the median displacement from the start
 [m], and the fraction of walks that end with a fault; medians over the pairs (means of the fraction), median, quartiles
-and sign of the gain over the control. Finished trainings are reused. The factors of WEAR are assumptions.
+and sign of the gain over the control. Finished trainings are reused.
 """
 
-from __future__ import annotations
-
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
-import tyro
 
-from figures import report
-from motorprior.actuator.motor_posterior import MotorPosterior
+import motorprior as mp
+from figures import PROGRESS, run_benchmark
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
-from motorprior.commands.adapt import POSTERIOR, Adapt, run_adapt
-from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import RobotFault
 from motorprior.hardware import commands
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.command import Commands
+from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import advice_on_weak_motors
 from motorprior.priors.prior_file import load_prior
-from motorprior.progress import Lines
-from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.training import POLICY, train_policy
-from motorprior.stage import FIGURES
+from motorprior.simulation.training import POLICY
 from simulated_port import SimulatedPort, on_its_clock
 
-ROBOT = load_robot(DEFAULT_ROBOT)
+ROBOT = mp.load_robot(DEFAULT_ROBOT)
 SECONDS, RECORDED = 10.0, 60.0  # of a walk, and of the recording [s]
 EPISODE_STEPS, HOLD = 500, 1.25  # of training: control steps per episode, duration of a command [s]
 CONTROL = "longer"
-PROGRESS = Lines(sys.stderr)
 _STREAM = 0x3EA
 
 
@@ -71,31 +63,16 @@ class Settings:
     wear: tuple[Literal["none", "weak", "worn", "damaged"], ...] = ("none",)  # wear of the motors
 
 
-def _with_strength(motors: PhysicalMotors, strength: np.ndarray) -> PhysicalMotors:
-    return motors.scaled(dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
-
-
-def weak(motors: PhysicalMotors, number: int) -> PhysicalMotors:
-    """A smaller torque constant, as with hot or aged magnets."""
-    return _with_strength(motors, np.full(len(motors), 0.75))
-
-
-def worn(motors: PhysicalMotors, number: int) -> PhysicalMotors:
-    """Gears with more backlash and friction."""
-    return motors.scaled({"backlash": 3.0, "coulomb": 1.5, "load_friction": 1.5})
-
-
-def damaged(motors: PhysicalMotors, number: int) -> PhysicalMotors:
-    """One random motor per robot with much less torque."""
+def with_wear(wear: str, motors: PhysicalMotors, number: int) -> PhysicalMotors:
+    """The motors of virtual robot ``number`` with a kind of wear; the factors are assumptions."""
+    if wear == "worn":  # gears with more backlash and friction
+        return motors.scaled({"backlash": 3.0, "coulomb": 1.5, "load_friction": 1.5})
     strength = np.ones(len(motors))
-    strength[np.random.default_rng([_STREAM, number]).integers(len(motors))] = 0.4
-    return _with_strength(motors, strength)
-
-
-# functions of the motors of a virtual robot and its number
-WEAR: dict[str, Callable[[PhysicalMotors, int], PhysicalMotors]] = {
-    "none": lambda motors, number: motors, "weak": weak, "worn": worn, "damaged": damaged,
-}  # fmt: skip
+    if wear == "weak":  # a smaller torque constant, as with hot or aged magnets
+        strength[:] = 0.75
+    elif wear == "damaged":  # one random motor per robot with much less torque
+        strength[np.random.default_rng([_STREAM, number]).integers(len(motors))] = 0.4
+    return motors.scaled(dict.fromkeys(("kp", "kd", "torque_limit", "stall_torque"), strength))
 
 
 @dataclass(frozen=True)
@@ -103,26 +80,27 @@ class RobotCase:
     """A virtual robot."""
 
     number: int
-    wear: str  # a name in `WEAR`
+    wear: str  # of the motors
     folder: Path  # of its recordings and policies
     posterior: Path  # of its motors
+    is_weak: bool  # `adapt` reports weak motors
 
 
-def record(folder: Path, number: int, wear: str) -> Path:
-    """Recording of the suspended robot, as a motor log."""
+def record(folder: Path, number: int, wear: str) -> mp.MotorLog:
+    """Recording of the suspended robot, with loads."""
     log = folder / "log" / "run.parquet"
     if not log.is_file():
-        port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=WEAR[wear])
+        port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=partial(with_wear, wear))
         with on_its_clock(port):
             settings = RecordSettings(folder / "recorded", seconds=RECORDED, yes=True)
             recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
-        import_logs(LogsImport((recorded,), log.parent, suspended=True))
-    return log
+        mp.write_log(log, mp.load_log(recorded, robot=ROBOT, suspended=True, progress=PROGRESS))
+    return read_parquet(log)
 
 
 def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> tuple[float, float, bool]:
     """Path length [m], displacement [m] and fault of a walk on the ground, straight at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=WEAR[robot.wear]), False
+    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=partial(with_wear, robot.wear)), False
     start = port.body.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
@@ -133,41 +111,38 @@ def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> tup
     return port.path, float(np.hypot(*(port.body.position() - start))), fault
 
 
-def train(
-    settings: Settings,
-    seed: int,
-    folder: Path,
-    kind: str,
-    start: Path | None = None,
-    posterior: Path | None = None,
-    current: bool = False,
-) -> Path:
-    """File of a policy in ``folder``, trained on the prior or a posterior, from scratch or from ``start``."""
-    out = folder / f"{kind}_{seed}"
-    motors = motor_text("prior", file=settings.prior)
-    if posterior is not None:
-        motors = motor_text("posterior", file=posterior, prior=settings.prior, limit_follows_gain=current)
+def train(settings: Settings, seed: int, out: Path, motors: str, start: Path | None = None) -> Path:
+    """File of a policy in the folder ``out``, trained on motors of the registry, from scratch or from ``start``."""
     iterations = settings.iterations if start is None else settings.further
     speeds = Commands(forward=(0.0, settings.max_speed), hold=HOLD)
-    train_policy(
+    mp.train_policy(
         ROBOT, motors, start=start, out=out, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
         seed=seed, name=out.name, progress=PROGRESS,
     )  # fmt: skip
     return out / POLICY
 
 
+def policies_of(settings: Settings, seed: int, robot: RobotCase) -> dict[str, Path]:
+    """Files of all policies for a robot; those of the prior are the same for all robots."""
+    prior = motor_text("prior", file=settings.prior)
+    posterior = partial(motor_text, "posterior", file=robot.posterior, prior=settings.prior)
+    before = train(settings, seed, settings.out / f"before_{seed}", prior)
+    return {
+        "before": before,
+        CONTROL: train(settings, seed, settings.out / f"{CONTROL}_{seed}", prior, before),
+        "adapted": train(settings, seed, robot.folder / f"adapted_{seed}", posterior(limit_follows_gain=False), before),
+        "current": train(settings, seed, robot.folder / f"current_{seed}", posterior(limit_follows_gain=True), before),
+    }
+
+
 def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
     """Record a robot, and adapt the prior to its motors."""
-    folder = settings.out / f"robot_{number}_{wear}"
-    run_adapt(Adapt(settings.prior, record(folder, number, wear), folder / "posterior", allow_outliers=True), PROGRESS)
-    return RobotCase(number, wear, folder, folder / "posterior" / POSTERIOR)
-
-
-def has_weak_motors(prior: Path, posterior: Path) -> bool:
-    """Whether `adapt` recommends torque limits that follow the gains."""
-    loaded = load_prior(prior, ROBOT)
-    found = MotorPosterior.load(posterior, loaded)
-    return bool(advice_on_weak_motors(loaded, found.joint_names, found.mean))
+    folder, prior = settings.out / f"robot_{number}_{wear}", load_prior(settings.prior, ROBOT)
+    found = mp.adapt(prior, record(folder, number, wear), allow_outliers=True, progress=PROGRESS)
+    posterior = folder / "posterior" / "posterior.safetensors"
+    found.save(posterior)
+    is_weak = bool(advice_on_weak_motors(prior, found.joint_names, found.mean))
+    return RobotCase(number, wear, folder, posterior, is_weak)
 
 
 def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
@@ -182,35 +157,26 @@ def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
             own, control = (np.array([np.median(walks[of][:, column]) for walks in pairs]) for of in (name, CONTROL))
             figures[f"{name}/{key}"] = float(np.median(own))
             if name != CONTROL:
-                for share, value in zip((25, 50, 75), np.percentile(own - control, (25, 50, 75)), strict=True):
-                    figures[f"{name}/gain_{key}/p{share}"] = float(value)
+                for share in (25, 50, 75):
+                    figures[f"{name}/gain_{key}/p{share}"] = float(np.percentile(own - control, share))
                 figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(own > control))
     return figures
 
 
-def main() -> None:
-    """Run all robots and seeds."""
-    given = tyro.cli(Settings, description=__doc__)
+def measure(given: Settings) -> dict[str, float]:
+    """Figures of all robots and seeds."""
     robots = [adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)]
     pairs = []
     for seed in range(given.seeds):
-        before = train(given, seed, given.out, "before")
-        longer = train(given, seed, given.out, CONTROL, before)
         for robot in robots:
-            policies = {
-                "before": before,
-                CONTROL: longer,
-                "adapted": train(given, seed, robot.folder, "adapted", before, robot.posterior),
-                "current": train(given, seed, robot.folder, "current", before, robot.posterior, current=True),
-            }
             found = {
                 name: np.array([deploy(robot, policy, walk, given.max_speed) for walk in range(given.walks)])
-                for name, policy in policies.items()
+                for name, policy in policies_of(given, seed, robot).items()
             }
-            found["advised"] = found["current" if has_weak_motors(given.prior, robot.posterior) else "adapted"]
+            found["advised"] = found["current" if robot.is_weak else "adapted"]
             pairs.append(found)
-    report(compared(pairs), given.out / FIGURES)
+    return compared(pairs)
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, measure, __doc__)

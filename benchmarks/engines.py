@@ -11,11 +11,9 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+import motorprior as mp
 from figures import report
 from motorprior.actuator.actuator import Actuator
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import load_fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import rmse
 from motorprior.simulation.bullet_world import BulletWorld
@@ -29,14 +27,14 @@ KINDS = ("physical", "learned", "pd_armature_delay", "ideal_pd")
 Motion = tuple[np.ndarray, np.ndarray]
 
 
-def motors_of(kind: str, prior: MotorPrior, rng: np.random.Generator) -> Actuator:
+def motors_of(kind: str, prior: mp.MotorPrior, rng: np.random.Generator) -> Actuator:
     """Twelve motors."""
     if kind == "learned":
         return prior.sample(PUPPER_V2.num_joints, rng)
     if kind == "physical":
-        return load_fleet("pupper_v2").sample(PUPPER_V2.num_joints, rng).actuator()
+        return mp.load_fleet("pupper_v2").sample(PUPPER_V2.num_joints, rng).actuator()
     rotors = 0.003 if kind == "pd_armature_delay" else 0.0
-    return IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
+    return mp.IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=rotors, delay=0.008 if rotors else 0.0)
 
 
 def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
@@ -59,7 +57,7 @@ def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Moti
 
 def measure(prior: Path, figure: Path | None = None) -> None:
     """Print medians over the trots, and draw the first."""
-    learned, figures = MotorPrior.load(prior), dict[str, float]()
+    learned, figures = mp.MotorPrior.load(prior), dict[str, float]()
     motions: dict[str, tuple[Motion, Motion]] = {}
     for kind in KINDS:
         for place in ("suspended", "ground"):

@@ -32,10 +32,10 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.presets import identification_preset, network_steps
+from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
-from motorprior.logs.read_log import load_log
 from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import PRIOR, fit_recipe
 from motorprior.progress import Lines

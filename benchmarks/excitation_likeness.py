@@ -105,7 +105,7 @@ def likeness(
         the signals, for the CLOSE nearest windows (1: like new data, far below 1: copies), and the median of each of
         FEATURES; kind "runs" are the test windows themselves, TRAIN the training windows, without both distances.
     """
-    return Results.of(_rows(runs, test, seed, kinds, count))
+    return Results(_rows(runs, test, seed, kinds, count))
 
 
 def _rows(

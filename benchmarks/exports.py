@@ -82,13 +82,9 @@ def warp_array(values: Any, kind: Any = float) -> Any:
 
 def kernel(motors: GreyBoxActuator) -> Step:
     """The Warp kernel alone."""
-    import warp as wp
-
     from motorprior.exports.warp_motors import WarpMotors
 
-    count = motors.num_motors
-    found, zero = WarpMotors(motors, count, DT, "cpu"), warp_array(np.zeros(count))
-    found.reset(warp_array(np.ones(count, bool), wp.bool), warp_array(np.arange(count), int), zero, zero)
+    found = WarpMotors(motors, motors.num_motors, DT, "cpu")
 
     def step(*given: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found.step(*(warp_array(each) for each in given))

@@ -5,30 +5,24 @@
 Finished stages are reused. Twenty minutes per fleet on two cores.
 """
 
-from __future__ import annotations
-
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
 import simulated_arms
-from figures import markdown
+from figures import PROGRESS, markdown
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.commands.bench import Bench, run_bench
-from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.validate import Validate, run_validate
-from motorprior.identification.presets import network_steps
-from motorprior.priors.fit_prior import PRIOR
-from motorprior.progress import Lines
-from motorprior.results import Result, Results
-from motorprior.stage import FIGURES, MARKER, write_results
+from motorprior.bench.bench_folder import read_bench, record_bench
+from motorprior.identification.presets import identification_preset, network_steps
+from motorprior.priors.fit_prior import PRIOR, fit_recipe, provenance_of
+from motorprior.results import Result, Results, write_results
+from motorprior.stage import FIGURES, MARKER
+from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
-PROGRESS = Lines(sys.stderr)
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
 TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 HEAD = (
@@ -53,25 +47,29 @@ class Settings:
 def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
     """The prior of one preset, without torques in the log the position-only one; made if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
-    run_bench(Bench(bench, settings.fleet, bench.name, settings.motors, settings.steps, settings.seed), PROGRESS)
-    folder, steps = settings.out / "priors" / (preset if torque else "position_only"), settings.adam_steps
-    run_identify(Identify(bench, folder, preset, settings.seed, network_steps(preset, steps), torque), PROGRESS)
+    record_bench(
+        fleet=settings.fleet, motors=settings.motors, steps=settings.steps, preset=bench.name, seed=settings.seed,
+        out=bench, progress=PROGRESS,
+    )  # fmt: skip
+    log, recorded = read_bench(bench)
+    provenance = provenance_of([log], bench=recorded.as_json())
+    log = log if torque else replace(log, joint_torque=None)
+    folder = settings.out / "priors" / (preset if torque else "position_only")
+    recipe = identification_preset(preset, network_steps(preset, settings.adam_steps))
+    fit_recipe(log, preset, recipe, settings.seed, folder, PROGRESS, provenance)
     return folder / PRIOR
 
 
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
-    folder, priors = settings.out / "validate", tuple(identify(settings, preset) for preset in PRESETS)
-    results = run_validate(Validate(priors, folder / "all", settings.seed), PROGRESS)
-    position_only = identify(settings, "rollout", torque=False)
-    found = run_validate(Validate((position_only,), folder / "position_only", settings.seed), PROGRESS)
-    paths = dict(zip(PRESETS, priors, strict=True)) | {"position_only": position_only}
-    times = (
-        Result("identify_seconds", "s", read_json(path.parent / MARKER)["seconds"], model)
-        for model, path in paths.items()
-    )
+    folder, paths = settings.out / "validate", {preset: identify(settings, preset) for preset in PRESETS}
+    results = validate_on_bench(tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS)
+    paths["position_only"] = alone = identify(settings, "rollout", torque=False)
+    found = validate_on_bench([alone], folder / "position_only", seed=settings.seed, progress=PROGRESS)
+    seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
+    times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
-    return results + Results.of([*renamed, *times])
+    return results + Results([*renamed, *times])
 
 
 def table(results: Results, motors: str) -> str:

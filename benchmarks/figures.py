@@ -1,21 +1,22 @@
-"""Figures of a benchmark: computed once, written as JSON, printed, set in tables."""
-
-from __future__ import annotations
+"""Run a benchmark; its figures are written as JSON, printed, and set in tables."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from motorprior.artifacts import read_json, write_json
-from motorprior.stage import FIGURES, is_finished, working
+import tyro
+
+from motorprior.artifacts import write_json
+from motorprior.progress import Lines
+from motorprior.stage import FIGURES
+
+PROGRESS = Lines()
 
 
-def measured(folder: Path, wanted: dict[str, Any], compute: Callable[[], Any]) -> Any:
-    """The figures of a stage with the `description` ``wanted``; computed if its folder does not have them."""
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            write_json(folder / FIGURES, compute())
-    return read_json(folder / FIGURES)
+def run_benchmark(settings: type[Any], measure: Callable[[Any], Mapping[str, float]], text: str | None) -> None:
+    """Measure with ``settings`` from the command line, print the figures, and write them to their folder ``out``."""
+    given = tyro.cli(settings, description=text)
+    report(measure(given), given.out / FIGURES)
 
 
 def report(found: Mapping[str, float], path: Path | None) -> None:

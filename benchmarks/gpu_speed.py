@@ -23,20 +23,19 @@ try:
 except ModuleNotFoundError as error:
     raise SystemExit(f"{error}: pip install 'motorprior[mjlab]'") from error
 
+import motorprior as mp
 from figures import report
-from motorprior.exports.cards import from_pretrained
 from motorprior.exports.exporter import sampled
 from motorprior.exports.warp_motors import WarpMotors
-from motorprior.robots.load import load_robot
 
-ROBOT, SAMPLES, STEPS, ROUNDS = load_robot("pupper_v2"), 1024, 100, 7
+ROBOT, SAMPLES, STEPS, ROUNDS = mp.load_robot("pupper_v2"), 1024, 100, 7
 Work = Callable[[], object]
 PATHS, SUBSTEPS = ("pd", "learned"), round(ROBOT.control_dt / ROBOT.physics_dt)
 
 
 def model_of(path: str) -> mujoco.MjModel:
     """The robot on a floor with the actuators of a path, and mjlab's integrator."""
-    spec = mujoco.MjSpec.from_string(ROBOT.model.mjcf())
+    spec = mujoco.MjSpec.from_file(str(ROBOT.model.path))
     spec.option.timestep, spec.option.integrator = ROBOT.physics_dt, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.worldbody.first_body().pos = [0.0, 0.0, ROBOT.standing_height]
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0)
@@ -62,23 +61,21 @@ def trot(worlds: int) -> wp.array:
 def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work, Work]:
     """Restart of the motors, and all their launches for a physics step."""
     shape, size = target.shape, target.size
-    bank = sampled(from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
+    bank = sampled(mp.from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
     motors = WarpMotors(bank, size, ROBOT.physics_dt, str(wp.get_device()))
     drawn = np.random.default_rng(0).integers(0, SAMPLES, shape) * shape[1] + np.arange(shape[1])
-    chosen, waiting = wp.array(drawn.ravel(), dtype=int), wp.ones(size, dtype=wp.bool)
+    motors.chosen.assign(drawn.ravel())
     pos, vel = wp.zeros(shape, dtype=float), wp.zeros(shape, dtype=float)
     model.dof_damping = wp.zeros((shape[0], model.nv), dtype=float)
 
     def drive() -> None:
         wp.copy(pos, data.qpos[:, 7:])
         wp.copy(vel, data.qvel[:, 6:])
-        motors.reset(waiting, chosen, pos.flatten(), pos.flatten())
-        waiting.fill_(False)
         motors.step(target.flatten(), pos.flatten(), vel.flatten())
         wp.copy(data.ctrl, motors.torque.reshape(shape))
         wp.copy(model.dof_damping[:, 6:], motors.damping.reshape(shape))
 
-    return lambda: waiting.fill_(True), drive
+    return lambda: motors.waiting.fill_(True), drive
 
 
 def seconds(work: Work, calls: int) -> float:

@@ -8,8 +8,6 @@ adapting to their first 10 s. That of pupper_v2 is fitted to a bench of the ship
 logs of a standing robot. Licences are those of the logs.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,12 +15,11 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.bench_folder import record_bench
+import motorprior as mp
+from figures import PROGRESS
 from motorprior.exports.cards import write_card
 from motorprior.logs.readers.motor_log_file import read_parquet
-from motorprior.priors.fit_prior import fit_prior
-from real_logs import FACTOR, PROGRESS, Settings, imported, spread_windows, tested
+from real_logs import FACTOR, Settings, imported, spread_windows, tested
 
 SOURCES = {  # licence and source
     "go2": ("BSD-3-Clause", "RX-00/sim2real-robot-identification @1a22bd0, datasets/go2"),
@@ -50,14 +47,14 @@ class Arguments:
     preset: str = "quick"  # of the arms' and the servo's; the quadruped's is rigid, so that it can walk
 
 
-def card_of_logs(name: str, arguments: Arguments) -> tuple[MotorPrior, dict[str, str | float]]:
+def card_of_logs(name: str, arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | float]]:
     """Prior and front matter of a robot with logs."""
     licence, source = SOURCES[name]
     paths = imported(Settings(arguments.data, arguments.work), name)
     test = [path for path in paths if _is_held_out(name, path)]
     train = spread_windows([read_parquet(path) for path in paths if path not in test], 24.0 * FACTOR.get(name, 1.0))
     preset = "rigid" if name == "go2" else arguments.preset
-    prior = fit_prior(train, preset, out=arguments.work / name / "prior", progress=PROGRESS)
+    prior = mp.fit_prior(train, preset, out=arguments.work / name / "prior", progress=PROGRESS)
     found = [tested(prior, read_parquet(path)) for path in test]
     return prior, {
         "licence": licence, "source": source, "held_out_logs": ", ".join(path.stem for path in test),
@@ -76,20 +73,19 @@ def _is_held_out(name: str, path: Path) -> bool:
     return float(kp[0, 0]) == HELD_OUT_GAIN
 
 
-def card_of_fleet(arguments: Arguments) -> tuple[MotorPrior, dict[str, str | float]]:
+def card_of_fleet(arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | float]]:
     """Prior and front matter of the shipped robot, from its fleet."""
-    log = record_bench("pupper_v2", motors=32, steps=10_000)
-    prior = fit_prior(log, "rollout", out=arguments.work / "pupper_v2" / "prior", progress=PROGRESS)
+    log = mp.record_bench("pupper_v2", motors=32, steps=10_000)
+    prior = mp.fit_prior(log, "rollout", out=arguments.work / "pupper_v2" / "prior", progress=PROGRESS)
     source = "virtual bench of the fleet pupper_v2, calibrated on logs of jietan/puppersim @8dd1b19"
     return prior, {"licence": "Apache-2.0", "source": source, "limits": LIMITS["pupper_v2"]}
 
 
-def _without_paths(prior: MotorPrior, arguments: Arguments) -> MotorPrior:
+def _without_paths(prior: mp.MotorPrior, arguments: Arguments) -> mp.MotorPrior:
     """The prior with names of logs instead of paths of this machine in its provenance."""
     text = json.dumps(prior.provenance)
-    for folder in (arguments.data, arguments.work):
-        for path in (folder, folder.resolve()):
-            text = text.replace(f"{path}/", "")
+    for path in (arguments.data, arguments.data.resolve(), arguments.work, arguments.work.resolve()):
+        text = text.replace(f"{path}/", "")
     return replace(prior, provenance=json.loads(text))
 
 

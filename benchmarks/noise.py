@@ -13,8 +13,6 @@ frames:
     SHARE/other_gains             walks in which the robot got wrong gains or a wrong current limit from a damaged frame
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections import Counter
@@ -28,6 +26,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+import motorprior as mp
 from figures import report
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.control_loop import Timing
@@ -35,11 +34,9 @@ from motorprior.hardware.motions import gains_for, walk
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.session import Session
 from motorprior.hardware.teleop import Teleop
-from motorprior.locomotion.policy import Policy
-from motorprior.robots.load import load_robot
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from simulated_port import SimulatedPort, on_its_clock
-from untrained import zero_policy
 
 SPEED = 0.3  # commanded [m/s]
 SHARES = (0.01, 0.03, 0.1)
@@ -59,17 +56,17 @@ class NoisyWalk:
 
 def trot_policy(folder: Path) -> Path:
     """File of a policy of zero weights, the robot's own trot."""
-    robot, path = load_robot(DEFAULT_ROBOT), folder / "trot.safetensors"
+    robot, path = mp.load_robot(DEFAULT_ROBOT), folder / "trot.safetensors"
     wire, ones = robot.require_wire(), np.ones(robot.num_joints)
     kp, kd = wire.kp * wire.torque_constant * ones, wire.kd * wire.torque_constant * ones
-    Policy.of(robot, zero_policy(robot.num_joints), kp, kd).save(path)
+    mp.Policy.of(robot, PolicyShape(robot.num_joints).untrained(), kp, kd).save(path)
     return path
 
 
 def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> NoisyWalk:
     """One walk of so many seconds, or until a fault."""
-    loaded, timing, fault = Policy.load(policy), Timing(), None
-    robot = load_robot(loaded.robot)
+    loaded, timing, fault = mp.Policy.load(policy), Timing(), None
+    robot = mp.load_robot(loaded.robot)
     gains = gains_for(robot, loaded)
     port = SimulatedPort(robot, noise_seed % ROBOTS, noise_seed, drop=share, corrupt=share)
     with on_its_clock(port), RobotLink(robot, port) as link:

@@ -10,27 +10,22 @@ motors [rad] as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prio
 FAMILY/two_sample_auc. Finished stages are reused.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tyro
 
 import fidelity
-from figures import report
+from figures import PROGRESS, run_benchmark
 from motorprior.bench.bench_folder import read_bench
-from motorprior.commands.validate import Validate, run_validate
 from motorprior.evaluation.bench_truth import HELD_OUT, MAX_WORK, bench_errors
 from motorprior.priors.held_out import ADAPTED_SECONDS, held_out_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import FIGURES
+from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = {"gait": "bench_gait_rmse", "impacts": "bench_impact_rmse", "chirp": "bench_chirp_rmse"}
-MODELS = (*PRESETS, "tuned_pd", "physical")
 
 
 @dataclass(frozen=True)
@@ -45,13 +40,13 @@ class Settings:
     families: tuple[str, ...] = ("foreign_direct", "foreign_servo")  # fleets
 
 
-def measure(settings: Settings, family: str) -> dict[str, float]:
+def measured_family(settings: Settings, family: str) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
     folder, seed = settings.out / family, settings.seed
     own = fidelity.Settings(folder, family, settings.motors, settings.steps, settings.adam_steps, seed)
-    priors = tuple(fidelity.identify(own, preset) for preset in PRESETS)
-    validate = Validate(priors, folder / "validate", seed, adapt_seconds=(ADAPTED_SECONDS,))
-    results = run_validate(validate, fidelity.PROGRESS)
+    priors = [fidelity.identify(own, preset) for preset in PRESETS]
+    lengths, out = (ADAPTED_SECONDS,), folder / "validate"
+    results = validate_on_bench(priors, out, seed=seed, adapt_seconds=lengths, progress=PROGRESS)
     bench = read_bench(folder / "bench" / "rollout")[1]
     figures: dict[str, float] = {}
     for each, motors in (("train", bench.physical_motors()), ("new", held_out_motors(bench))):
@@ -60,7 +55,7 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
         warmth = bench_errors(motors, models, seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
         here = results.where(motors="train" if each == "train" else "held_out", statistic="median")
         for kind, quantity in EXCITATIONS.items():
-            for model in MODELS:
+            for model in (*PRESETS, "tuned_pd", "physical"):
                 key = f"{family}/{kind}/{'floor' if model == 'physical' else model}/{each}"
                 figures[key] = here.value(quantity=quantity, model=model)
             figures[f"{family}/{kind}/floor_warmth/{each}"] = float(np.median(warmth[kind]["floor_warmth"]))
@@ -69,14 +64,10 @@ def measure(settings: Settings, family: str) -> dict[str, float]:
     return figures
 
 
-def main() -> None:
-    """Measure, write figures.json, print it."""
-    settings = tyro.cli(Settings, description=__doc__)
-    found: dict[str, float] = {}
-    for family in settings.families:
-        found |= measure(settings, family)
-    report(found, settings.out / FIGURES)
+def measure(settings: Settings) -> dict[str, float]:
+    """The figures of all families."""
+    return {key: value for family in settings.families for key, value in measured_family(settings, family).items()}
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, measure, __doc__)

@@ -6,18 +6,17 @@ MOTORS motors of the fleet, unchanged and with one constant changed, each adapte
 p-value below FALSE_ALARMS, and the median closed-loop error of the posterior means on held-out gait + impacts.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from figures import markdown
+from motorprior.bench.bench_folder import bench_from_json
 from motorprior.bench.recording import bench_preset, record
-from motorprior.commands.validate import load_priors
 from motorprior.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
 from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
+from motorprior.priors.prior_file import load_prior
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
@@ -37,8 +36,8 @@ MOTORS, STREAM = 16, 57
 
 def measure(prior: tyro.conf.Positional[Path]) -> None:
     """Print the table for a prior of preset rollout that was identified from a bench."""
-    priors, bench = load_priors(load_robot(DEFAULT_ROBOT), (prior,))
-    (loaded,), preset, rows = priors.values(), bench_preset("adapt"), []
+    loaded, preset, rows = load_prior(prior, load_robot(DEFAULT_ROBOT)), bench_preset("adapt"), []
+    bench = bench_from_json(loaded.provenance.get("bench"), str(prior))
     own = bench.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM]))
     for name, change in CHANGES.items():
         motors = own.scaled(change)

@@ -8,9 +8,6 @@ taken, so their figures are lower bounds. figures.json: published/MODEL, and pub
 angles in the 90 % bands of the adapted prior. published.png: the errors, a dot per log.
 """
 
-from __future__ import annotations
-
-import json
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +18,7 @@ import motorprior as mp
 from figures import report
 from motor_cards import HELD_OUT
 from motorprior.actuator.grey_box import GreyBoxActuator
+from motorprior.artifacts import write_json
 from motorprior.exports.bam import motors_of, rigid_gear
 from motorprior.logs.readers.motor_log_file import read_parquet
 from real_logs import Settings, imported, tested
@@ -50,19 +48,17 @@ def plain(armature: float, friction: float, kp: float, kd: float, limit: float, 
     return motors_of({name: np.full(count, value) for name, value in values.items()})
 
 
-def candidates(count: int, folder: Path) -> dict[str, list[GreyBoxActuator]]:
-    """Motors by model, one for every choice of constants that are not published."""
+def candidates(count: int, folder: Path) -> dict[str, GreyBoxActuator]:
+    """Motors as MODEL/CHOICE, one for every choice of constants that are not published."""
     found = {
-        name: [
-            plain(armature, friction, p, d, limit, count)
-            for p in (KP if kp is None else (kp,)) for d in (KD if kd is None else (kd,))
-        ]
+        f"{name}/{p} {d}": plain(armature, friction, p, d, limit, count)
         for name, (armature, friction, kp, kd, limit) in PUBLISHED.items()
-    }  # fmt: skip
+        for p in (KP if kp is None else (kp,))
+        for d in (KD if kd is None else (kd,))
+    }
     path = folder / "sts3215_m1.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(BAM))
-    return found | {"BAM m1": [mp.read_motor(path, kp=kp, count=count) for kp in BAM_GAINS]}
+    write_json(path, BAM)
+    return found | {f"BAM m1/{kp}": mp.read_motor(path, kp=kp, count=count) for kp in BAM_GAINS}
 
 
 def draw(errors: dict[str, list[float]], path: Path) -> None:
@@ -82,19 +78,13 @@ def measure(data: Path, out: Path = Path("runs/published")) -> None:
     """Measure, print and write; see the module docstring."""
     prior, paths = mp.from_pretrained("so101"), imported(Settings(data, out), "so101")
     logs = [read_parquet(path) for path in paths if any(word in path.name for word in HELD_OUT["so101"])]
-    models = {
-        f"{name}/{index}": one
-        for name, several in candidates(logs[0].num_joints, out).items()
-        for index, one in enumerate(several)
-    }
+    models = candidates(logs[0].num_joints, out)
     found = [tested(prior, log, models) for log in logs]
     errors = {name: [each["whole"][name] for each in found] for name in (*models, "prior")}
     errors["adapted"] = [each["rest"]["adapted"] for each in found]
     best: dict[str, list[float]] = {}
-    for name, values in errors.items():
-        model = name.split("/")[0]
-        if model not in best or np.mean(values) < np.mean(best[model]):
-            best[model] = values
+    for name, values in sorted(errors.items(), key=lambda each: np.mean(each[1])):
+        best.setdefault(name.split("/")[0], values)  # the choice with the smallest error
     draw(best, out / "published.png")
     figures = {f"published/{model}": float(np.mean(values)) for model, values in best.items()}
     figures["published/coverage90"] = float(np.mean([each["coverage"]["90"] for each in found]))

@@ -18,44 +18,31 @@ unseen_leg: the prior and the PD are fitted to the motors of the other legs (rec
 of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10 s of the motor.
 """
 
-from __future__ import annotations
-
 import shutil
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-import tyro
 
-from figures import measured, report
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.commands.logs_import import LogsImport, import_logs
+import motorprior as mp
+from figures import PROGRESS, run_benchmark
+from motorprior.artifacts import read_json, write_json
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
+from motorprior.evaluation.splits import first_and_rest, window
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import PRESETS, recipe_of
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import joined
-from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.logs.splits import first_and_rest, train_test_halves, window
+from motorprior.logs.operations import joined, train_test_halves
+from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import adapt_to
-from motorprior.priors.fit_prior import fit_prior, fit_recipe
+from motorprior.priors.fit_prior import fit_recipe
 from motorprior.priors.validate import baseline_recipes, fitted_baselines
-from motorprior.progress import Lines
-from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.stage import FIGURES, description, is_finished, working
 
-MODELS = (
-    "pure_delay", "second_order", "servo_limits", "coulomb_viscous", "stribeck", "per_motor", "pooled_network",
-    "prior", "adapted", "tuned_pd",
-)  # fmt: skip
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
-PERIOD = PRESETS["rollout"].period  # of imported logs [s]
 # raw logs of each robot: column map and file names
 LOGS = {
     "go2": ("go2_identification", "*.csv.gz"), "so101": ("so101_sage", "*.csv.gz"), "xl330": (None, "*.json.gz"),
@@ -63,10 +50,9 @@ LOGS = {
 }  # fmt: skip
 UNSEEN = "unseen_gains"  # name of a test
 MOTORS_OUT, MOTORS_RECIPE = "unseen_leg", "quick"  # name of a test, and its fast recipe
-IDENTIFIED = "long_runs"  # recipe of the prior: with the short windows of rollout, missing dynamics bias the constants
+PRIOR_PRESET = "long_runs"  # with the short windows of rollout, missing dynamics bias the constants
 FACTOR = {"so101": 5.0, "xl330": 3.0}  # on `Settings.seconds`
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
-PROGRESS = Lines(sys.stderr)
 # ``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] -> fraction
 Figures: TypeAlias = dict[str, dict[str, float]]
 Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each fold
@@ -86,47 +72,45 @@ class Settings:
     seed: int = 0  # seed of trainings and searches
 
 
-@dataclass(frozen=True)
-class Fold:
-    """Training and test logs; motor logs with loads."""
-
-    name: str
-    train: tuple[Path, ...]
-    test: tuple[Path, ...]
-
-
-def leave_out(paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[Fold]:
-    """A fold for every group."""
-    return [Fold(group[0].stem, tuple(path for path in paths if path not in group), tuple(group)) for group in groups]
+def leave_out(settings: Settings, robot: str, paths: Sequence[Path], groups: Sequence[Sequence[Path]]) -> list[Figures]:
+    """Figures of a fold for every group, which is tested and left out of the training."""
+    return [
+        measure(settings, robot, group[0].stem, [path for path in paths if path not in group], group)
+        for group in groups[: settings.folds]
+    ]
 
 
-def measure(settings: Settings, robot: str, fold: Fold) -> Figures:
-    """Figures of one fold."""
-    folder = settings.out / robot / fold.name
-    wanted = description("validate", _fold_settings(settings), [*fold.train, *fold.test])
-    return measured(folder, wanted, lambda: _figures(settings, robot, fold, folder))
+def measure(settings: Settings, robot: str, fold: str, train: Sequence[Path], test: Sequence[Path]) -> Figures:
+    """Figures of models that are fitted to the logs ``train``, on the logs ``test``."""
+    folder = settings.out / robot / fold
+
+    def compute() -> Figures:
+        PROGRESS.note(f"{robot}: {', '.join(path.stem for path in test)} left out")
+        log = spread_windows([read_parquet(path) for path in train], FACTOR.get(robot, 1.0) * settings.seconds)
+        prior = mp.fit_prior(log, PRIOR_PRESET, settings.seed, out=folder / "prior", progress=PROGRESS)
+        fitted = fitted_baselines(log, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS)
+        models = {name: motors for name, motors in fitted.items() if motors is not None}
+        return _means([tested(prior, read_parquet(path), models) for path in test])
+
+    return stage(settings, folder, [*train, *test], compute)
 
 
-def _fold_settings(settings: Settings) -> dict[str, object]:
-    """The settings on which a fold depends."""
-    return {name: value for name, value in asdict(settings).items() if name in ("seconds", "adam_steps", "seed")}
+def stage(settings: Settings, folder: Path, inputs: Sequence[Path], compute: Callable[[], Figures]) -> Figures:
+    """Figures that depend on these files and on some settings; computed if ``folder`` does not have them."""
+    used = {"seconds": settings.seconds, "adam_steps": settings.adam_steps, "seed": settings.seed}
+    wanted = description("validate", used, inputs)
+    if not is_finished(folder, wanted):
+        with working(folder, wanted):
+            write_json(folder / FIGURES, compute())
+    return read_json(folder / FIGURES)
 
 
-def spread_windows(logs: Sequence[MotorLog], seconds: float) -> MotorLog:
+def spread_windows(logs: Sequence[mp.MotorLog], seconds: float) -> mp.MotorLog:
     """A window of each log, ``seconds`` in all, from the beginning of the first to the end of the last."""
     return joined([window(log, seconds, index, len(logs)) for index, log in enumerate(logs)])
 
 
-def _figures(settings: Settings, robot: str, fold: Fold, folder: Path) -> Figures:
-    PROGRESS.note(f"{robot}: {', '.join(path.stem for path in fold.test)} left out")
-    train = spread_windows([read_parquet(path) for path in fold.train], FACTOR.get(robot, 1.0) * settings.seconds)
-    prior = fit_prior(train, IDENTIFIED, settings.seed, out=folder / "prior", progress=PROGRESS)
-    fitted = fitted_baselines(train, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS)
-    models = {name: motors for name, motors in fitted.items() if motors is not None}
-    return _means([tested(prior, read_parquet(path), models) for path in fold.test])
-
-
-def tested(prior: MotorPrior, log: MotorLog, models: Mapping[str, MotorModel] | None = None) -> Figures:
+def tested(prior: mp.MotorPrior, log: mp.MotorLog, models: Mapping[str, MotorModel] | None = None) -> Figures:
     """Errors of the prior and of other models on a log; of ``adapted``, and the coverages, after the log's start."""
     first, rest = start_and_rest(log)
     posterior = adapt_to(prior, first)
@@ -143,7 +127,7 @@ def tested(prior: MotorPrior, log: MotorLog, models: Mapping[str, MotorModel] | 
     }
 
 
-def start_and_rest(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+def start_and_rest(log: mp.MotorLog) -> tuple[mp.MotorLog, mp.MotorLog]:
     """The first ADAPTATION_SECONDS of a log, at most half of it, and the rest."""
     return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
 
@@ -164,7 +148,7 @@ def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, flo
     """Means over all folds of a robot, by their keys in figures.json."""
     means = _means(found)
     errors = means["rest"] | means.get("whole", {})  # adapted has no whole log
-    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items() if model in MODELS}
+    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items()}
     keys |= {f"{robot}/{test}/rest/prior": means["rest"]["prior"]}  # over the same rows as adapted
     place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
     keys |= {f"{place}/coverage{level}": share for level, share in means["coverage"].items()}
@@ -176,19 +160,17 @@ def go2(settings: Settings) -> Iterator[Test]:
 
     Raw logs get the gains of their column map; motor logs (.parquet) are only tested, by models of all raw logs.
     """
-    paths, robot = imported(settings, "go2"), load_robot(str(robot_file(settings, "go2")))
+    paths, robot = imported(settings, "go2"), mp.load_robot(str(robot_file(settings, "go2")))
     if test := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
-        yield UNSEEN, [measure(settings, "go2", Fold(UNSEEN, tuple(paths), test))]
-    folds = leave_out(paths, [[path] for path in paths])
-    yield "leave_one_log_out", [measure(settings, "go2", fold) for fold in folds[: settings.folds]]
-    groups = list(enumerate(leg.joints for leg in robot.legs))
-    yield MOTORS_OUT, [_motors_out(settings, robot, paths, *each) for each in groups[: settings.folds]]
+        yield UNSEEN, [measure(settings, "go2", UNSEEN, paths, test)]
+    yield "leave_one_log_out", leave_out(settings, "go2", paths, [[path] for path in paths])
+    legs = enumerate(robot.legs[: settings.folds])
+    yield MOTORS_OUT, [_motors_out(settings, robot, paths, fold, leg.joints) for fold, leg in legs]
 
 
-def _motors_out(settings: Settings, robot: Robot, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
+def _motors_out(settings: Settings, robot: mp.Robot, paths: Sequence[Path], fold: int, group: Sequence[int]) -> Figures:
     """The motors of one leg, tested on the rest of a log; models fitted to the other legs, or to the log's start."""
     test, folder = paths[fold % len(paths)], settings.out / robot.name / MOTORS_OUT / str(fold)
-    wanted = description("validate", _fold_settings(settings), [*paths, test, *robot.files])
 
     def compute() -> Figures:
         train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
@@ -196,7 +178,7 @@ def _motors_out(settings: Settings, robot: Robot, paths: Sequence[Path], fold: i
         own = read_parquet(test).with_joints(group)
         first, _ = start_and_rest(own)
         alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
-        prior = fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
+        prior = mp.fit_prior(others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS)
         per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
         models: dict[str, MotorModel] = {
             "per_motor": per_motor.model.motors(per_motor.mean),
@@ -206,14 +188,13 @@ def _motors_out(settings: Settings, robot: Robot, paths: Sequence[Path], fold: i
         del found["whole"]  # per_motor was fitted to the start
         return found
 
-    return measured(folder, wanted, compute)
+    return stage(settings, folder, [*paths, test, *robot.files], compute)
 
 
 def so101(settings: Settings) -> Iterator[Test]:
     """Six servos of an arm, forty motions: a quarter of them is left out in turn."""
     paths = imported(settings, "so101")
-    folds = leave_out(paths, [paths[quarter::4] for quarter in range(4)])
-    yield "leave_motions_out", [measure(settings, "so101", fold) for fold in folds[: settings.folds]]
+    yield "leave_motions_out", leave_out(settings, "so101", paths, [paths[quarter::4] for quarter in range(4)])
 
 
 def xl330(settings: Settings) -> Iterator[Test]:
@@ -223,8 +204,8 @@ def xl330(settings: Settings) -> Iterator[Test]:
         kp = read_parquet(path).logged_kp
         assert kp is not None
         gains.setdefault(float(kp[0, 0]), []).append(path)
-    folds = leave_out([path for group in gains.values() for path in group], list(gains.values()))
-    yield "unseen_gain", [measure(settings, "xl330", fold) for fold in folds[: settings.folds]]
+    paths = [path for group in gains.values() for path in group]
+    yield "unseen_gain", leave_out(settings, "xl330", paths, list(gains.values()))
 
 
 def z1(settings: Settings) -> Iterator[Test]:
@@ -232,8 +213,8 @@ def z1(settings: Settings) -> Iterator[Test]:
     (path,) = imported(settings, "z1")
     halves = [path.with_name(f"{half}_half.parquet") for half in ("first", "second")]
     for half, log in zip(halves, train_test_halves(read_parquet(path)), strict=True):
-        write_log(half, log)
-    yield "second_half", [measure(settings, "z1", Fold("second_half", (halves[0],), (halves[1],)))]
+        mp.write_log(half, log)
+    yield "second_half", [measure(settings, "z1", "second_half", halves[:1], halves[1:])]
 
 
 ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {"go2": go2, "so101": so101, "xl330": xl330, "z1": z1}
@@ -253,18 +234,20 @@ def imported(settings: Settings, name: str) -> list[Path]:
     raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
     folder = settings.out / name / "logs"
     described = None if name == "xl330" else str(robot_file(settings, name))
-    config = LogsImport(raw, folder, columns, PERIOD, suspended=described is not None, robot=described)
-    inputs = [*raw, *(load_robot(described).files if described else [])]
-    wanted = description("import", asdict(config), inputs)
+    logs = {path: folder / f"{path.name.split('.')[0]}.parquet" for path in raw}
+    wanted = description("import", {"columns": columns}, [*raw, *(mp.load_robot(described).files if described else [])])
     if not is_finished(folder, wanted):
         with working(folder, wanted):
-            import_logs(config)
-    return [folder / f"{path.name.split('.')[0]}.parquet" for path in raw]
+            is_fixed = described is not None
+            for path, log in logs.items():
+                mp.write_log(
+                    log, mp.load_log(path, columns=columns, robot=described, suspended=is_fixed, progress=PROGRESS)
+                )
+    return list(logs.values())
 
 
-def main() -> None:
-    """Measure, write figures.json, print it."""
-    settings = tyro.cli(Settings, description=__doc__)
+def measure_robots(settings: Settings) -> dict[str, float]:
+    """The figures of all robots."""
     figures: dict[str, float] = {}
     for name in settings.robots:
         if not (settings.data / name).is_dir():
@@ -272,8 +255,8 @@ def main() -> None:
             continue
         for test, found in ROBOTS[name](settings):
             figures |= as_figures(name, test, found)
-    report(figures, settings.out / FIGURES)
+    return figures
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, measure_robots, __doc__)

@@ -13,25 +13,17 @@ are rounded to ENCODER counts per turn, gains are logged. figures.json has
 """
 
 # pyright: reportAttributeAccessIssue=false
-from __future__ import annotations
-
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
-import tyro
 
-from figures import report
+import motorprior as mp
+from figures import PROGRESS, run_benchmark
 from motorprior.identification.presets import recipe_of
 from motorprior.logs.loads import with_loads
-from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import smooth_on_grid
-from motorprior.priors.fit_prior import fit_prior
-from motorprior.progress import Lines
-from motorprior.robots.load import load_robot
-from motorprior.stage import FIGURES
 
 JOINTS = 3
 RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]
@@ -43,12 +35,11 @@ RANGES = {
     "kp": (8.0, 30.0), "kd_over_kp": (0.03, 0.08), "delay": (0.005, 0.02), "armature": (0.005, 0.02),
     "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
 }  # fmt: skip
+MJCF = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}  # attributes of joints
 FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
 FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'  # MuJoCo's default creeps when it sticks
-RADIANS = '<compiler angle="radian"/>'
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
-PROGRESS = Lines(sys.stderr)
 
 
 @dataclass(frozen=True)
@@ -62,20 +53,18 @@ class Settings:
     seed: int = 0
 
 
-def write_arm(folder: Path, constants: dict[str, np.ndarray] | None = None) -> Path:
-    """Model of the arm, with the armature and friction of its motors if given, and its description."""
+def write_arm(folder: Path, constants: dict[str, np.ndarray]) -> Path:
+    """Model of the arm, with the armature and friction of its motors if ``constants`` has them, and its description."""
     folder.mkdir(parents=True, exist_ok=True)
     body, end = "", ""
     for joint in range(JOINTS):
-        motor = ""
-        if constants is not None:
-            names = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}
-            motor = " ".join(f'{mjcf}="{constants[name][joint]:.12g}"' for name, mjcf in names.items())
+        motor = " ".join(f'{mjcf}="{constants[name][joint]:.12g}"' for name, mjcf in MJCF.items() if name in constants)
         axis, place = ("0 0 1", "0 0 0") if joint == 0 else ("0 1 0", "0.2 0 0")
         body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" {FRICTION} {motor}/>'
         body += '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>'
         end += "</body>"
-    (folder / "arm.xml").write_text(f"<mujoco>{RADIANS}<worldbody>{body}{end}</worldbody></mujoco>", "utf-8")
+    model = f'<mujoco><compiler angle="radian"/><worldbody>{body}{end}</worldbody></mujoco>'
+    (folder / "arm.xml").write_text(model, "utf-8")
     (folder / "arm.toml").write_text(ROBOT, "utf-8")
     return folder / "arm.toml"
 
@@ -90,7 +79,7 @@ def commands(rng: np.random.Generator, seconds: float, rate: float) -> np.ndarra
     return waves.sum(axis=1) + steps * (time.astype(int) % 3 == 0)[:, None]
 
 
-def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> MotorLog:
+def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> mp.MotorLog:
     """The log of an arm, on the grid of the fit and with loads."""
     truth = mujoco.MjModel.from_xml_path(str(write_arm(folder / "true", constants).with_suffix(".xml")))
     truth.opt.timestep, truth.opt.integrator = PHYSICS_DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -107,8 +96,8 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
             mujoco.mj_step(truth, data)
             step += 1
     quantum, ones = 2.0 * np.pi / ENCODER, np.ones_like(target)
-    robot = load_robot(str(write_arm(folder / "known")))
-    log = MotorLog(
+    robot = mp.load_robot(str(write_arm(folder / "known", {})))
+    log = mp.MotorLog(
         time=np.arange(len(target)) / rate, position_target=target, joint_pos=quantum * np.round(angles / quantum),
         joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", logged_kp=kp * ones,
         logged_kd=kd * ones,
@@ -116,35 +105,25 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
     return with_loads(smooth_on_grid(log, PERIOD), robot)
 
 
-def drawn_constants(rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """(JOINTS,) constants by name."""
-    return {name: np.exp(rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items()}
-
-
 def figures(settings: Settings) -> dict[str, float]:
     """The figures of all arms, by their keys."""
     inside: dict[str, list[np.ndarray]] = {name: [] for name in FITTED}
     bias, spurious = [], 0.0
     for arm in range(settings.arms):
-        constants, folder = drawn_constants(np.random.default_rng([settings.seed, arm])), settings.out / f"arm_{arm}"
+        rng, folder = np.random.default_rng([settings.seed, arm]), settings.out / f"arm_{arm}"
+        drawn = ((name, rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items())
+        constants = {name: np.exp(logarithms) for name, logarithms in drawn}
         log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
-        prior = fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
+        prior = mp.fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
         for name, (low, high) in prior.intervals().items():
             if name in FITTED:
                 inside[name].append((low <= constants[name]) & (constants[name] <= high))
         bias.append(prior.model.constants(prior.mean)["delay"] - constants["delay"])
         spurious += bool(recipe_of(prior).terms)
-    shares = {name: float(np.mean(each)) for name, each in inside.items()}
-    found = {f"arms/coverage90/{name}": share for name, share in shares.items()}
-    found["arms/coverage90"] = float(np.mean(list(shares.values())))
-    return found | {"arms/delay_bias": float(np.mean(bias)), "arms/spurious": spurious}
-
-
-def main() -> None:
-    """Measure, write figures.json, print it."""
-    settings = tyro.cli(Settings, description=__doc__)
-    report(figures(settings), settings.out / FIGURES)
+    shares = {f"arms/coverage90/{name}": float(np.mean(each)) for name, each in inside.items()}
+    overall = {"arms/coverage90": float(np.mean(list(shares.values()))), "arms/spurious": spurious}
+    return shares | overall | {"arms/delay_bias": float(np.mean(bias))}
 
 
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, figures, __doc__)

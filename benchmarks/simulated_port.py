@@ -4,8 +4,6 @@ Host code, firmware and twin are the real ones. The operating system (port, prio
 are not simulated. Frames can be lost and damaged.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -14,13 +12,12 @@ from unittest import mock
 
 import numpy as np
 
+import motorprior as mp
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.bench.fleet import load_fleet
 from motorprior.hardware import commands, robot_link, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_robot import Firmware
-from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
 DELAY = 1e-4  # transmission delay from host to robot [s]
@@ -28,14 +25,7 @@ _ROUNDING = 1e-6  # [ms]
 
 
 class NoisyLine:
-    """A line that loses, damages and delays frames.
-
-    Args:
-        drop: probability that a frame is lost.
-        corrupt: probability that one of its bytes is changed.
-        delay: delay of every frame [s].
-        rng: random generator.
-    """
+    """A line that loses frames and changes bytes with the probabilities ``drop`` and ``corrupt``; ``delay`` is in s."""
 
     def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
         self._drop, self._corrupt, self._delay, self._rng = drop, corrupt, delay, rng
@@ -80,12 +70,12 @@ class SimulatedPort(SerialLink):
         period: telemetry period [ms].
         drop: fraction of lost frames, in both directions.
         corrupt: fraction of damaged frames, in both directions.
-        wear: function that wears the motors, see `closing_the_loop.WEAR`.
+        wear: function that wears the motors, see `closing_the_loop.with_wear`.
     """
 
     def __init__(  # pyright: ignore[reportMissingSuperCall]  # there is no device to open
         self,
-        robot: Robot,
+        robot: mp.Robot,
         number: int,
         noise_seed: int = 0,
         *,
@@ -97,7 +87,7 @@ class SimulatedPort(SerialLink):
     ):
         self.port, self.now = f"simulated robot {number}", 0.0
         self._joints = robot.num_joints
-        motors = draw_motors(robot, load_fleet(robot.fleets[0][0]), number)
+        motors = draw_motors(robot, mp.load_fleet(robot.fleets[0][0]), number)
         self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
         self._period = period
         self.firmware = Firmware(robot, self.body, period)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+import motorprior as mp
 from figures import report
 from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
@@ -20,13 +21,11 @@ from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
 from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import load_prior
-from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
-from untrained import zero_policy
 
 STEPS, REPEATS = 500, 7
 TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core
@@ -61,9 +60,9 @@ def timed(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
+def paths_of(robot: mp.Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
     """Episodes with every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
-    zero, learned, paths = zero_policy(robot.num_joints), actuators["rollout"], {}
+    zero, learned, paths = PolicyShape(robot.num_joints).untrained(), actuators["rollout"], {}
     walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_gait().forward[1]))
     for name, motors in actuators.items():
         physics_dt = robot.physics_step(motors.kind.max_step)
@@ -83,7 +82,7 @@ def paths_of(robot: Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPat
 
 def measure(prior: Path) -> None:
     """Measure and print."""
-    robot = load_robot(DEFAULT_ROBOT)
+    robot = mp.load_robot(DEFAULT_ROBOT)
     fleet, learned = load_robot_fleet(robot), load_prior(prior, robot)
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),

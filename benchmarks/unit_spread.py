@@ -8,8 +8,6 @@ it is an upper bound. Servos of an arm (one class) differ by their places, too. 
 of `standardise.ASSUMED_STD` and ASSUMED_BETWEEN: the Unitree Go2, and the Stanford Pupper by `motorprior calibrate`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +23,8 @@ def spreads(prior: MotorPrior) -> dict[str, tuple[float, float]]:
     """Standard deviations between units of a class and between the means of classes (NaN for one), by constant."""
     model, groups = prior.model, [prior.classes.rows_of(name) for name in prior.classes.names]
     assert isinstance(model, GreyBox)
-    outputs = model.decoder_latents(prior.mean)
     names = parameters_of(model.terms)
-    outputs *= [SIGNED.get(name, 1.0) for name in names]
+    outputs = model.decoder_latents(prior.mean) * [SIGNED.get(name, 1.0) for name in names]
     means = np.stack([outputs[rows].mean(axis=0) for rows in groups])
     scatter = sum(np.sum((outputs[rows] - outputs[rows].mean(axis=0)) ** 2, axis=0) for rows in groups)
     within = np.sqrt(scatter / (len(outputs) - len(groups)))

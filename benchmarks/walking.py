@@ -13,44 +13,32 @@ figures.json contains
 Finished benches, priors and policies are reused. Half an hour on two cores.
 """
 
-from __future__ import annotations
-
 import math
-import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import tyro
 
-from figures import report
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.bench_folder import record_bench
-from motorprior.bench.fleet import Fleet, load_robot_fleet
+import motorprior as mp
+from figures import PROGRESS, run_benchmark
+from motorprior.bench.fleet import load_robot_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import PolicyArrays
-from motorprior.priors.fit_prior import PRIOR, fit_prior
-from motorprior.progress import Lines
-from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
+from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.priors.fit_prior import PRIOR
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Episode, Scene, WalkConfig
-from motorprior.simulation.training import train_policy
-from motorprior.stage import FIGURES
 from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import WARM_UP, completed, gait_quality, headings
-from untrained import zero_policy
 
-PROGRESS = Lines(sys.stderr)
-SPEEDS = (0.3, 0.55, 0.8)  # 0.15, 0.275 and 0.4 m/s for the shipped robot
 PLACES = ("sampled", "twin", "hard")
-UNTRAINED = "untrained_"
 TURNS = "commanded/"  # prefix of the names of these quantities
 # commanded speed and yaw rate over the robot's fastest; forward and left are positive
 COMMANDS = (
@@ -67,7 +55,7 @@ class Settings:
     out: Path  # run folder
     robot: str = DEFAULT_ROBOT  # robot
     fleet: str | None = None  # population of motors; the robot's own if not given
-    speeds: tuple[float, ...] = SPEEDS  # commanded speeds, as shares of the robot's fastest
+    speeds: tuple[float, ...] = (0.3, 0.55, 0.8)  # commanded speeds, as shares of the robot's fastest
     seeds: int = 5  # policies
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
@@ -80,14 +68,10 @@ class Environments:
     """The three environments in which policies are evaluated (PLACES)."""
 
     settings: Settings
-    robot: Robot
-    fleet: Fleet
-    prior: MotorPrior
-
-    @property
-    def steps(self) -> int:
-        """Control steps of a walk."""
-        return round(self.settings.seconds / self.robot.control_dt)
+    robot: mp.Robot
+    fleet: mp.Fleet
+    prior: mp.MotorPrior
+    steps: int  # of a walk
 
     def episodes(self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0) -> list[Episode]:
         """One episode per sample, with the same command [m/s, rad/s]."""
@@ -133,19 +117,16 @@ class Environments:
                 rates = [(yaw[-1] - yaw[0]) / (dt * (len(yaw) - 1)) for yaw in yaws]
                 yield f"{TURNS}speed_off", name, float(np.mean([each.speed_error for each in whole]))
                 yield f"{TURNS}speed", name, float(np.mean([walk["speed"] for walk in walks]))
-                yield (
-                    f"{TURNS}yaw_rate",
-                    name,
-                    float(np.mean(rates)),
-                )
+                yield f"{TURNS}yaw_rate", name, float(np.mean(rates))
 
 
 def measure(settings: Settings) -> dict[str, float]:
     """All figures; those straight ahead also over speeds, for all seeds and for each."""
-    robot, folder = load_robot(settings.robot), settings.out / "prior"
-    log = record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
-    prior = fit_prior(log, out=folder, progress=PROGRESS)
-    environments = Environments(settings, robot, load_robot_fleet(robot, settings.fleet), prior)
+    robot, folder = mp.load_robot(settings.robot), settings.out / "prior"
+    log = mp.record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
+    prior = mp.fit_prior(log, out=folder, progress=PROGRESS)
+    fleet, steps = load_robot_fleet(robot, settings.fleet), round(settings.seconds / robot.control_dt)
+    environments = Environments(settings, robot, fleet, prior, steps)
     found: defaultdict[str, list[float]] = defaultdict(list)
 
     def add(place: str, rows: Rows, seed: int) -> None:
@@ -156,23 +137,17 @@ def measure(settings: Settings) -> dict[str, float]:
                 found[key].append(value)
 
     for place in PLACES:
-        add(UNTRAINED + place, environments.straight(place, zero_policy(robot.num_joints)), 0)
+        add(f"untrained_{place}", environments.straight(place, PolicyShape(robot.num_joints).untrained()), 0)
     for seed in range(settings.seeds):
-        policy = train_policy(
+        policy = mp.train_policy(
             settings.robot, f"prior:{folder / PRIOR}", out=settings.out / f"seed_{seed}", seed=seed,
             iterations=settings.iterations, workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
         ).arrays  # fmt: skip
         for place in PLACES:
-            add(place, environments.straight(place, policy), seed)
-            add(place, environments.commanded(place, policy), seed)
+            rows = environments.straight(place, policy), environments.commanded(place, policy)
+            add(place, chain(*rows), seed)
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
-def main() -> None:
-    """Measure; write figures.json, print it."""
-    settings = tyro.cli(Settings, description=__doc__)
-    report(measure(settings), settings.out / FIGURES)
-
-
 if __name__ == "__main__":
-    main()
+    run_benchmark(Settings, measure, __doc__)

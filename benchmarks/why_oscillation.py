@@ -8,8 +8,6 @@ states and connected to a joint. The largest eigenvalue of joint + history is th
 1 the legs oscillate up to the torque limit.
 """
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,22 +18,21 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+import motorprior as mp
 from figures import markdown
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
-from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
+from motorprior.actuator.physical import PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, zero_order_hold
 from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
-from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.train import identify
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -47,7 +44,6 @@ LOADS = np.geomspace(3e-4, 3e-2, 13)  # load inertias of the sweep [kg·m²]
 LEG = (2e-4, 1.7e-3)  # apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
 FAST, SLOW = 0.002, 0.01  # [s]
 WIDE, SINUSOIDS = bench_preset("rollout"), bench_preset("paper")
-PAPER, TORQUE = "the paper's recipe", "torque regression"
 
 
 @dataclass(frozen=True)
@@ -62,21 +58,20 @@ class Variant:
     damping: bool = False  # the engine integrates the velocity gain kd implicitly
 
 
-RED, BLUE = model_color("paper_wide"), model_color("rollout")
 # The paper's recipe and two changes to it; torque regression, which has both, and changes to it; closed-loop training
 VARIANTS = {
-    PAPER: Variant(SINUSOIDS, "paper", model_color("paper")),
+    "the paper's recipe": Variant(SINUSOIDS, "paper", model_color("paper")),
     "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", model_color("paper"), {"period": FAST}),
     "paper + loads and impacts": Variant(
         replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", model_color("paper")
     ),
-    TORQUE: Variant(WIDE, "paper_wide", RED),
+    "torque regression": Variant(WIDE, "paper_wide", model_color("paper_wide")),
     "torque + armature": Variant(WIDE, "paper_wide", "#c2571a", armature=True),
     "torque + implicit damping": Variant(WIDE, "paper_wide", "#d9a400", damping=True),
     "torque + both": Variant(WIDE, "paper_wide", "#8c6d00", armature=True, damping=True),
     "closed loop": Variant(WIDE, "latent_network", OTHER_COLOR, {"has_armature": False}),
     "closed loop + armature": Variant(WIDE, "latent_network", model_color("one_network")),
-    "closed loop + physics": Variant(WIDE, "rollout", BLUE),
+    "closed loop + physics": Variant(WIDE, "rollout", model_color("rollout")),
 }  # fmt: skip
 
 
@@ -122,7 +117,7 @@ class Learned:
         return EngineAssisted(self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index])
 
 
-def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> MotorLog:
+def residual_log(log: mp.MotorLog, armature: np.ndarray, damping: np.ndarray) -> mp.MotorLog:
     """The log with the torque to learn if the engine has armature and damping (n,).
 
     torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the last sample of a
@@ -132,17 +127,16 @@ def residual_log(log: MotorLog, armature: np.ndarray, damping: np.ndarray) -> Mo
     torque = log.joint_torque.copy()
     for rows in log.segment_slices():
         velocity, period = log.joint_vel[rows], float(np.median(np.diff(log.time[rows])))
-        after = velocity[1:]
-        torque[rows][:-1] += armature * (after - velocity[:-1]) / period + damping * after
+        torque[rows][:-1] += armature * np.diff(velocity, axis=0) / period + damping * velocity[1:]
         torque[rows][-1] = torque[rows][-2]
     return replace(log, joint_torque=torque)
 
 
-def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, MotorLog]:
+def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, mp.MotorLog]:
     """The learned motors of a variant, and their log."""
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
-    log = record(motors, variant.bench, STEPS, settings.seed, load_fleet(settings.fleet))
+    log = record(motors, variant.bench, STEPS, settings.seed, mp.load_fleet(settings.fleet))
     armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
     found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
     if preset.has_armature:
@@ -192,7 +186,7 @@ def growth(network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: f
     return size, float(np.median(np.abs(np.angle(largest))) / (2 * np.pi * period))
 
 
-def recorded_inputs(network: LatentNetwork, log: MotorLog, count: int = 12) -> np.ndarray:
+def recorded_inputs(network: LatentNetwork, log: mp.MotorLog, count: int = 12) -> np.ndarray:
     """(M, count, 2T) scaled histories from a log."""
     first, rows = log.segment_slices()[0], np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
@@ -214,13 +208,12 @@ def chatter(actuator, load: float, seed: int) -> float:
 
 def measure(settings: Settings) -> dict[str, Any]:
     """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
-    motors = require_geared(training_motors(load_fleet(settings.fleet), MOTORS, settings.seed))
-    every = np.arange(MOTORS)
+    motors = require_geared(training_motors(mp.load_fleet(settings.fleet), MOTORS, settings.seed))
     found: dict[str, Learned] = {}
     variants: dict[str, dict[str, Any]] = {}
     for name, variant in VARIANTS.items():
         learned, log = train(settings, variant, motors)
-        own = learned.motors(every)
+        own = learned.motors(np.arange(MOTORS))
         chatters = [chatter(own, load, settings.seed) for load in LOADS]
         found[name], variants[name] = learned, {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
         if isinstance(learned.model, LatentNetwork):  # a grey box has other state than its inputs
@@ -228,7 +221,8 @@ def measure(settings: Settings) -> dict[str, Any]:
             loops = [growth(learned.model, learned, slopes, load) for load in LOADS]
             variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
         print(f"trained: {name}", flush=True)
-    physical: dict[str, Any] = {"chatter": [chatter(PhysicalActuator(motors), load, settings.seed) for load in LOADS]}
+    true = mp.PhysicalActuator(motors)
+    physical: dict[str, Any] = {"chatter": [chatter(true, load, settings.seed) for load in LOADS]}
     models = {name: learned.motors for name, learned in found.items()}
     for place, suspended in (("standing", False), ("suspended", True)):
         fidelity = robot_fidelity(PUPPER_V2, motors, models, suspended, settings.seed)
@@ -243,26 +237,19 @@ def picture(results: dict[str, Any]) -> bytes:
     """Growth of a disturbance per step; chatter over load; torque above 20 Hz in the robot."""
     figure = Figure(figsize=(13.5, 4.3), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.25))
-    _against_load(left, results, "growth")
-    left.set_xscale("log")
+    left.set(xscale="log", ylabel="growth of a disturbance in 2 ms,\nlargest eigenvalue, median")
     left.axhline(1.0, color="k", lw=1)
-    left.set_ylabel("growth of a disturbance in 2 ms,\nlargest eigenvalue, median")
-    _against_load(middle, results, "chatter")
-    middle.loglog(LOADS, results["physical"]["chatter"], "k--", label="physical")
-    middle.set_ylabel("torque above 20 Hz [N·m], one joint")
-    for axes in (left, middle):
+    middle.set(xscale="log", yscale="log", ylabel="torque above 20 Hz [N·m], one joint")
+    middle.plot(LOADS, results["physical"]["chatter"], "k--", label="physical")
+    for axes, key in ((left, "growth"), (middle, "chatter")):
+        for name, variant in VARIANTS.items():  # the paper's recipe diverges on a bare leg
+            if variant.preset != "paper" and key in results["variants"][name]:
+                axes.plot(LOADS, results["variants"][name][key], "o-", color=variant.color, label=name, ms=3)
         axes.axvspan(*LEG, color="0.9", zorder=0)
         axes.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
         axes.legend(frameon=False, fontsize=7)
     _bars(right, results)
     return png_bytes(figure)
-
-
-def _against_load(axes: Axes, results: dict[str, Any], key: str) -> None:
-    """All variants but the paper's recipe, which diverges on a bare leg."""
-    for name, variant in VARIANTS.items():
-        if variant.preset != "paper" and key in results["variants"][name]:
-            axes.plot(LOADS, results["variants"][name][key], "o-", color=variant.color, label=name, ms=3)
 
 
 def _bars(axes: Axes, results: dict[str, Any]) -> None:
@@ -277,10 +264,8 @@ def _bars(axes: Axes, results: dict[str, Any]) -> None:
     axes.set_yticks(place, labels, fontsize=8)
     axes.invert_yaxis()
     axes.axvline(1.0, color="k", lw=1)
-    axes.set_xscale("log")
-    axes.set_xlabel(
-        "torque above 20 Hz in the robot, ratio to the physical\nmotors' (in brackets: joint RMSE, standing)"
-    )
+    label = "torque above 20 Hz in the robot, ratio to the physical\nmotors' (in brackets: joint RMSE, standing)"
+    axes.set(xscale="log", xlabel=label)
     axes.legend(frameon=False, fontsize=8)
 
 

@@ -45,9 +45,9 @@ import numpy as np
 from motorprior.actuator.geared_motor_step import MotorState, step, step_constants
 from motorprior.actuator.optional_terms import TERMS, step_rows
 from motorprior.identification.physics.motor_problem import INITIAL_MOTOR
-from motorprior.identification.physics.term_selection import CANDIDATES
+from motorprior.identification.physics.term_selection import SELECTABLE_TERMS
 from numpy_arithmetic import NUMPY
-assert "weak" in CANDIDATES
+assert "weak" in SELECTABLE_TERMS
 values = {name: np.array([value]) for name, value in INITIAL_MOTOR.items()} | {"encoder_zero": np.zeros(1)}
 zero = np.zeros(1)
 def velocity(weakness):

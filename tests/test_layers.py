@@ -13,7 +13,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "backend", "progress", "stage", "texts"),
+    *("schema", "bounds", "delay_line", "progress", "stage", "texts"),
 }
 ORDER = [
     *("words", "robots", "logs", "actuator", "bench", "identification", "evaluation", "priors", "excitation"),
@@ -23,7 +23,7 @@ ORDER = [
 FORBIDDEN = {
     # what the robot's computer does not install
     "hardware": {"simulation", "actuator", "identification", "evaluation", "priors", "excitation"},
-    "locomotion": {"simulation"},  # gets a backend handed in
+    "locomotion": {"simulation"},  # gets a simulator handed in
 }
 FOLDERS = {
     **dict.fromkeys(["jax", "optax"], "identification/networks/"),
@@ -111,6 +111,37 @@ def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: st
     (tmp_path / place).write_text(code)
     found = [line.split(": ", 1)[1] for line in violations(tmp_path)]
     assert found == ([breach] if breach else [])
+
+
+def command_imports(folder: Path) -> list[str]:
+    """Imports of `motorprior.commands` in the files of a folder, as "file:line: name"."""
+    return [
+        f"{file.relative_to(folder).as_posix()}:{line}: {name}"
+        for file in sorted(folder.rglob("*.py"))
+        for line, name in imported(ast.parse(file.read_text("utf-8")), [])
+        if f"{name}.".startswith("motorprior.commands.")
+    ]
+
+
+@pytest.mark.parametrize("name", ["benchmarks", "examples"])
+def test_benchmarks_and_examples_import_the_library_not_commands(name: str):
+    folder = SOURCE.parents[1] / name
+    assert any(folder.rglob("*.py"))
+    assert command_imports(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("from motorprior.commands.validate import Validate", ["a.py:1: motorprior.commands.validate.Validate"]),
+        ("def main():\n    from motorprior import commands", ["a.py:2: motorprior.commands"]),
+        ("import motorprior.commands.walk", ["a.py:1: motorprior.commands.walk"]),
+        ("from motorprior.hardware import commands\nimport motorprior as mp", []),
+    ],
+)
+def test_an_import_of_commands_is_caught(tmp_path: Path, code: str, found: list[str]):
+    (tmp_path / "a.py").write_text(code)
+    assert command_imports(tmp_path) == found
 
 
 @pytest.mark.parametrize(("name", "min_modules"), [("commands", 5), ("identification", 6), ("priors", 6), ("logs", 2)])

@@ -6,13 +6,13 @@ import pytest
 
 from motorprior.results import Result, Results
 
-WALKS = Results.of(
+WALKS = Results(
     Result("speed", "m/s", value, model, motors, seed=seed)
     for model, values in (("rollout", (0.2, 0.4)), ("ideal_pd", (0.1, 0.3)))
     for motors in ("own", "twin")
     for seed, value in enumerate(values)
 )
-ERRORS = Results.of(
+ERRORS = Results(
     Result("standing_rmse", "rad", value, "rollout", motors, statistic)
     for motors, statistic, value in (
         ("train", "median", 0.01), ("train", "mean", 0.02), ("held_out", "median", 0.03), ("held_out", "mean", 0.04),

@@ -19,7 +19,7 @@ from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import MotorSource, simulated_motors
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkEnv
+from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 
 ENV_ID = "motorprior/Walk-v0"
 
@@ -41,7 +41,7 @@ def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "f
     walk = WalkConfig(**options)
     robot = walk.commands.extend_range(as_robot(robot))
     found = simulated_motors(motors, robot)
-    return WalkEnv(robot, SimulatedBackend(Scene(robot, found.draw, walk, found.physics_dt)), walk)
+    return WalkEnv(Scene(robot, found.draw, walk, found.physics_dt))
 
 
 gymnasium.register(ENV_ID, entry_point="motorprior.environments:make_env")

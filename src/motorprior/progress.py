@@ -8,90 +8,64 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol, TextIO, TypeVar
+from contextlib import contextmanager
+from typing import TextIO, TypeVar
 
 WARNING = "warning: "  # prefix of the notes that are warnings
 T = TypeVar("T")
 ReportProgress = Callable[[int, str], None]  # (finished parts since the last call, text)
 
 
-class Task(Protocol):
-    """A unit of work."""
+class Task:
+    """A unit of work that reports its finished parts every ten seconds."""
+
+    def __init__(self, line: Callable[[str], None], name: str, total: int):
+        self._line, self._name, self._total, self._done, self._printed = line, name, total, 0, time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Add ``count`` finished parts; ``note`` is printed next to the progress."""
+        self._done += count
+        if time.monotonic() - self._printed > 10.0:
+            self._printed = time.monotonic()
+            self._line(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
 
 
-class Progress(Protocol):
-    """Receives progress and notes of stages."""
+class Progress:
+    """Gives notes of stages to ``note``, and start, progress and end of each unit of work to ``line``."""
 
-    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
-        """Start a unit of work with ``total`` parts; it ends with the context."""
-        ...
-
-    def note(self, text: str) -> None:
-        """Report a line to the user."""
-
-
-class NoteProgress(Progress, Task):
-    """Gives notes to a function, and progress to another `Progress`, if there is one."""
-
-    def __init__(self, note: Callable[[str], None], progress: Progress | None = None):
-        self._note, self._progress = note, progress
-
-    def start(self, name: str, total: int) -> AbstractContextManager[Task]:
-        """See `Progress.start`."""
-        return self._progress.start(name, total) if self._progress else nullcontext(self)
-
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
-        self._note(text)
-
-
-class Lines:
-    """Prints notes, and start, progress (every 10 s) and end of each task, to a stream (default: `sys.stderr`)."""
-
-    def __init__(self, stream: TextIO | None = None):
-        self._stream = stream
+    def __init__(self, note: Callable[[str], None], line: Callable[[str], None] = lambda text: None):
+        self.note, self.line = note, line
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Task]:
-        """See `Progress.start`."""
+        """Start a unit of work with ``total`` parts; it ends with the context."""
         started = time.monotonic()
-        self.note(f"{name} ...")
-        yield TextTask(self.note, name, total)
-        self.note(f"{name}: {time.monotonic() - started:.1f} s")
+        self.line(f"{name} ...")
+        yield Task(self.line, name, total)
+        self.line(f"{name}: {time.monotonic() - started:.1f} s")
 
-    def note(self, text: str) -> None:
-        """See `Progress.note`."""
+
+class Lines(Progress):
+    """Prints notes, and start, progress (every 10 s) and end of each task, to a stream (default: `sys.stderr`)."""
+
+    def __init__(self, stream: TextIO | None = None):
+        super().__init__(self._print, self._print)
+        self._stream = stream
+
+    def _print(self, text: str) -> None:
         stream = self._stream or sys.stderr
         stream.write(f"{text}\n")  # at once, since threads share the stream
         stream.flush()
 
 
-class TextTask(Task):
-    """A unit of work that reports its finished parts every ten seconds."""
-
-    def __init__(self, note: Callable[[str], None], name: str, total: int):
-        self._note, self._name, self._total, self._done, self._printed = note, name, total, 0, time.monotonic()
-
-    def advance(self, count: int = 1, note: str = "") -> None:
-        """See `Task.advance`."""
-        self._done += count
-        if time.monotonic() - self._printed > 10.0:
-            self._printed = time.monotonic()
-            self._note(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
-
-
 def _warn(text: str) -> None:
     if text.startswith(WARNING):
-        warnings.warn(text.removeprefix(WARNING), stacklevel=3)  # of the caller of note
+        warnings.warn(text.removeprefix(WARNING), stacklevel=2)  # of the caller of note
 
 
-SILENT = NoteProgress(lambda text: None)
-WARNED = NoteProgress(_warn)  # warnings become Python warnings; default of the Python API
-SHOWN = NoteProgress(_warn, Lines())  # and units of work are lines on stderr; default of what takes minutes
+SILENT = Progress(lambda text: None)
+WARNED = Progress(_warn)  # warnings become Python warnings; default of the Python API
+SHOWN = Progress(_warn, Lines().line)  # and units of work are lines on stderr; default of what takes minutes
 
 
 def usable_threads(workers: int, progress: Progress) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
+from motorprior.stage import FIGURES, RESULTS
 from motorprior.texts import text_table
 
 # suffix of a figure's name by statistic; others, such as the median, have none
@@ -33,25 +33,13 @@ class Result:
     seconds: float | None = None  # duration of the log of the motors [s]
 
 
-@dataclass(frozen=True)
-class Results:
+class Results(tuple[Result, ...]):
     """Rows in the order of their measurement."""
 
-    rows: tuple[Result, ...] = ()
+    __slots__ = ()
 
-    @classmethod
-    def of(cls, rows: Iterable[Result]) -> Results:
-        """Table of these rows."""
-        return cls(tuple(rows))
-
-    def __iter__(self) -> Iterator[Result]:
-        return iter(self.rows)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __add__(self, other: Results) -> Results:
-        return Results(self.rows + other.rows)
+    def __add__(self, other: tuple[Any, ...]) -> Results:
+        return Results((*self, *other))
 
     def __str__(self) -> str:
         named = [name for name in Result.__dataclass_fields__ if any(getattr(row, name) is not None for row in self)]
@@ -63,7 +51,7 @@ class Results:
     def where(self, **columns: Any) -> Results:
         """Rows with these values; a tuple stands for any of its values, None for no value."""
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
-        return Results.of(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
+        return Results(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
 
     def distinct(self, column: str) -> list[Any]:
         """Distinct values of a column, in the order of the rows."""
@@ -106,10 +94,21 @@ class Results:
     def load(cls, path: Path) -> Results:
         """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
         try:
-            return cls.of(Result(**row) for row in read_json(path)["rows"])
+            return cls(Result(**row) for row in read_json(path)["rows"])
         except (KeyError, TypeError) as error:
             remedy = f"delete the folder {path.parent} and run the same command again"
             raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
+
+
+def write_results(folder: Path, results: Results) -> None:
+    """Write results.json (rows) and figures.json (name -> value)."""
+    results.save(folder / RESULTS)
+    write_json(folder / FIGURES, results.to_figures())
+
+
+def read_results(folder: Path) -> Results:
+    """Results of a finished stage."""
+    return Results.load(folder / RESULTS)
 
 
 def _name(row: Result) -> str:

@@ -1,4 +1,4 @@
-"""RMS, RMSE, runs of a mask, encoder step, high-frequency content."""
+"""RMS, RMSE, runs of a mask, encoder step, means of held commands, high-frequency content."""
 
 from __future__ import annotations
 
@@ -25,6 +25,17 @@ def encoder_step(readings: np.ndarray) -> float:
     steps = np.diff(np.unique(readings))
     steps = steps[steps > 1e-6]  # below this is rounding
     return float(steps.min()) if steps.size else 0.0
+
+
+def mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
+    edges = np.append(grid, grid[-1] + period)
+    row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
+    area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])
+    area = area[row] + command[row] * (edges - time[row])[:, None]
+    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # row in force at the end
+    same = (row[:-1] == last)[:, None]
+    return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:

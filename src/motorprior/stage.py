@@ -18,7 +18,6 @@ from filelock import FileLock, Timeout
 from motorprior import __version__
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
-from motorprior.results import Results
 
 RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
 LOCK = ".lock"
@@ -62,17 +61,6 @@ def _plain(value: Any) -> Any:
 
 def _is_path(value: Any) -> bool:
     return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
-
-
-def write_results(folder: Path, results: Results) -> None:
-    """Write results.json (rows) and figures.json (name -> value)."""
-    results.save(folder / RESULTS)
-    write_json(folder / FIGURES, results.to_figures())
-
-
-def read_results(folder: Path) -> Results:
-    """Results of a finished stage."""
-    return Results.load(folder / RESULTS)
 
 
 def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:

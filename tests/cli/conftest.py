@@ -15,7 +15,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import read_bench
 from motorprior.cli.main import main
 from motorprior.commands.bench import Bench, run_bench
-from motorprior.progress import TextTask
+from motorprior.progress import Task
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
@@ -89,13 +89,13 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     def at(advance_number: int) -> None:
         calls = 0
 
-        def advance(self: TextTask, count: int = 1, note: str = "") -> None:
+        def advance(self: Task, count: int = 1, note: str = "") -> None:
             nonlocal calls
             calls += 1
             if calls == advance_number:
                 signal.raise_signal(signal.SIGINT)
 
-        monkeypatch.setattr(TextTask, "advance", advance)
+        monkeypatch.setattr(Task, "advance", advance)
 
     yield at
     signal.signal(signal.SIGINT, old)

@@ -12,7 +12,7 @@ from motorprior.artifacts import read_json
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.identify import Identify, run_identify
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
-from motorprior.stage import read_results
+from motorprior.results import read_results
 
 LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "tuned_pd")
 

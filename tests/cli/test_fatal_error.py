@@ -16,7 +16,7 @@ from motorprior.simulation.scene import WalkSimulator
 from motorprior.simulation.world import mj_step, prepare_mujoco
 
 FLOOR = '<size memory="2K"/><worldbody><geom type="plane" size="9 9 1"/>'
-XML = PUPPER_V2.model.mjcf().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")
+XML = PUPPER_V2.model.path.read_text().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")
 model = mujoco.MjModel.from_xml_string(XML)
 data = mujoco.MjData(model)  # its memory is too small for a step: mju_error
 

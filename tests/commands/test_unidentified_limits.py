@@ -8,9 +8,10 @@ import pytest
 
 import motorprior as mp
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import MotorPrior, unidentified_limits
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.ars import ArsConfig
+from motorprior.priors.prior_file import unidentified_limits
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 

@@ -17,6 +17,7 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES, PolicySearch, episode_seed
+from motorprior.progress import Progress, Task
 from motorprior.report.sections import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.motors import simulated_motors
@@ -85,20 +86,19 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
     run_walk(walk(tmp_path / "whole", **early))
     ended = len(read_json(tmp_path / "whole" / CURVE))
 
-    class Stops:
+    class Stops(Progress):
         def __init__(self, after: int):
+            super().__init__(lambda text: None)
             self.left = after
 
         @contextmanager
         def start(self, name: str, total: int):
-            yield self
+            yield Mock(spec=Task, advance=self.advance)
 
         def advance(self, count: int = 1, note: str = "") -> None:
             self.left -= bool(note)
             if self.left == 0:
                 raise KeyboardInterrupt
-
-        def note(self, text: str) -> None: ...
 
     parts = walk(tmp_path / "parts", **early, workers=2)
     for after in (ended - 1, 1):  # the second: all iterations are made, and nothing is written yet

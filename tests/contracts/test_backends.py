@@ -1,4 +1,4 @@
-"""What every backend promises; each new one joins the list."""
+"""What every engine promises; each new one joins the list."""
 
 from dataclasses import replace
 
@@ -8,19 +8,31 @@ from grey_boxes import make_grey_box
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.backend import BackendState
 from motorprior.bench.fleet import load_fleet
+from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig
+from motorprior.simulation.scene import Scene, WalkConfig
 
 MUJOCO, BULLET = WalkConfig(), WalkConfig(engine="pybullet")
 
 
-def backend_of(draw_motors, walk: WalkConfig) -> SimulatedBackend:
+class Standing:
+    """A robot in an engine, which `reset` stands up on new motors and in new conditions."""
+
+    def __init__(self, scene: Scene):
+        self._scene, self._world = scene, scene.world()
+        self.step, self.close = self._world.step, self._world.close
+
+    def reset(self, seed: int) -> RobotState:
+        self._scene.begin(self._world, seed)
+        return self._world.state()
+
+
+def backend_of(draw_motors, walk: WalkConfig) -> Standing:
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    return SimulatedBackend(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
+    return Standing(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
 
 
 EVERYTHING = Randomization(
@@ -51,7 +63,7 @@ def backend(request: pytest.FixtureRequest):
     made.close()
 
 
-def walked(backend: SimulatedBackend, seed: int, steps: int = 20) -> list[BackendState]:
+def walked(backend: Standing, seed: int, steps: int = 20) -> list[RobotState]:
     """States of a small motion of all joints."""
     states = [backend.reset(seed)]
     for step in range(steps):
@@ -59,7 +71,7 @@ def walked(backend: SimulatedBackend, seed: int, steps: int = 20) -> list[Backen
     return states
 
 
-def test_a_state_has_the_stated_shapes_and_types(backend: SimulatedBackend):
+def test_a_state_has_the_stated_shapes_and_types(backend: Standing):
     for state in (backend.reset(0), backend.step(PUPPER_V2.nominal_pose)):
         shapes = [np.shape(value) for value in state]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
@@ -68,7 +80,7 @@ def test_a_state_has_the_stated_shapes_and_types(backend: SimulatedBackend):
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: SimulatedBackend):
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Standing):
     first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
     assert all(
         np.array_equal(a, b, equal_nan=True)
@@ -78,7 +90,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backen
     assert not np.array_equal(first[-1][4], other[-1][4])
 
 
-def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: SimulatedBackend):
+def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Standing):
     backend.reset(0)
     places = [backend.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
     if np.isnan(places).all():
@@ -87,7 +99,7 @@ def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_
     np.testing.assert_allclose(places[:, 2], PUPPER_V2.legs[0].foot_radius, atol=0.005)
 
 
-def test_a_robot_commanded_to_stand_stands(backend: SimulatedBackend):
+def test_a_robot_commanded_to_stand_stands(backend: Standing):
     state = backend.reset(0)
     for _ in range(100):
         state = backend.step(PUPPER_V2.nominal_pose)
@@ -97,7 +109,7 @@ def test_a_robot_commanded_to_stand_stands(backend: SimulatedBackend):
     assert state.torque_squared_sum > 0.0
 
 
-def test_a_target_is_followed(backend: SimulatedBackend):
+def test_a_target_is_followed(backend: Standing):
     state = backend.reset(0)
     target = PUPPER_V2.nominal_pose + np.tile([0.0, 0.2, -0.4], 4)
     for _ in range(100):

@@ -19,7 +19,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.exports.bam import BamMotor, read_motor
 from motorprior.exports.cards import shipped_cards
-from motorprior.exports.exporter import sampled, with_kd
+from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, is_supported
 from motorprior.signals import rms
 
@@ -262,8 +262,9 @@ def test_bam_json_reads_back_as_the_same_law(prior: MotorPrior, tmp_path: Path):
     found = mp.export(prior, "bam", tmp_path, motors=1)
     table = json.loads(found.files[0].read_text())
     assert table["model"] == "m5" and table["motorprior"]["loss_rad"] == found.losses
-    motor = with_kd(mp.read_motor(found.files[0]).constants())
-    assert motor["kp"][0] == pytest.approx(table["kp"]) and motor["kd"][0] == pytest.approx(table["damping"])
+    motor = mp.read_motor(found.files[0]).constants()
+    assert motor["kp"][0] == pytest.approx(table["kp"])
+    assert motor["kp"][0] * motor["kd_over_kp"][0] == pytest.approx(table["damping"])
     assert motor["load_friction"][0] == pytest.approx(2.0 * table["load_friction_motor"])
 
 

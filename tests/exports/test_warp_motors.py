@@ -51,21 +51,21 @@ def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], toleranc
     assert difference.max() < tolerance  # float32: dry friction of some motors breaks away a step earlier or later
 
 
-def test_a_partial_reset_restarts_the_masked_motors_only():
-    motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
-    zero, every = bench.warp_array(np.zeros(2)), bench.warp_array([True, True], wp.bool)
-    motors.reset(every, bench.warp_array([0, 1], int), zero, zero)
-    for _ in range(20):
-        motors.step(bench.warp_array([0.3, 0.3]), zero, zero)
-    before = motors.memory.numpy()
-    chosen, start = bench.warp_array([2, 3], int), bench.warp_array([0.0, 0.5])
-    motors.reset(bench.warp_array([False, True], wp.bool), chosen, zero, start)
-    after = motors.memory.numpy()
-    np.testing.assert_array_equal(after[:, 0], before[:, 0])
-    assert after[0, 1] == 0.5 and after[1, 1] == 0.0 and motors.clock.numpy()[1] == 0
-    other = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
-    other.reset(every, bench.warp_array([0, 3], int), zero, zero)
-    np.testing.assert_array_equal(motors.table.numpy(), other.table.numpy())
+def test_only_waiting_motors_restart_as_the_chosen_ones():
+    def state_after(steps: int, start: float, chosen: tuple[int, int], restarts: bool = False) -> np.ndarray:
+        motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
+        motors.chosen.assign(chosen)
+        given = [bench.warp_array([each, start]) for each in (0.3, 0.0, 0.0)]
+        for step in range(steps):
+            if restarts and step == 20:
+                motors.waiting.assign([False, True])
+                motors.chosen.assign([2, 3])
+            motors.step(*given)
+        return np.concatenate([motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]])
+
+    both = state_after(25, 0.5, (0, 1), restarts=True)
+    np.testing.assert_array_equal(both[:, 0], state_after(25, 0.5, (0, 1))[:, 0])
+    np.testing.assert_array_equal(both[:, 1], state_after(5, 0.5, (0, 3))[:, 1])
 
 
 def with_constant(motors, name, value):

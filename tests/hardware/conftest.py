@@ -17,10 +17,10 @@ from motorprior.hardware.protocol import Command
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_robot import IDLE, Firmware, VirtualRobot
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot
-from untrained import zero_policy
 
 # For a busy computer; the real limits are tested in simulated time.
 PATIENT = replace(
@@ -33,7 +33,7 @@ PATIENT = replace(
 def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The policy of zero weights: it trots as commanded."""
     path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
-    as_file_content(zero_policy(12)).save(path)
+    as_file_content(PolicyShape(12).untrained()).save(path)
     return path
 
 

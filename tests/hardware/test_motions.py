@@ -25,7 +25,7 @@ from motorprior.logs.readers.deploy_recording import read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.wire import MotorCommand, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkEnv
+from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 from simulated_port import SimulatedPort, on_its_clock
 
 WIRE = PUPPER_V2.require_wire()
@@ -47,7 +47,9 @@ class CopiedBody:
 
 
 def test_motors_have_the_gains_that_were_sent_until_idle():
-    body = CopiedBody(SimulatedBackend(Scene(PUPPER_V2, draw_pd)).reset(0))
+    env = WalkEnv(Scene(PUPPER_V2, draw_pd))
+    env.reset(seed=0)
+    body = CopiedBody(env.world.state())
     firmware = Firmware(PUPPER_V2, body)
     for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=PUPPER_V2.nominal_pose)):
         firmware.receive(framed(command, 12))
@@ -59,34 +61,22 @@ def test_motors_have_the_gains_that_were_sent_until_idle():
     assert not body.command.kp.any() and not body.command.kd.any()
 
 
-class Spy(SimulatedBackend):
-    """Remembers its last state."""
-
-    def reset(self, seed: int):
-        self.state = super().reset(seed)
-        return self.state
-
-    def step(self, position_target: np.ndarray):
-        self.state = super().step(position_target)
-        return self.state
-
-
 def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation():
     """Two seconds of a random policy: env and wire side by side; the wire's float32 is all that is lost."""
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     walk = WalkConfig(commands=Commands(hold=0.4))
-    spy = Spy(Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, PUPPER_V2.twin_physics_dt))
-    env, motion = WalkEnv(PUPPER_V2, spy, walk), PolicyMotion(PUPPER_V2, policy)
+    scene = Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, PUPPER_V2.twin_physics_dt)
+    env, motion = WalkEnv(scene), PolicyMotion(PUPPER_V2, policy)
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
-    body = CopiedBody(spy.state)
+    body = CopiedBody(env.world.state())
     firmware, reader = Firmware(PUPPER_V2, body), FrameReader(Telemetry, 12)
-    gate, target = SafetyGate(PUPPER_V2, WIRE.safety), spy.state.measured_joint_pos
+    gate, target = SafetyGate(PUPPER_V2, WIRE.safety), body.state.measured_joint_pos
     gate.arm(Gains.of(WIRE), PUPPER_V2.nominal_pose, 0.0)
     for step in range(200):
-        body.state = spy.state
+        body.state = env.world.state()
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         assert body.command is not None
         np.testing.assert_allclose(WIRE.joint_signs * body.command.target, target, rtol=0, atol=1e-6)

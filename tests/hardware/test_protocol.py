@@ -12,7 +12,16 @@ from telemetry import telemetry
 
 from motorprior.exceptions import ProtocolError
 from motorprior.hardware.health import TelemetryStream
-from motorprior.hardware.protocol import IDLE, IDLE_FRAME, Command, FrameReader, Telemetry, decode, encode, framed
+from motorprior.hardware.protocol import (
+    IDLE,
+    IDLE_FRAME,
+    Command,
+    FrameReader,
+    Telemetry,
+    decode_message,
+    encode_message,
+    framed,
+)
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 JOINTS = 12
@@ -33,7 +42,7 @@ telemetries = st.builds(
 @given(st.one_of(commands, telemetries))
 @settings(max_examples=100, deadline=None)
 def test_a_message_is_decoded_as_it_was_sent(message: Command | Telemetry):
-    received = decode(encode(message, JOINTS), type(message), JOINTS)
+    received = decode_message(encode_message(message, JOINTS), type(message), JOINTS)
     assert type(received) is type(message)
     assert all(np.array_equal(value, vars(received)[name]) for name, value in vars(message).items())
 
@@ -49,7 +58,7 @@ def test_the_bytes_of_a_command_are_those_of_the_wire():
 )
 def test_an_invalid_command_is_not_encoded(command: Command):
     with pytest.raises(ProtocolError):
-        encode(command, JOINTS)
+        encode_message(command, JOINTS)
 
 
 NO_MAPS = [b"", b"\x80", b"\xc1", b"\x91\x01", b"\x81\xa4idle\xc3\x00", b"\x81" + b"\x91" * 200, b"\xdf" + b"\xff" * 4]
@@ -60,7 +69,7 @@ MAPS = [{"kp": "much"}, {"speed": 1.0}, {"kp": float("nan")}, {"pos": [0.0] * 13
 def test_an_invalid_payload_is_a_protocol_error(payload: bytes):
     for kind in (Command, Telemetry):
         with pytest.raises(ProtocolError):
-            decode(payload, kind, JOINTS)
+            decode_message(payload, kind, JOINTS)
 
 
 def measured(ts: int) -> bytes:
@@ -74,7 +83,7 @@ def target(step: int) -> bytes:
 def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
     """Lines, and payloads of messages."""
     messages = [message for piece in pieces for message in reader.feed(piece)]
-    return [message if isinstance(message, str) else encode(message, JOINTS) for message in messages]
+    return [message if isinstance(message, str) else encode_message(message, JOINTS) for message in messages]
 
 
 good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), IDLE_FRAME]))

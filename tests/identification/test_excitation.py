@@ -3,6 +3,7 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from motorprior.excitation.plan import plan_excitation
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.presets import identification_preset
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import SILENT, NoteProgress
+from motorprior.progress import SILENT, Task
 
 NAMES = ("L_hip", "L_knee", "R_hip", "R_knee")
 
@@ -83,12 +84,8 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     class Stop(Exception):
         pass
 
-    class Stopping(NoteProgress):
-        def advance(self, count: int = 1, note: str = "") -> None:
-            raise Stop
-
-    with pytest.raises(Stop):
-        fit_excitation(runs, steps=50, out=parts, progress=Stopping(print))
+    with pytest.raises(Stop), mock.patch.object(Task, "advance", side_effect=Stop):
+        fit_excitation(runs, steps=50, out=parts, progress=SILENT)
     assert parts.with_suffix(".checkpoint").exists() and not parts.exists()
     fit_excitation(runs, steps=50, out=parts, progress=SILENT)
     assert whole.read_bytes() == parts.read_bytes()

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from motor_logs import log_of
 
-from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, at_bounds, fitted_responses
+from motorprior.identification.baselines.response_fit import (
+    RESPONSE_CONSTANTS,
+    ResponseMotors,
+    at_bounds,
+    fitted_responses,
+)
 from motorprior.identification.presets import identification_preset
 from motorprior.priors.validate import fitted_baselines
 from motorprior.progress import SILENT, Lines
@@ -33,13 +38,13 @@ def test_the_response_of_a_joint_far_off_its_command_is_found():
     angle = 1.2 * np.roll(command, 65) + 0.68
     log = log_of(time, command, angle).rows(slice(100, None))
     motors = fitted_responses(log, identification_preset("rollout"), 0, SILENT)["servo_limits"]
-    found = dict(zip(CONSTANTS, motors.constants[0].tolist(), strict=True))
+    found = dict(zip(RESPONSE_CONSTANTS, motors.constants[0].tolist(), strict=True))
     # slow sines do not tell a pure delay from the lag of a second order
     assert found["delay"] + 2.0 * found["damping"] / found["rate"] == pytest.approx(0.13, abs=0.01)
     assert found["gain"] == pytest.approx(1.2, abs=0.03) and found["offset"] == pytest.approx(0.68, abs=0.02)
 
 
 def test_constants_at_the_edge_of_the_search_are_marked():
-    values = CONSTANTS | {"delay": 1e-4, "rate": 600.0, "band": 0.1, "gain": 1.2}
+    values = RESPONSE_CONSTANTS | {"delay": 1e-4, "rate": 600.0, "band": 0.1, "gain": 1.2}
     reached = at_bounds(ResponseMotors(np.array([list(values.values())])))
     assert [name for name, mask in reached.items() if mask.any()] == ["delay", "rate"]

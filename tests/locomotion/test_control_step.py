@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.backend import BackendState
 from motorprior.locomotion.body import MAX_COMMAND, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
@@ -15,6 +14,7 @@ from motorprior.locomotion.control_step import (
     MAX_HEADING_ERROR,
     MAX_TARGET_SPEED,
     RAMP,
+    RobotState,
     TaskWeights,
     command_step,
     evaluate_step,
@@ -129,7 +129,7 @@ def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
     gait, joints = new_gait(BODY), PUPPER_V2.nominal_pose
 
     def slid(places):
-        state = BackendState(np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3), joints, places, 0.0)
+        state = RobotState(np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3), joints, places, 0.0)
         return sliding(BODY, gait.feet, state, 0.0, 0.0)
 
     assert slid(feet_at(0.0)) == 0.0, "their earlier places are unknown"
@@ -158,7 +158,7 @@ def test_a_schedule_holds_each_command_and_fills_the_range_evenly_in_any_order()
 
 def observed(quaternion, rates, joints) -> np.ndarray:
     out, zero = np.full(23, np.nan), np.zeros(3)
-    state = BackendState(zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0)
+    state = RobotState(zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0)
     observe(body_of(PUPPER_V2), state, out)
     assert np.isnan(out[17:]).all(), "what the gait follows is not the sensors'"
     return out
@@ -196,7 +196,7 @@ def test_reward_by_hand():
     gait.feet[:, :3], gait.feet[:, 3] = feet, PUPPER_V2.nominal_pose[1] + PUPPER_V2.nominal_pose[2]
     feet[0, 0] = 0.1 * DT  # one foot slides by 0.1 m/s
     # 0.5 - 0.2 - 0.8·0.1 - 0.6·0.05 - 0.1·0.3 - 0.2·0.07 - 0.003·5 - 0.4·0.1 = 0.091
-    state = BackendState(
+    state = RobotState(
         np.array([0.0, 0.0, 0.17]), rolled, np.array([0.1, 0.1, 0.0]), np.array([0.0, 0.0, 0.4]),
         PUPPER_V2.nominal_pose, feet, 5.0 * BODY.reference_torque**2,
     )  # fmt: skip

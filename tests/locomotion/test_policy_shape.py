@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS, stats_of
 
-from motorprior.backend import BackendState
 from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import command_step, follow_command, new_gait, observe
+from motorprior.locomotion.control_step import RobotState, command_step, follow_command, new_gait, observe
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
@@ -94,8 +93,8 @@ def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do
     assert len({met[0][1] for met in pairs.values()}) == 15
 
 
-@pytest.mark.parametrize(("patience", "ends"), [(1, 10), (3, 30), (None, 45)])
-def test_a_training_ends_after_enough_evaluations_without_a_better_policy(patience, ends):
+@pytest.mark.parametrize(("patience", "ends"), [(1, 20), (3, 40), (None, 45)])
+def test_a_training_ends_when_its_return_has_not_increased_often_enough(patience, ends):
     search, candidates, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(5.0), Constant(1.0)
     search.train(candidates, 45, evaluator, patience)
     assert search.best_iteration == 0 and search.ars.iteration == ends
@@ -120,7 +119,7 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_
 
     def seen(state, quat, rates, joints, yaw_rate):
         nothing = np.zeros(3)
-        at = BackendState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
+        at = RobotState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
         observe(body, at, state.observation)
         follow_command(body, state, forward, yaw_rate)
         return state.observation

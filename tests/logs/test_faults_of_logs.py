@@ -12,8 +12,8 @@ import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.doctor.response import COMPARE
+from motorprior.logs.load_log import cleaned
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import cleaned
 from motorprior.progress import WARNING
 
 TIME = 0.01 * np.arange(1500)

@@ -12,6 +12,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -19,7 +20,6 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
-from untrained import zero_policy
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
 ARM_TOML = DESCRIPTION.replace("nominal_pose = 0.0", "nominal_pose = [0.1, -0.2]").replace("5.0", "[4.0, 2.0]")
@@ -78,7 +78,7 @@ def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned:
 def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
     motors = IdealPd.uniform(12, 20.0, 0.5, 10.0, 0.01)
     walk = WalkConfig(30, commands=Commands.steady(0.3))
-    episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(zero_policy(12), seed=0, trace=True)
+    episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(PolicyShape(12).untrained(), seed=0, trace=True)
     assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
 
 

@@ -12,10 +12,10 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.load import load_robot
 from motorprior.simulation.scene import require_walks
 from motorprior.simulation.training import ROBOT_WEIGHT, WalkSettings, train_policy, weight_warning
-from untrained import zero_policy
 
 ROBOT = load_robot("pupper_v2")
 
@@ -35,7 +35,7 @@ def test_diverged_walks_are_named_and_counted():
 
 
 def test_a_heavier_robot_than_the_trained_one_is_a_warning():
-    policy = Policy.of(ROBOT, zero_policy(ROBOT.num_joints), ROBOT.nominal_pose, ROBOT.nominal_pose)
+    policy = Policy.of(ROBOT, PolicyShape(ROBOT.num_joints).untrained(), ROBOT.nominal_pose, ROBOT.nominal_pose)
     assert not weight_warning(policy, ROBOT)
     trained = replace(policy, provenance={ROBOT_WEIGHT: ROBOT.weight - 4.0 * 9.81})
     assert all(

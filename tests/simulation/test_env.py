@@ -2,36 +2,31 @@
 
 import numpy as np
 import pytest
+from drawn_motors import draw_pd
 
-from motorprior.backend import BackendState
 from motorprior.exceptions import ConfigError, SimulationFault
-from motorprior.locomotion.control_step import TaskWeights
+from motorprior.locomotion.control_step import RobotState, TaskWeights
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.scene import WalkConfig, WalkEnv
+from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 
 
-class GlidingBackend:
+class GlidingWorld:
     """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
 
     def __init__(self, fall_at=10**9, fail_at=10**9):
         self.fall_at, self.fail_at = fall_at, fail_at
 
-    def reset(self, seed):
-        rng = np.random.default_rng(seed)
-        self.start, self.count, self.joints = rng.normal(0.0, 0.01, 2), 0, PUPPER_V2.nominal_pose.copy()
-        return self._state()
+    def reset(self, actuator, joint_pos=None, conditions=None):
+        self.count, self.joints = 0, PUPPER_V2.nominal_pose.copy()
 
-    def step(self, position_target):
-        self.joints = position_target
+    def step(self, target):
+        self.joints = target
         self.count += 1
-        return self._state()
+        return self.state()
 
-    def close(self):
-        pass
-
-    def _state(self):
-        return BackendState(
-            base_pos=np.array([self.start[0] + 0.003 * self.count, self.start[1], 0.17]),
+    def state(self):
+        return RobotState(
+            base_pos=np.array([0.003 * self.count, 0.0, 0.17]),
             base_quat=np.array([1.0, 0.0, 0.0, 0.0]) if self.count < self.fall_at else np.array([0.8, 0.6, 0, 0]),
             base_lin_vel=np.array([0.3, 0.0, 0.0]),
             base_ang_vel=np.zeros(3),
@@ -42,9 +37,15 @@ class GlidingBackend:
         )
 
 
+def env_of(walk=WalkConfig(), **ends):  # noqa: B008
+    env = WalkEnv(Scene(PUPPER_V2, draw_pd, walk))
+    env.world = GlidingWorld(**ends)  # pyright: ignore[reportAttributeAccessIssue]
+    return env
+
+
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
     alone = TaskWeights(speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0)
-    env = WalkEnv(PUPPER_V2, GlidingBackend(fall_at=2), WalkConfig(task=alone))
+    env = env_of(WalkConfig(task=alone), fall_at=2)
     env.reset(seed=0)
     _, upright, terminated, _, _ = env.step(np.zeros(17))
     _, falling, down, truncated, _ = env.step(np.zeros(17))
@@ -55,11 +56,11 @@ def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
 
 
 def test_a_fault_ends_the_episode_with_a_finite_observation():
-    env = WalkEnv(PUPPER_V2, GlidingBackend(fail_at=2))
+    env = env_of(fail_at=2)
     env.reset(seed=0)
     before = env.step(np.zeros(17))[0]
     observation, earned, terminated, _, info = env.step(np.zeros(17))
     assert (earned, terminated, info["fault"]) == (0.0, True, 1)
     np.testing.assert_array_equal(observation, before)
     with pytest.raises(SimulationFault):
-        WalkEnv(PUPPER_V2, GlidingBackend(fail_at=0)).reset(seed=0)
+        env_of(fail_at=0).reset(seed=0)

@@ -13,7 +13,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.control_step import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization, nominal_conditions
-from motorprior.simulation.scene import Scene, SimulatedBackend, WalkConfig, WalkSimulator
+from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, hold_target, physics_step, read_joints
 
 EVERYTHING = Randomization(
@@ -99,27 +99,23 @@ def test_a_late_target_is_the_one_before_until_it_comes():
         np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
 
 
-def backend_of(engine, motors, randomization):
-    walk = WalkConfig(30, randomization=randomization, engine=engine)
-    return SimulatedBackend(Scene(PUPPER_V2, lambda rng: motors, walk, 0.001))
-
-
 SOFT = IdealPd.uniform(12, kp=8.8, kd=0.3, torque_limit=1.26, armature=0.003)
 
 
 def falling(engine, randomization):
     """Joints as measured, base positions and quaternions of a robot that kicks in the air, (30, 19): no contact."""
-    backend = backend_of(engine, SOFT, randomization)
-    backend.reset(3)
-    world = backend.world
+    walk = WalkConfig(30, randomization=randomization, engine=engine)
+    scene = Scene(PUPPER_V2, lambda rng: SOFT, walk, 0.001)
+    world = scene.world()
+    scene.begin(world, 3)
     if isinstance(world, World):
         world.data.qpos[2] += 10.0
     else:
         (x, y, z), quat = world.call("getBasePositionAndOrientation", world.body)
         world.call("resetBasePositionAndOrientation", world.body, [x, y, z + 10.0], quat)
     targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
-    states = [backend.step(target) for target in targets]
-    backend.close()
+    states = [world.step(target) for target in targets]
+    world.close()
     return np.array([np.r_[state.measured_joint_pos, state.base_pos, state.base_quat] for state in states])
 
 

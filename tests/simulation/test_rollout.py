@@ -12,10 +12,10 @@ from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays
+from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import BackendSimulator, Scene, SimulatedBackend, WalkConfig, WalkSimulator
-from untrained import zero_policy
+from motorprior.simulation.scene import EnvSimulator, Scene, WalkConfig, WalkSimulator
 
 STEPS = 120
 FLEET = load_fleet("pupper_v2")
@@ -69,7 +69,7 @@ def assert_equal(one, other):
 def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     scene = Scene(PUPPER_V2, KINDS[kind][0], walk, KINDS[kind][1])
-    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
+    compiled, python = WalkSimulator(scene), EnvSimulator(scene)
     for seed in (0, 1):
         episode = compiled.run(policy, seed, trace=True)
         assert_equal(episode, python.run(policy, seed, trace=True))
@@ -87,7 +87,7 @@ EVERY = Randomization(
 def test_commands_randomization_and_hidden_units_are_the_same_in_both_loops():
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2))
     policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
-    compiled, python = WalkSimulator(scene), BackendSimulator(PUPPER_V2, SimulatedBackend(scene), walk)
+    compiled, python = WalkSimulator(scene), EnvSimulator(scene)
     for seed in (0, 1):
         one = compiled.run(policy, seed, trace=True)
         assert_equal(one, python.run(policy, seed, trace=True))
@@ -97,6 +97,6 @@ def test_commands_randomization_and_hidden_units_are_the_same_in_both_loops():
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_zero_policy_trots_and_stays_up(kind):
     walk, (draw, physics_dt) = WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)), KINDS[kind]
-    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(zero_policy(12), 0, trace=True)
+    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(PolicyShape(12).untrained(), 0, trace=True)
     assert episode.steps == STEPS and episode.fault == 0 and episode.motion.shape == (STEPS, 6 + 24)
     assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings

@@ -4,6 +4,7 @@
 # MuJoCo ships no type stubs.
 from contextlib import chdir
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +14,12 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.command import Commands
-from motorprior.robots.model_source import GeneratedModel
+from motorprior.locomotion.policy_shape import PolicyShape
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import FAULTS, World, physics_step
-from untrained import zero_policy
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 
@@ -86,9 +87,11 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
 @pytest.mark.usefixtures("in_tmp_path")
 def test_full_memory_ends_the_compiled_episode_with_its_name():
     # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
-    small = PUPPER_V2.model.mjcf().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
-    cramped = replace(PUPPER_V2, model=GeneratedModel(lambda: small))
+    small = PUPPER_V2.model.path.read_text().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
+    path = Path("small.xml").resolve()
+    path.write_text(small)
+    cramped = replace(PUPPER_V2, model=ModelFile.of(path))
     standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))
-    episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(zero_policy(12), seed=0)
+    episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(PolicyShape(12).untrained(), seed=0)
     assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
     assert episode.steps < 60 and np.isfinite(episode.total)

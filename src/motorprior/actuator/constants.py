@@ -6,16 +6,18 @@ import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PER_LOGGED, named_multiples, with_logged_gains
+from motorprior.actuator.geared_motor_step import PER_LOGGED, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.texts import text_table
+
+if TYPE_CHECKING:
+    from motorprior.actuator.latent import LatentNetwork
 
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
@@ -89,10 +91,10 @@ class Constants:
 def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
     """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
 
-    Those in units of a firmware are multiples with names of their own (`named_multiples`). A network has a torque limit
-    and, if it decodes one, an armature.
+    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a
+    torque limit and, if it decodes one, an armature.
     """
-    if isinstance(model, LatentNetwork):
+    if not isinstance(model, GreyBox):
         limit = {"torque_limit": np.full(len(z), model.torque_limit)}
         return limit | ({"armature": model.armature(z)} if model.has_armature else {})
     values = model.constants(z)
@@ -100,10 +102,9 @@ def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.nda
         return with_logged_gains(values, *gains)
     if not model.gain_unit:
         return values
-    named = named_multiples(values)
-    if gains is not None and np.array_equal(*gains):  # kd is not logged: the ratio is one of the motor
-        named = {name if name != f"kd_over_kp{PER_LOGGED}" else "kd_over_kp": each for name, each in named.items()}
-    return named
+    kd_is_logged = gains is None or not np.array_equal(*gains)  # else the ratio is one of the motor
+    multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
+    return {f"{name}{PER_LOGGED}" if name in multiples else name: value for name, value in values.items()}
 
 
 def plot_response(motors: Any, title: str, period: float) -> Any:

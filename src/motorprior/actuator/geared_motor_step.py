@@ -114,11 +114,6 @@ def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
 
 
-def named_multiples(values: dict[str, Values]) -> dict[str, Values]:
-    """Constants by name; multiples of logged gains are renamed, for example ``kp_per_logged``."""
-    return {f"{name}{PER_LOGGED}" if name in ("kp", "kd_over_kp") else name: value for name, value in values.items()}
-
-
 def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ...] = ()) -> StepConstants:
     """Constants for steps of ``h`` [s] from constants by name.
 

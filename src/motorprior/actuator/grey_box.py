@@ -45,9 +45,9 @@ STIFFNESS = StepConstants._fields.index("gear_stiffness")
 _NAMES = ("delay", "encoder_zero", "half_backlash", "softened")
 _DELAY, _ZERO, _HALF_BACKLASH, SOFTENED = (StepConstants._fields.index(name) for name in _NAMES)
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
-_REFERENCE = MotorState._fields.index(REFERENCE)
+REFERENCE_ROW = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
-TARGET, _LINE = len(MotorState._fields), len(MotorState._fields) + 1
+TARGET, LINE = len(MotorState._fields), len(MotorState._fields) + 1
 
 
 def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
@@ -57,7 +57,7 @@ def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[s
 
 def memory_rows(physics_dt: float) -> int:
     """Rows of the memory at this physics step [s]."""
-    return _LINE + math.ceil(MAX_DELAY / physics_dt - 1e-9) + 3
+    return LINE + math.ceil(MAX_DELAY / physics_dt - 1e-9) + 3
 
 
 @dataclass(frozen=True)
@@ -159,18 +159,18 @@ class GreyBoxActuator(Actuator):
 def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Static rotor at the angle of the joint, centred in the backlash."""
     memory = arrays.memory
-    memory[:_LINE, :] = 0.0
+    memory[:LINE, :] = 0.0
     memory[ROTOR_POS, :] = joint_pos
-    memory[_REFERENCE, :] = position_target
-    fill_line(memory, _LINE, position_target)
+    memory[REFERENCE_ROW, :] = position_target
+    fill_line(memory, LINE, position_target)
 
 
 @njit(cache=True, nogil=True)
 def _update_targets(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
     """Write delayed targets [rad], interpolated linearly: means from half a step before to half a step after now."""
-    newest = write_line(memory, _LINE, now, position_target)
+    newest = write_line(memory, LINE, now, position_target)
     for motor in range(position_target.shape[0]):
-        memory[TARGET, motor] = interpolated(memory, _LINE, newest, p[_DELAY, motor] + 0.5, motor)
+        memory[TARGET, motor] = interpolated(memory, LINE, newest, p[_DELAY, motor] + 0.5, motor)
 
 
 def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:

@@ -16,15 +16,39 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_step
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
-from motorprior.actuator.vector import LANES, add_product, soften
+from motorprior.actuator.vector import FLOAT, Vector
+from motorprior.bounds import BOOLEAN, exactly, integer, many, number
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
+from motorprior.schema import Schema, Tensor
 
+LANES = 16  # motors per block: float32 values per vector
 NETWORK_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")  # fields of `LatentNetwork`
+_INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
+# content of a prior's file: arrays, and entries of its header
+WEIGHTS = {
+    "b1": Tensor(("neurons",)),
+    "w1": Tensor(("inputs", "neurons")),
+    "v1": Tensor(("latents", "neurons")),
+    "w2": Tensor(("neurons", "neurons")),
+    "b2": Tensor(("neurons",)),
+    "w3": Tensor(("neurons",)),
+    "b3": Tensor(()),
+    "log_armature": Tensor(()),
+    "armature_slope": Tensor(("latents",)),
+}
+_ENTRIES = {
+    "input_order": exactly(_INPUT_ORDER),
+    "taps": many(integer(0, 10_000), minimum=1),
+    "has_armature": BOOLEAN,
+    **dict.fromkeys(NETWORK_SCALES, number(above=0.0)),
+}
 
 
 def _softsign(x: Any) -> Any:
@@ -81,6 +105,22 @@ class LatentNetwork:
         """H."""
         return self.w2.shape[0]
 
+    def contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and header entries for a prior's file."""
+        entries = {"input_order": _INPUT_ORDER, "taps": list(self.taps), "has_armature": self.has_armature}
+        weights = {name: np.asarray(getattr(self, name), np.float64) for name in WEIGHTS}
+        return weights, entries | {name: getattr(self, name) for name in NETWORK_SCALES}
+
+    @classmethod
+    def of(
+        cls, tensors: Mapping[str, np.ndarray], entries: Mapping[str, Any], period: float, copula: Copula | None
+    ) -> LatentNetwork:
+        """From `contents`, with its ``period`` [s]."""
+        values: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
+        values |= {name: float(entries[name]) for name in NETWORK_SCALES}
+        taps = tuple(entries["taps"])
+        return cls(**values, taps=taps, period=period, has_armature=entries["has_armature"], copula=copula)
+
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
@@ -100,6 +140,11 @@ class LatentNetwork:
     def motors(self, z: np.ndarray, gains: np.ndarray | None = None) -> NetworkActuator:
         """Motors with latents z (n, Z); gains have no effect."""
         return NetworkActuator(self, z)
+
+
+def network_schema(remedy: str) -> Schema:
+    """Declaration of the header entries of `LatentNetwork.contents`."""
+    return Schema(_ENTRIES, remedy, name="network")
 
 
 @dataclass(frozen=True)
@@ -179,6 +224,34 @@ def _write_history(history, parameters, slot, position_target, joint_pos, joint_
         history[block, slot + 3 * ring, lane] = velocity
 
 
+def _product_added(typingctx, total, weight, x):
+    """``total`` and ``x`` are addresses of LANES float32: total += weight·x, fused where the processor can."""
+
+    def codegen(context, builder, signature, arguments):
+        total, weight, x = arguments
+        before, factor = (Vector.load(builder, address, LANES, FLOAT).value for address in (total, x))
+        product = builder.fmul(Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",))
+        Vector(builder, builder.fadd(before, product, flags=("contract",))).store(total)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.float32, types.intp), codegen
+
+
+def _softened(typingctx, address):
+    """Softsign x / (1 + |x|) of LANES float32 at this address."""
+
+    def codegen(context, builder, signature, arguments):
+        x = Vector.load(builder, arguments[0], LANES, FLOAT)
+        (x / (1.0 + abs(x))).store(arguments[0])
+        return context.get_dummy_value()
+
+    return types.void(types.intp), codegen
+
+
+_add_product: Any = intrinsic(_product_added)
+_soften: Any = intrinsic(_softened)
+
+
 @njit(cache=True, nogil=True)
 def _layer(weights, inputs, biases, outputs):
     """outputs[k] = biases[k] + Σ_i weights[i, k]·inputs[i], rows of 16 float32; ``weights`` is flat, row-major."""
@@ -186,7 +259,7 @@ def _layer(weights, inputs, biases, outputs):
     neurons, x, y = outputs.shape[0], inputs.ctypes.data, outputs.ctypes.data
     for i in range(inputs.shape[0]):
         for k in range(neurons):
-            add_product(y + 4 * LANES * k, weights[i * neurons + k], x + 4 * LANES * i)
+            _add_product(y + 4 * LANES * k, weights[i * neurons + k], x + 4 * LANES * i)
 
 
 @njit(cache=True, nogil=True)
@@ -198,10 +271,10 @@ def _evaluate(weights, inputs, biases, history, scratch, slot):
         scratch[i] = history[slot + inputs[i]]
     _layer(weights, scratch[:count], biases[:neurons], scratch[count:second])
     for row in range(count, second):
-        soften(address + 4 * LANES * row)
+        _soften(address + 4 * LANES * row)
     _layer(weights[count * neurons :], scratch[count:second], biases[neurons : 2 * neurons], scratch[second:last])
     for row in range(second, last):
-        soften(address + 4 * LANES * row)
+        _soften(address + 4 * LANES * row)
     _layer(weights[neurons * second :], scratch[second:last], biases[2 * neurons :], scratch[last:])
 
 

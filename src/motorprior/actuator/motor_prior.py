@@ -7,11 +7,11 @@ Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.joint_classes import JointClasses
-from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, NetworkActuator
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import (
@@ -29,7 +28,6 @@ from motorprior.bounds import (
     TEXT,
     exactly,
     generator_of,
-    integer,
     many,
     number,
     one_of,
@@ -39,13 +37,15 @@ from motorprior.bounds import (
 from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
 from motorprior.robots.joint_classes import classes_by_name, kind_of
-from motorprior.robots.robot import Robot
-from motorprior.schema import Header, Schema, Tensor, check_tensors
+from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
+
+if TYPE_CHECKING:
+    from motorprior.actuator.latent import LatentNetwork, NetworkActuator
+    from motorprior.robots.robot import Robot
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
-INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
 UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
@@ -84,27 +84,6 @@ _HEADER = Header(
 )
 SCHEMA_VERSION = _HEADER.version
 LIBRARY, CARD_PRIOR = files("motorprior") / "exports" / "library", "prior.safetensors"  # shipped motor cards
-_NETWORK = Schema(
-    {
-        "input_order": exactly(INPUT_ORDER),
-        "taps": many(integer(0, 10_000), minimum=1),
-        "has_armature": BOOLEAN,
-        **dict.fromkeys(NETWORK_SCALES, number(above=0.0)),
-    },
-    _REMEDY,
-    name="network",
-)
-_WEIGHTS = {
-    "b1": Tensor(("neurons",)),
-    "w1": Tensor(("inputs", "neurons")),
-    "v1": Tensor(("latents", "neurons")),
-    "w2": Tensor(("neurons", "neurons")),
-    "b2": Tensor(("neurons",)),
-    "w3": Tensor(("neurons",)),
-    "b3": Tensor(()),
-    "log_armature": Tensor(()),
-    "armature_slope": Tensor(("latents",)),
-}
 _MOTORS = {
     "mean": Tensor(("motors", "latents")),
     "log_var": Tensor(("motors", "latents")),
@@ -117,7 +96,7 @@ _GREY_BOX = {"motor_center": Tensor(("constants",)), "motor_slope": Tensor(("lat
 _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
 
 
-Decoder: TypeAlias = GreyBox | LatentNetwork
+Decoder: TypeAlias = "GreyBox | LatentNetwork"
 """From latents to motors."""
 
 
@@ -186,8 +165,8 @@ class MotorPrior(Printable):
             ConfigError: an argument out of range.
         """
         rng = generator_of(seed)
-        if isinstance(of, Robot):
-            gains = robot_gains(self, of) if gains is None else gains
+        if not isinstance(of, int | np.integer | Sequence) and gains is None:
+            gains = robot_gains(self, of)
         classes = self._sampled_classes(of, rng)
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
@@ -209,10 +188,10 @@ class MotorPrior(Printable):
         return replace(self, model=replace(model, center=center, slope=slope))
 
     def _sampled_classes(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
-        if isinstance(of, Robot):
-            return self.joint_classes(of)
-        if not isinstance(of, int | np.integer):
+        if isinstance(of, Sequence):
             return self._classes_named((of,) if isinstance(of, str) else tuple(of))
+        if not isinstance(of, int | np.integer):
+            return self.joint_classes(of)
         require_count("count", of)
         known = self.classes.of_motors
         if of == len(known) or len(self.classes.names) == 1:
@@ -316,7 +295,7 @@ class MotorPrior(Printable):
         replayed = f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""
         facts = {
             "robot": self.robot or "none stated", "motor": self.motor, "preset": self.preset,
-            "model": f"{kinds[isinstance(self.model, LatentNetwork)]}, {self.model.num_latents} latents, "
+            "model": f"{kinds[not isinstance(self.model, GreyBox)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
             "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
             "joints": listed(self.joint_names, 8), **dict(line.split(": ", 1) for line in self.spread_notes()),
@@ -357,9 +336,7 @@ class MotorPrior(Printable):
         if isinstance(model, GreyBox):
             tensors, terms = {"motor_center": model.center, "motor_slope": model.slope}, model.terms
         else:
-            tensors = {name: np.asarray(getattr(model, name), np.float64) for name in _WEIGHTS}
-            network = {"input_order": INPUT_ORDER, "taps": list(model.taps), "has_armature": model.has_armature}
-            network |= {name: getattr(model, name) for name in NETWORK_SCALES}
+            tensors, network = model.contents()
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.make(
@@ -391,12 +368,9 @@ class MotorPrior(Printable):
             center, slope, terms = tensors["motor_center"], tensors["motor_slope"], tuple(header["motor_terms"])
             model = GreyBox(center, slope, period, terms, copula, header["gain_unit"])
         else:
-            arrays: dict[str, Any] = {name: tensors[name] for name in _WEIGHTS}
-            arrays |= {name: float(network[name]) for name in NETWORK_SCALES}
-            taps = tuple(network["taps"])
-            model = LatentNetwork(
-                **arrays, taps=taps, period=period, has_armature=network["has_armature"], copula=copula
-            )
+            from motorprior.actuator.latent import LatentNetwork  # here: few priors are networks
+
+            model = LatentNetwork.of(tensors, network, period, copula)
         texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
         names, gains = tuple(header["joint_names"]), tensors.get("gains")
         classes = tuple(header["classes"]), tuple(header["joint_classes"])
@@ -427,11 +401,6 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
     if prior.model.gain_unit != PHYSICAL_GAINS:
         return None
     return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
-
-
-def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
-    """Values by name of the limits that the training logs do not identify, from the metrics of a prior."""
-    return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
 
 
 def limit_text(name: str, value: float) -> str:
@@ -470,14 +439,15 @@ def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
-    wanted = _MOTORS | (_GREY_BOX if header["grey_box"] else _WEIGHTS)
-    wanted |= _COPULA if header["standardised"] else {}
-    wanted |= _GAINS if header["gain_unit"] else {}
+    wanted = _MOTORS | (_COPULA if header["standardised"] else {}) | (_GAINS if header["gain_unit"] else {})
     names, network = parameters_of(tuple(header["motor_terms"])), header["network"]
     if header["grey_box"]:
-        known, fits = {"constants": len(names)}, not network
+        wanted, known, fits = wanted | _GREY_BOX, {"constants": len(names)}, not network
     else:
-        _NETWORK.check(network, path)
+        from motorprior.actuator.latent import WEIGHTS, network_schema
+
+        network_schema(_REMEDY).check(network, path)
+        wanted |= WEIGHTS
         known, fits = {"inputs": 2 * len(network["taps"])}, network["taps"] == sorted(network["taps"])
     known |= {"classes": len(header["classes"]), "motors": len(header["joint_classes"])}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)

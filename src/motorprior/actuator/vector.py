@@ -11,15 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 from llvmlite import ir
-from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
 
 from motorprior.actuator.geared_motor_step import Arithmetic
 
-_DOUBLE, _FLOAT = ir.DoubleType(), ir.FloatType()
-_BYTES = {_DOUBLE: 8, _FLOAT: 4}
-LANES = 16  # float32 values per vector, for networks
+_DOUBLE, FLOAT = ir.DoubleType(), ir.FloatType()
+_BYTES = {_DOUBLE: 8, FLOAT: 4}
 
 
 def _operator(instruction: str) -> Callable[[Vector, Vector | float], Vector]:
@@ -110,31 +107,3 @@ LANE_ARITHMETIC = Arithmetic(
     with_sign_of=lambda magnitude, other: magnitude.call("copysign", magnitude, other),
     sqrt=lambda x: x.call("sqrt", x),
 )
-
-
-def _add_product(typingctx, total, weight, x):
-    """``total`` and ``x`` are addresses of LANES float32: total += weight·x, fused where the processor can."""
-
-    def codegen(context, builder, signature, arguments):
-        total, weight, x = arguments
-        before, factor = (Vector.load(builder, address, LANES, _FLOAT).value for address in (total, x))
-        product = builder.fmul(Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",))
-        Vector(builder, builder.fadd(before, product, flags=("contract",))).store(total)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.float32, types.intp), codegen
-
-
-def _soften(typingctx, address):
-    """Softsign x / (1 + |x|) of LANES float32 at this address."""
-
-    def codegen(context, builder, signature, arguments):
-        x = Vector.load(builder, arguments[0], LANES, _FLOAT)
-        (x / (1.0 + abs(x))).store(arguments[0])
-        return context.get_dummy_value()
-
-    return types.void(types.intp), codegen
-
-
-add_product: Any = intrinsic(_add_product)
-soften: Any = intrinsic(_soften)

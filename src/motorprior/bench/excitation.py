@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
@@ -111,17 +112,7 @@ def zero_order_hold(targets: np.ndarray, every: int) -> np.ndarray:
     return targets[(np.arange(len(targets)) // every) * every]
 
 
-def creep(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """Slow motion between levels within ±0.3 rad, 0.3-1 s apart, dominated by friction and backlash."""
-    return _ramps(rng, steps, dt, 0.3)
-
-
-def pushes(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
-    """(steps,) external torque [N·m], slow ramps to levels within ±2 N·m: from stiction to the stall."""
-    return _ramps(rng, steps, dt, 2.0)
-
-
-def _ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.ndarray:
+def ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.ndarray:
     """Straight lines between random levels within ±reach, 0.3-1 s apart, starting at 0."""
     knots = _knots(rng, steps * dt, 0.3, 1.0)
     levels = rng.uniform(-reach, reach, len(knots))
@@ -147,7 +138,8 @@ EXCITATIONS = {
     "steps": Excitation(held_steps, jumps=True),
     "gait": Excitation(gait),
     "impacts": Excitation(gait, impacts),
-    "creep": Excitation(creep, pushes),
+    # slow motion [rad], dominated by friction and backlash; external torque [N·m] from stiction to the stall
+    "creep": Excitation(partial(ramps, reach=0.3), partial(ramps, reach=2.0)),
     "chirp": Excitation(chirp),
     "multisine": Excitation(multisine),
 }

@@ -84,7 +84,6 @@ COMMON = {
     "excite": ("runs", "out", "method", "robot", "columns", "suspended", "plan_prior"),
     "bench": ("out", "robot", "fleet", "motors", "seed"),
     "walk": ("out", "motors", "robot", "iterations", "seeds", "validation", "workers"),
-    "play": ("policies", "out", "environment", "forward", "seconds", "viewer", "fleet", "robot"),
     "transfer": ("policies", "out", "study", "fleet", "robot", "workers"),
     "deploy": ("policy", "port", "virtual"),
     "record": ("port", "virtual", "standing"),

@@ -28,6 +28,7 @@ from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.evaluation import errors as log_errors
+from motorprior.evaluation import free_runs
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
@@ -116,7 +117,7 @@ def demo(config: Demo) -> None:
     if config.logs is not None:
         spans = {log_errors.FREE_RUN_RMSE: "1 s", log_errors.WHOLE_RUN_RMSE: "whole log"}
         titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-        table("Your motors: free runs, joint RMSE [mrad], over joints", *log_errors.error_table(results, titles))
+        table("Your motors: free runs, joint RMSE [mrad], over joints", *free_runs.error_table(results, titles))
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
@@ -164,7 +165,7 @@ def validate_log(config: ValidateLog) -> None:
     results = run_validate_log(config, TERMINAL)
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
-    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *log_errors.error_table(results, SPANS))
+    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *free_runs.error_table(results, SPANS))
     shares = [
         [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
         for model in (ADAPTED, "prior")

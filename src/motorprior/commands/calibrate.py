@@ -13,10 +13,10 @@ from motorprior.commands.replay import read_logs
 from motorprior.evaluation.bench_truth import band
 from motorprior.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.calibration import Calibration, FleetProblem, calibrate, calibrated_fleet
 from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
 
@@ -68,7 +68,7 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
         covered = _covered(config, problem, found, fitted, progress)
         rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted)]
-        write_results(config.out, Results.of(rows))
+        write_results(config.out, Results(rows))
     return read_results(config.out)
 
 
@@ -119,7 +119,7 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
             center, offsets = found.left_out[name]
             fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
         rows += [Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name) for m, fit in fits.items()]
-    results = Results.of(rows)
+    results = Results(rows)
     return rows + [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
 
 

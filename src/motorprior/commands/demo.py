@@ -17,7 +17,7 @@ from motorprior.commands.quick_report import QuickReport, run_quick_report
 from motorprior.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.exceptions import ConfigError
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
@@ -128,8 +128,8 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
             page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
         results += found.as_results()
-        results += Results.of([Result("seconds", "s", time.monotonic() - started)])
-        stage.write_results(out, results)
+        results += Results([Result("seconds", "s", time.monotonic() - started)])
+        write_results(out, results)
         write_page(sections, complete=True)
         progress.note(study_page.headline(found))
         return results

@@ -17,9 +17,9 @@ from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.excitation.plan import plan_excitation
+from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.read_log import load_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 

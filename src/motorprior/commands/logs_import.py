@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motorprior.exceptions import ConfigError
+from motorprior.logs.load_log import PERIOD, load_log
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined, smooth_on_grid
-from motorprior.logs.read_log import PERIOD, load_log, reader_of, recording_name
+from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT

@@ -13,13 +13,13 @@ from motorprior.commands.walk import SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Results
+from motorprior.results import Results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
 from motorprior.simulation.training import POLICY, weight_warning
-from motorprior.stage import locked, write_results
+from motorprior.stage import locked
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, twin_scene
 from motorprior.studies.gait_quality import gait_quality, quality_results

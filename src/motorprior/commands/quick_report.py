@@ -9,18 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.evaluation.splits import excited_in_any, long_segments, split
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.load_log import PERIOD, cleaned
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
-from motorprior.logs.read_log import PERIOD, LogFolder, cleaned, read_log_folder, reader_of
-from motorprior.logs.splits import excited_in_any, long_segments, split
+from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
 from motorprior.progress import SILENT, WARNING, Progress
-from motorprior.results import Results
+from motorprior.results import Results, read_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working
+from motorprior.stage import description, is_finished, working
 
 # training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes most of the minute
 MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0

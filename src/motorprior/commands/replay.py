@@ -16,11 +16,11 @@ from motorprior.exceptions import LogError
 from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
+from motorprior.stage import description, is_finished, working
 from motorprior.studies.log_replay import PostureName, Replayer, motors_with_logged_gains, replayers_of
 
 
@@ -68,7 +68,7 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                     simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
-        write_results(config.out, Results.of(rows))
+        write_results(config.out, Results(rows))
     return read_results(config.out)
 
 

@@ -12,12 +12,12 @@ from motorprior.artifacts import write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
 from motorprior.simulation.training import POLICY, weight_warning
-from motorprior.stage import PAGE, description, is_finished, locked, read_results, working, write_results
+from motorprior.stage import PAGE, description, is_finished, locked, working
 from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
 from motorprior.studies.statistics import StudyStatistics, summarise
@@ -68,7 +68,7 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
         seeds[condition] += 1
     with working(config.out, wanted):
         found = in_parallel(works, usable_threads(config.workers, progress), progress)
-        write_results(config.out, Results.of(row for rows in found for row in rows))
+        write_results(config.out, Results(row for rows in found for row in rows))
     return read_results(config.out)
 
 

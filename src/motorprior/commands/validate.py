@@ -5,25 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.bench_folder import BenchSettings, bench_from_json
-from motorprior.bench.fleet import nominal_pd
-from motorprior.bench.recording import bench_preset, record
-from motorprior.bounds import require_number, require_seed
-from motorprior.evaluation.bench_truth import ModelOfMotors
-from motorprior.exceptions import ConfigError
-from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.priors.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
-from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results
-from motorprior.robots.load import load_robot
-from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.stage import description, is_finished, read_results, working, write_results
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
+from motorprior.studies.bench_validation import ADAPT_SECONDS, validate_on_bench
 
 
 @dataclass(frozen=True)
@@ -36,71 +21,12 @@ class Validate:
     """Folder for figures.json."""
     seed: int = 0
     """Seed of the held-out excitation."""
-    adapt_seconds: tuple[float, ...] = (2.0, 5.0, 10.0, 30.0)
+    adapt_seconds: tuple[float, ...] = ADAPT_SECONDS
     """Lengths of log [s] to which the prior is adapted for held-out motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
 
 
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
-    """Measure, or read the results of the finished stage; errors for a prior or setting that cannot be used."""
-    require_seed(config.seed)
-    for seconds in config.adapt_seconds:
-        require_number("adapt_seconds", seconds, 1.0, 600.0)
-    robot = load_robot(config.robot)
-    priors, bench = load_priors(robot, config.priors)
-    wanted = description("validate", asdict(config), [*config.priors, *robot.files])
-    if not is_finished(config.out, wanted):
-        with working(config.out, wanted):
-            write_results(config.out, _measure(config, robot, priors, bench, progress))
-    return read_results(config.out)
-
-
-def load_priors(robot: Robot, paths: tuple[Path, ...]) -> tuple[dict[str, MotorPrior], BenchSettings]:
-    """The priors by preset, and the bench whose motors they learned; ConfigError if they do not fit together."""
-    priors: dict[str, MotorPrior] = {}
-    benches: list[BenchSettings] = []
-    for path in paths:
-        prior = load_prior(path, robot)
-        if prior.preset in priors:
-            raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
-        priors[prior.preset] = prior
-        benches.append(bench_from_json(prior.provenance.get("bench"), str(path)))
-        first, own = benches[0], benches[-1]
-        if (own.fleet, own.motors, own.seed) != (first.fleet, first.motors, first.seed):
-            problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
-            raise ConfigError(problem, where=path, remedy=remedy)
-    if robot.legs and benches[0].motors < robot.num_joints:
-        problem = f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}"
-        raise ConfigError(problem, where=paths[0], remedy="record a bench of as many motors or more")
-    return priors, benches[0]
-
-
-def _measure(
-    config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
-) -> Results:
-    motors, seed = bench.physical_motors(), config.seed
-    with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
-        tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
-    baselines: dict[str, ModelOfMotors] = {
-        "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
-        "tuned_pd": lambda index: IdealPd.uniform(len(index), **tuned),
-    }
-    models = baselines | {name: prior.training_motors for name, prior in priors.items()}
-    with progress.start("validate: bench, standing robot, suspended robot", 4) as task:
-        results = fidelity(robot, motors, models, "train", seed, task)
-        task.advance()
-    title = "held-out motors: adapt, bench, standing robot, suspended robot"
-    with progress.start(title, 4 + len(config.adapt_seconds)) as task:
-        motors, adapted = held_out_motors(bench), adapt_all(robot, priors, bench)
-        models = baselines | adapted_models(priors, adapted, len(motors))
-        task.advance()
-        results += fidelity(robot, motors, models, "held_out", seed, task).where(quantity=FIDELITY_METRICS)
-        of_physics = [name for name, prior in priors.items() if name in adapted and isinstance(prior.model, GreyBox)]
-        if of_physics:
-            name = "rollout" if "rollout" in of_physics else of_physics[0]
-            lengths = config.adapt_seconds
-            results += adaptation(robot, priors[name], bench, lengths, adapted[name], seed, task.advance)
-            results += distribution(priors[name], bench)
-    return results
+    """Measure, or read the results of the finished stage; errors as `validate_on_bench`."""
+    return validate_on_bench(**asdict(config), progress=progress)

@@ -13,8 +13,8 @@ from motorprior.priors.adapt import note_training_log
 from motorprior.priors.prior_file import load_prior
 from motorprior.priors.validate import validate
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Results
-from motorprior.stage import PAGE, description, is_finished, read_results, working
+from motorprior.results import Results, read_results
+from motorprior.stage import PAGE, description, is_finished, working
 
 
 @dataclass(frozen=True)

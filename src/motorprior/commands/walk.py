@@ -12,10 +12,9 @@ from motorprior.bounds import require_count
 from motorprior.locomotion.executor import ExecutorKind
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, write_results
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.training import WalkSettings, train_policy
-from motorprior.stage import write_results
 
 PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
 
@@ -79,6 +78,6 @@ def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
     with atomic_path(config.out / PICTURE) as temporary:
         temporary.write_bytes(png_bytes(learning_curves({config.out.name: read_curves(folders.values())})))
     best = {seed: float(policy.provenance["best_return"]) for seed, policy in zip(folders, found, strict=True)}
-    results = Results.of(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
+    results = Results(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
     write_results(config.out, results)
     return results

@@ -3,7 +3,7 @@
 Held-out trials last 1 s, with loads inside the training range; chirp is in no preset of the bench. The motors worked
 for an unknown time of at most MAX_WORK before each trial. The floor ``physical`` is the true motors simulated again
 from a start FLOOR_OFFSET away. A sample of a band is a motor with z from the posterior, simulated in closed loop, plus
-a residual of the prior (`reference.sample_residuals`).
+a residual of the prior (`sample_residuals`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_trial
 from motorprior.evaluation.errors import capped
-from motorprior.evaluation.reference import sample_residual_scale, sample_residuals
+from motorprior.evaluation.reference import GROWTH, GROWTH_STD, SPEEDS, percentile_names, speed_pool
+from motorprior.evaluation.reference import LEVELS as PERCENTILES
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.windows import VEL
@@ -88,6 +89,26 @@ def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
+def sample_residual_scale(metrics: Mapping[str, float], misfit: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(M,) sampled factors on the residuals of motors with this ``misfit`` (M,) or (1,) on other rows."""
+    std = metrics.get(GROWTH_STD, 0.0)
+    return misfit * metrics.get(GROWTH, 1.0) * np.exp(std * rng.standard_normal(len(misfit)))
+
+
+def sample_residuals(metrics: Mapping[str, float], rng: np.random.Generator, joint_vel: np.ndarray) -> np.ndarray:
+    """Sample residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
+
+    The quantile function is linear between percentiles, and extrapolated by one interval at both ends.
+    """
+    pool, quantile, out = speed_pool(joint_vel), rng.uniform(0, 100, joint_vel.shape), np.zeros(joint_vel.shape)
+    for index, name in enumerate(SPEEDS):
+        values = np.array([metrics[percentile] for percentile in percentile_names(name)])
+        low, high = 2 * values[0] - values[1], 2 * values[-1] - values[-2]
+        chosen = pool == index
+        out[chosen] = np.interp(quantile[chosen], [0, *PERCENTILES, 100], [low, *values, high])
+    return out
+
+
 def _inside(samples: np.ndarray, truth: np.ndarray | float) -> dict[int, np.ndarray]:
     """Level -> (...,) whether the truth (...,) is inside the band of the samples (D, ...)."""
     bands = {level: band(samples, level) for level in LEVELS}
@@ -136,9 +157,9 @@ def bench_coverage(
         for level in LEVELS:
             share = sum(float(np.mean(each[level])) / _COVERED for each in inside)
             rows.append(Result(f"coverage{level}", "1", share, motors="held_out", part=kind))
-    of_each = Results.of(rows)
+    of_each = Results(rows)
     overall = [
         Result(f"coverage{level}", "1", of_each.mean(quantity=f"coverage{level}"), motors="held_out")
         for level in LEVELS
     ]
-    return Results.of(overall) + of_each
+    return Results(overall) + of_each

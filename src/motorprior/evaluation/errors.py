@@ -1,4 +1,4 @@
-"""Errors of motor models on logs, the warnings that follow from them, and their tables.
+"""Errors of motor models on logs, and the warnings that follow from them.
 
 All models simulate the joints from recorded commands and loads, without feedback from the recorded motion. Errors are
 simulated minus recorded angles, the latter smoothed where readings are noisy (`smoothing`); no mean is removed.
@@ -11,10 +11,8 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 
@@ -30,9 +28,8 @@ from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
-from motorprior.logs.operations import excited_joints, static_joints
+from motorprior.logs.operations import static_joints
 from motorprior.progress import Progress
-from motorprior.results import Result, Results
 from motorprior.signals import rms
 
 PRIOR, TUNED_PD = "prior", "tuned_pd"
@@ -40,9 +37,6 @@ SIMPLER = ("ideal_pd", TUNED_PD, "pure_delay", "second_order", "servo_limits", "
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
 ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
 MAX_ERROR = math.tau  # [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
-Statistics: TypeAlias = Mapping[str | None, Callable[[np.ndarray], np.floating]]  # name in results -> function
-MEAN: Statistics = MappingProxyType({None: np.nanmean})
-MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 _MAX_SEGMENTS = 20  # maximum number of segments of a replay
 # quantities of the quick report: errors of free runs of whole segments and of 1 s
 WHOLE_RUN_RMSE, FREE_RUN_RMSE = "real_motors_rmse", "real_motors_free_run_rmse"
@@ -97,23 +91,6 @@ class LogErrors:
     logs: tuple[str, ...]  # L names
     joints: tuple[str, ...]  # J names
     models: dict[str, np.ndarray]  # (L, J) by model; NaN where a joint is not excited
-
-    @classmethod
-    def of(cls, logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
-        """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
-        tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
-        for row, log in enumerate(logs.values()):
-            static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
-            for table in tables.values():
-                table[row, static] = np.nan
-        return cls(tuple(logs), next(iter(logs.values())).joint_names, tables)
-
-    def median_and_max(self, model: str) -> list[tuple[int, int]]:
-        """Log and joint of the median and of the maximum error of a model; once if they are the same."""
-        values = self.models[model]
-        order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
-        places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
-        return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
 
     def unexplained(self, model: str) -> np.ndarray:
         """(J,) √(max(e² - ENCODER_ERROR², 0)) / e_PD with the mean errors e over the logs [-]."""
@@ -187,37 +164,3 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
                 "logs of both"
             )
     return found
-
-
-def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
-    """Statistics of each model over all joints and logs; its means by joint and by log."""
-    rows = []
-    for model, values in errors.models.items():
-        for statistic, function in statistics.items():
-            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
-        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
-            rows += [
-                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
-                for name, row in zip(names, table, strict=True)
-                if np.isfinite(row).any()
-            ]
-    return Results.of(rows)
-
-
-def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
-    """Model -> joint -> RMSE [rad]."""
-    errors: dict[str, dict[str, float]] = {}
-    for row in results.where(quantity=quantity, log=None):
-        if row.model is not None and row.part is not None:
-            errors.setdefault(row.model, {})[row.part] = row.value
-    return errors
-
-
-def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
-    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
-    rows: dict[str, list[str]] = {}
-    for quantity in quantities:
-        for model, errors in errors_by_joint(results, quantity).items():
-            rows.setdefault(model, [model]).extend(summary(errors))
-    return ["model", *columns], list(rows.values())

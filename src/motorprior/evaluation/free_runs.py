@@ -1,24 +1,16 @@
-"""Evaluation of models in free runs over logs: errors, warnings, and traces of two joints."""
+"""Evaluation of models in free runs over logs: errors with their tables, warnings, and traces of two joints."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.constants import Constants
-from motorprior.evaluation.errors import (
-    MAX_ERROR,
-    MEAN,
-    TUNED_PD,
-    LogErrors,
-    Statistics,
-    capped,
-    error_results,
-    error_table,
-)
+from motorprior.evaluation.errors import MAX_ERROR, TUNED_PD, LogErrors, capped, summary
 from motorprior.identification.baselines.response_fit import ResponseMotors
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
@@ -30,10 +22,14 @@ from motorprior.identification.physics.window_runs import (
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
-from motorprior.results import Results
+from motorprior.logs.operations import excited_joints
+from motorprior.results import Result, Results
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
 
+Statistics: TypeAlias = Mapping[str | None, Callable[[np.ndarray], np.floating]]  # name in results -> function
+MEAN: Statistics = MappingProxyType({None: np.nanmean})
+MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 FREE_RUN, WHOLE_RUN = "free_run", "whole_run"
 DURATION = 1.0  # of a FREE_RUN [s]
 # models of a log's motors: on its loads, or responses that need no loads
@@ -90,6 +86,23 @@ class Validation(Printable):
         return Overview("joint RMSE [mrad] of free runs", facts, *error_table(self.results, titles))
 
 
+def log_errors(logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]) -> LogErrors:
+    """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
+    tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
+    for row, log in enumerate(logs.values()):
+        static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
+        for table in tables.values():
+            table[row, static] = np.nan
+    return LogErrors(tuple(logs), next(iter(logs.values())).joint_names, tables)
+
+
+def median_and_max(values: np.ndarray) -> list[tuple[int, int]]:
+    """Log and joint of the median and of the maximum of errors (L, J); once if they are the same."""
+    order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
+    places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
+    return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
+
+
 def validation_of(
     logs: Mapping[str, MotorLog],
     runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
@@ -110,15 +123,49 @@ def validation_of(
     for quantity, of_logs in runs.items():
         found = [free_run_errors(of_logs[name], models) for name in logs]
         failures = dict.fromkeys(failed, np.full(next(iter(logs.values())).num_joints, MAX_ERROR))
-        errors[quantity] = LogErrors.of(logs, [each | failures for each in found])
+        errors[quantity] = log_errors(logs, [each | failures for each in found])
     whole, whole_runs_of = list(errors.values())[-1], list(runs.values())[-1]
     results = sum((error_results(each, quantity, statistics) for quantity, each in errors.items()), Results())
     warnings = whole.warnings(main_model) if TUNED_PD in models else []
     traces = []
-    for log, joint in whole.median_and_max(main_model):
+    for log, joint in median_and_max(whole.models[main_model]):
         name = whole.logs[log]
         longest_run = max(whole_runs_of[name], key=lambda run: run.preset.window)
         time, target, measured = (longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS))
         simulated = {key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in plotted}
         traces.append(Trace(name, whole.joints[joint], time, target, measured, simulated))
     return Validation(results, traces, warnings)
+
+
+def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
+    """Statistics of each model over all joints and logs; its means by joint and by log."""
+    rows = []
+    for model, values in errors.models.items():
+        for statistic, function in statistics.items():
+            rows.append(Result(quantity, "rad", float(function(values)), model, statistic=statistic))
+        for column, names, table in (("part", errors.joints, values.T), ("log", errors.logs, values)):
+            rows += [
+                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
+                for name, row in zip(names, table, strict=True)
+                if np.isfinite(row).any()
+            ]
+    return Results(rows)
+
+
+def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
+    """Model -> joint -> RMSE [rad]."""
+    errors: dict[str, dict[str, float]] = {}
+    for row in results.where(quantity=quantity, log=None):
+        if row.model is not None and row.part is not None:
+            errors.setdefault(row.model, {})[row.part] = row.value
+    return errors
+
+
+def error_table(results: Results, quantities: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
+    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
+    columns = [f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")]
+    rows: dict[str, list[str]] = {}
+    for quantity in quantities:
+        for model, errors in errors_by_joint(results, quantity).items():
+            rows.setdefault(model, [model]).extend(summary(errors))
+    return ["model", *columns], list(rows.values())

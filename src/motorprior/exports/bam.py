@@ -46,7 +46,6 @@ VOLTAGE = {
     "xl330": (7.5, 4096 / (2 * math.pi) / (256 * 885), 1.0, 400.0), "sts3215": (7.4, 0.166, 0.97, 32.0),
 }  # fmt: skip
 TORQUE = "unitree_go1"
-_MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
@@ -75,7 +74,7 @@ class BamMotor:
         require("content", table, TABLE, where, _REMEDY)
         v = defaultdict(float, table)
         actuator = v.pop("actuator", None)
-        require("model", v.pop("model", None), one_of(*_MODELS), where, _REMEDY)
+        require("model", v.pop("model", None), one_of("m1", "m2", "m3", "m4", "m5", "m6"), where, _REMEDY)
         require("actuator", actuator, one_of(*VOLTAGE, TORQUE), where, _REMEDY)
         v.pop("motorprior", None)
         for name, value in v.items():

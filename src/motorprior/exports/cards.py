@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 
 from motorprior.actuator.constants import COLUMNS
+from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
 from motorprior.bench.class_behaviour import class_behaviours
@@ -66,9 +67,9 @@ def _yaml(value: str | float) -> str:
 
 
 def _write(request: Request) -> list[Path]:
-    if request.source is not request.prior:
+    if isinstance(request.source, MotorPosterior):
         raise ConfigError("a card is of a prior, not of a posterior", remedy="export the prior", argument="format")
-    return write_card(request.prior, request.out)
+    return write_card(request.source, request.out)
 
 
 CARD = Exporter("card", (), _write)

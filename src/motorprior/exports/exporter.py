@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,13 +14,14 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
+from motorprior.bounds import generator_of
 from motorprior.exceptions import ConfigError
 from motorprior.exports.mjcf import Mjcf
 
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
-Replay: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
+ReplayFunction: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,11 @@ class Request:
     source: MotorPrior | MotorPosterior
     joint_names: tuple[str, ...]  # J
     seed: int
-    constants: ConstantArrays  # (K, J), and `registry.carried`
+    constants: ConstantArrays  # (K, J), see `registry.constants`
     out: Path
     model: Mjcf | None  # the user's
     losses: Mapping[str, float]  # `registry.losses` by load [rad]
     not_expressed: Mapping[str, float]  # median value by constant
-
-    @property
-    def prior(self) -> MotorPrior:
-        """The prior of the motors."""
-        return prior_of(self.source)
 
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
         """Robot, joint and constants of every motor."""
@@ -49,7 +44,7 @@ class Request:
 
     def provenance(self) -> dict[str, object]:
         """Origin and loss of the motors, for the files of every format."""
-        prior = self.prior
+        prior = prior_of(self.source)
         return {
             "version": __version__, "prior_sha256": prior.sha256(), "robot": prior.robot, "motor": prior.motor,
             "seed": self.seed, "joint_names": list(self.joint_names), "spread": prior.spread_notes(),
@@ -65,7 +60,7 @@ class Exporter:
     name: str  # value of the option --format
     not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    replay: Replay | None = None  # None: the format loses nothing; all others lack the optional terms
+    replay: ReplayFunction | None = None  # None: the format loses nothing; all others lack the optional terms
     needs_model: bool = False  # whether it changes the user's MJCF
     mujoco: int = 3  # major version that it needs
     # (constants, timestep [s]) whether a motor is written as a plain joint
@@ -78,32 +73,26 @@ def prior_of(source: MotorPrior | MotorPosterior) -> MotorPrior:
 
 
 def sampled(
-    source: MotorPrior | MotorPosterior, motors: int, seed: int, joint_names: tuple[str, ...], gains: np.ndarray | None
+    source: MotorPrior | MotorPosterior, motors: int, seed: int, joint_names: tuple[str, ...], gains: Any = None
 ) -> GreyBoxActuator:
-    """Motors at these joints of K = ``motors`` robots, robot after robot.
+    """Motors at these J joints of K = ``motors`` robots, robot after robot; gains (2,) or (2, J) as of `export`.
 
     Raises:
         ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator_of(seed)
+    of: Any = len(joint_names)
     if isinstance(source, MotorPrior):
-        draw = partial(source.sample, source.joint_classes(joint_names))
-    else:
-        if set(joint_names) <= set(source.joint_names):
-            source = source.take([source.joint_names.index(name) for name in joint_names])
-        draw = partial(source.sample, len(joint_names))
-    robots = [draw(rng, gains) for _ in range(motors)]
+        of = source.joint_classes(joint_names)
+    elif set(joint_names) <= set(source.joint_names):
+        source = source.take([source.joint_names.index(name) for name in joint_names])
+    each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joint_names)))
+    robots = [source.sample(of, rng, each) for _ in range(motors)]
     if not isinstance(first := robots[0], GreyBoxActuator):
         remedy = "identify with preset rollout"
         raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
     every = None if first.gains is None else np.tile(first.gains, motors)  # the same for all robots
     return replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
-
-
-def with_kd(values: ConstantArrays) -> dict[str, np.ndarray]:
-    """The constants with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp."""
-    others = {name: value for name, value in values.items() if name != "kd_over_kp"}
-    return others | {"kd": values["kp"] * values["kd_over_kp"]}
 
 
 def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str, float]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.dom import minidom
@@ -15,7 +14,6 @@ from xml.parsers.expat import ExpatError
 import mujoco
 import numpy as np
 
-from motorprior.artifacts import read_text
 from motorprior.exceptions import ConfigError
 from motorprior.robots.user_model import cannot_read
 from motorprior.simulation.driven_joints import drives
@@ -29,29 +27,29 @@ class Mjcf:
 
     document: Any  # minidom document
     compiled: mujoco.MjModel
-    path: Path | None = None
-    in_degrees: bool = False  # unit of its angles
-    servos: int = 0  # actuators that were added after those of the model
-    dropped: tuple[tuple[int, int], ...] = ()  # address and number of activations removed from keyframes
+    path: Path | None
+    in_degrees: bool  # unit of its angles
+    drivers: np.ndarray  # (actuators, joints) see `drives`
+    dropped: tuple[int, ...] = ()  # addresses of activations that were removed from keyframes
     rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
 
     @classmethod
-    def load(cls, path: Path) -> Mjcf:
-        """Read a file; raises ArtifactError if it is not a well-formed MJCF."""
-        text = read_text(path)
+    def read(cls, text: str, path: Path | None = None) -> Mjcf:
+        """Parse the text of a file; raises ArtifactError if it is not a well-formed MJCF."""
         try:
-            spec = mujoco.MjSpec.from_file(str(path))
-            return cls(minidom.parseString(text.encode()), spec.compile(), path, spec.compiler.degree)
+            spec = mujoco.MjSpec.from_string(text) if path is None else mujoco.MjSpec.from_file(str(path))
+            compiled = spec.compile()
+            return cls(minidom.parseString(text.encode()), compiled, path, spec.compiler.degree, drives(compiled))
         except (ExpatError, ValueError) as error:
             raise cannot_read(path, str(error)) from error
 
     def joint(self, name: str) -> Element:
-        """The joint of this name in the bodies; raises ConfigError if this file has none."""
-        joints = {each.getAttribute("name") or "?": each for each in self._inside("worldbody", "joint")}
-        if name not in joints:
-            remedy = f"it has {', '.join(joints) or 'no joints'}; joints of an included file: give that file"
-            raise ConfigError(f"no joint {name!r}", where=self.path, remedy=remedy, argument="joints")
-        return joints[name]
+        """The joint of this name in the bodies; raises ConfigError for one of an included file."""
+        for each in self._inside("worldbody", "joint"):
+            if each.getAttribute("name") == name:
+                return each
+        problem = f"joint {name!r} is in an included file"
+        raise ConfigError(problem, where=self.path, remedy="give that file", argument="joints")
 
     def actuator_of(self, joint: str) -> tuple[Element, int] | None:
         """The element and index of the actuator that drives a joint, None without any.
@@ -60,16 +58,12 @@ class Mjcf:
         """
         every = self._inside("actuator", "*")
         found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
-        drivers = np.flatnonzero(self._drives[:, self.compiled.joint(joint).id]).tolist()
+        drivers = np.flatnonzero(self.drivers[:, self.compiled.joint(joint).id]).tolist()
         if len(drivers) > 1 or len(drivers) > len(found):
             problem = f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on it and in this file"
             remedy = "leave one at most, on it and in this file: the motor takes its place"
             raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
         return (found[0], drivers[0]) if drivers else None
-
-    @cached_property
-    def _drives(self) -> np.ndarray:
-        return drives(self.compiled)
 
     def _inside(self, section: str, element: str) -> list[Element]:
         sections = self.document.getElementsByTagName(section)
@@ -104,14 +98,6 @@ class Mjcf:
             if words := key.getAttribute(name).split():
                 edit(words, index)
                 key.setAttribute(name, " ".join(words))
-
-    def drop_activations(self, actuator: int) -> None:
-        """Remove the activations of an actuator that is replaced from the keyframes."""
-        own, count = int(self.compiled.actuator_actadr[actuator]), int(self.compiled.actuator_actnum[actuator])
-        if count > 0:
-            first = own - sum(number for address, number in self.dropped if address < own)
-            self.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
-            self.dropped += ((own, count),)
 
     def text(self) -> str:
         """The document as text."""

@@ -23,11 +23,10 @@ from functools import partial
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from motorprior.exports.exporter import Exporter
 from motorprior.exports.mjcf import Mjcf, number
-from motorprior.exports.plain_joint import drive, friction, replayed, servo, write_plain, write_variants
+from motorprior.exports.plain_joint import PASSIVE, drive, replayed, servo, write_plain, write_variants
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
@@ -46,9 +45,9 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     if too_stiff(values, option.timestep):
         write_plain(mjcf, joint, values)
         return
-    tag, rotor = mjcf.joint(joint), f"{joint}_rotor"
-    for name in ("armature", "damping", "frictionloss"):
-        tag.setAttribute(name, "0")
+    rotor = f"{joint}_rotor"
+    for name in PASSIVE:
+        mjcf.joint(joint).setAttribute(name, "0")
     _add_rotor(mjcf, joint, rotor, values)
     ends = (values["encoder_zero"] + side * 0.5 * values["backlash"] for side in (-1.0, 1.0))
     gear = mjcf.add(
@@ -71,27 +70,26 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 
 def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
     """Add a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
-    found, moved = mjcf.compiled.joint(joint), mjcf.joint(joint).parentNode
+    model, moved = mjcf.compiled, mjcf.joint(joint).parentNode
+    found = model.joint(joint)
     while moved.nodeName != "body":  # a joint may stand in a <frame>, as may its body
         moved = moved.parentNode
     while moved.parentNode.nodeName == "frame":
         moved = moved.parentNode
-    frame = mjcf.compiled.body(int(found.bodyid[0]))
+    frame = model.body(int(found.bodyid[0]))
     body = mjcf.add(moved.parentNode, "body", moved, name=rotor, pos=number(*frame.pos), quat=number(*frame.quat))
-    start = float(mjcf.compiled.qpos0[found.qposadr[0]]) + values["encoder_zero"]
+    start = float(model.qpos0[found.qposadr[0]]) + values["encoder_zero"]
     mjcf.add(body, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-10 1e-10 1e-10")
     mjcf.add(
         body, "joint", name=rotor, type="hinge", pos=number(*found.pos), axis=number(*found.axis),
         armature=number(values["armature"]), damping=number(values["viscous_damping"]),
-        frictionloss=number(friction(values)), ref=number(math.degrees(start) if mjcf.in_degrees else start),
+        frictionloss=number(values["friction"]), ref=number(math.degrees(start) if mjcf.in_degrees else start),
         limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
-    model = mjcf.compiled
-    # the joints before which the rotor stands: of its own body, or of the first one in the frame
-    name = next((each.getAttribute("name") for each in moved.getElementsByTagName("body")), "")
-    body_id = model.body(name).id if moved.nodeName == "frame" and name else found.bodyid[0]
-    first = int(np.searchsorted(model.jnt_bodyid, body_id))
+    inside = {each.getAttribute("name") for each in moved.getElementsByTagName("joint")} - {""}
+    # the joint before which the rotor stands
+    first = next(index for index in range(model.njnt) if model.joint(index).name in inside)
     before = sum(other <= first for other in mjcf.rotors)  # rotors of the same body stand in the order of their writing
     angles = [number(angle + values["encoder_zero"]) for angle in model.key_qpos[:, found.qposadr[0]]]
     at_pos, at_vel = (int(each[first]) + before for each in (model.jnt_qposadr, model.jnt_dofadr))

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
-import numpy as np
 
 try:
     import torch
@@ -67,17 +66,13 @@ class MotorPriorActuator(Actuator):
         """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
         super().initialize(mj_model, model, data, device)
         cfg, names = self.cfg, tuple(self.target_names)
-        gains = None if cfg.gains is None else np.array(cfg.gains)
-        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, gains)
-        self._model, self._worlds, self._device = model, data.nworld, device
-        shape = self._worlds, len(names)
+        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, cfg.gains)
+        self._model, shape = model, (data.nworld, len(names))
         self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)
         self._dofs = self.entity.indexing.joint_v_adr[self.target_ids].long()
-        self._torque = wp.to_torch(self._motors.torque).view(shape)
-        self._damping = wp.to_torch(self._motors.damping).view(shape)
+        arrays = (self._motors.torque, self._motors.damping, self._motors.chosen, self._motors.waiting)
+        self._torque, self._damping, self._chosen, self._waiting = (wp.to_torch(each).view(shape) for each in arrays)
         self._joints = torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
-        self._chosen = self._joints.clone()
-        self._waiting = torch.ones(shape, dtype=torch.bool, device=device)
         self.reset()
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
@@ -90,21 +85,14 @@ class MotorPriorActuator(Actuator):
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
         """(E, J) torque [N·m] of the coming physics step; writes the damping of every world."""
-        target, pos, vel = (_flat(each) for each in (cmd.position_target, cmd.pos, cmd.vel))
-        mask, chosen = wp.from_torch(self._waiting.view(-1)), wp.from_torch(self._chosen.view(-1))
-        self._motors.reset(mask, chosen, pos, pos)
-        self._waiting.fill_(False)
-        self._motors.step(target, pos, vel)
+        given = (cmd.position_target, cmd.pos, cmd.vel)
+        self._motors.step(*(wp.from_torch(each.float().contiguous().view(-1)) for each in given))
         damping = self._model.dof_damping
-        if damping.wp_array.shape[0] != self._worlds:  # the tensor is expanded to all worlds
+        if damping.wp_array.shape[0] != len(self._torque):  # the tensor is expanded to all worlds
             remedy = 'add cfg.events["motors"] = per_world_damping()'
             raise ConfigError("all worlds share one dof_damping", remedy=remedy)
         damping[:, self._dofs] = self._damping  # mjlab shows the model's arrays as tensors
         return self._torque
-
-
-def _flat(values: torch.Tensor) -> Any:
-    return wp.from_torch(values.float().contiguous().view(-1))
 
 
 @requires_model_fields("dof_damping")

@@ -5,8 +5,8 @@
 
 A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an effort, which is stable
 for 2·k·h²/I + D·h/I < 4 with gear stiffness k, gear damping D, link inertia I and step h. Give the joints no armature,
-damping and friction of their own. Rotor and delay line are arrays of the drive; Newton's states hold the motors that a
-reset restarts, at the angles of their next step.
+damping and friction of their own. Rotor and delay line are arrays of the drive; Newton's states share its mask of the
+motors that restart, at the angles of their next step.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
@@ -14,8 +14,6 @@ reset restarts, at the angles of their next step.
 # ruff: noqa: D102 (most methods are those of DriveBase)
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 try:
     import warp as wp
@@ -25,19 +23,6 @@ except ModuleNotFoundError as error:
 
 from motorprior.actuator.grey_box import DAMPING, GreyBoxActuator
 from motorprior.exports.warp_motors import Row, Rows, WarpMotors
-
-Indices = wp.array(dtype=wp.uint32)
-
-
-@wp.kernel
-def _gather(
-    angles: Row, velocities: Row, targets: Row, at_angle: Indices, at_velocity: Indices, at_target: Indices, pos: Row,
-    vel: Row, target: Row,
-):  # fmt: skip
-    i = wp.tid()
-    pos[i] = angles[at_angle[i]]
-    vel[i] = velocities[at_velocity[i]]
-    target[i] = targets[at_target[i]]
 
 
 @wp.kernel
@@ -83,7 +68,6 @@ class MotorPriorDrive(DriveBase):
     def __init__(self, motors: GreyBoxActuator, dt: float, device: str = "cpu"):
         n = motors.num_motors
         self._motors, self._device = WarpMotors(motors, n, dt, device), device
-        self._chosen = wp.array(np.arange(n, dtype=np.int32), dtype=int, device=device)
         self._pos, self._vel, self._target = (wp.zeros(n, dtype=float, device=device) for _ in range(3))
 
     @classmethod
@@ -97,11 +81,8 @@ class MotorPriorDrive(DriveBase):
         return True  # nothing is read back to the host
 
     def state(self, num_actuators: int, device: Any) -> "MotorPriorDrive.State":
-        return MotorPriorDrive.State(wp.full(num_actuators, True, dtype=wp.bool, device=device))
-
-    def update_state(self, current_state: Any, next_state: Any) -> None:
-        current_state.waiting.fill_(False)
-        next_state.waiting.fill_(False)
+        self._motors.waiting.fill_(True)
+        return MotorPriorDrive.State(self._motors.waiting)
 
     def compute(
         self, positions, velocities, target_pos, target_vel, feedforward, pos_indices, vel_indices,
@@ -111,10 +92,9 @@ class MotorPriorDrive(DriveBase):
 
         ``newer`` are arguments of later versions, such as ``custom_inputs``.
         """
-        n, own = self._motors.count, [self._pos, self._vel, self._target]
-        given = [positions, velocities, target_pos, pos_indices, vel_indices, target_pos_indices]
-        wp.launch(_gather, dim=n, inputs=[*given, *own], device=self._device)
-        self._motors.reset(state.waiting, self._chosen, self._pos, self._pos)
+        wp.copy(self._pos, positions[pos_indices.view(wp.int32)])
+        wp.copy(self._vel, velocities[vel_indices.view(wp.int32)])
+        wp.copy(self._target, target_pos[target_pos_indices.view(wp.int32)])
         self._motors.step(self._target, self._pos, self._vel)
         arrays = [self._motors.torque, self._motors.damping, self._vel, self._motors.memory, forces]
-        wp.launch(_effort, dim=n, inputs=arrays, device=self._device)
+        wp.launch(_effort, dim=self._motors.count, inputs=arrays, device=self._device)

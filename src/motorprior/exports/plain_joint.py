@@ -12,44 +12,30 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
-from xml.dom import minidom
 
 import mujoco
 import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
-from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor
+from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor, prior_of
 from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
-from motorprior.robots.user_model import cannot_read
 from motorprior.simulation.driven_joints import hinge, require_uncoupled
 
 _NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
-UNITS = {
-    "armature": "kg·m²", "damping": "N·m·s/rad", "frictionloss": "N·m", "kp": "N·m/rad", "kv": "N·m·s/rad",
-    "forcerange": "N·m", "delay": "s", "offset": "rad",
+PASSIVE = ("armature", "damping", "frictionloss")  # attributes of a joint that a motor determines
+# parameter -> constant and unit
+PARAMETERS = {
+    "armature": ("armature", "kg·m²"), "damping": ("viscous_damping", "N·m·s/rad"), "frictionloss": ("friction", "N·m"),
+    "kp": ("kp", "N·m/rad"), "kv": ("kd", "N·m·s/rad"), "forcerange": ("torque_limit", "N·m"), "delay": ("delay", "s"),
+    "offset": ("encoder_zero", "rad"),
 }  # fmt: skip
 # integers, since an enumeration of MuJoCo 4 does not equal a numpy integer
 _NOT_INTEGRATED = [int(getattr(mujoco.mjtDyn, f"mjDYN_{name}")) for name in ("NONE", "FILTER", "FILTEREXACT")]
 # writes one motor, of its constants by name, at a joint
 WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
-
-
-def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters by name of UNITS, in the shape of the constants."""
-    return {
-        "armature": values["armature"], "damping": values["viscous_damping"], "frictionloss": friction(values),
-        "kp": values["kp"], "kv": values["kd"], "forcerange": values["torque_limit"], "delay": values["delay"],
-        "offset": values["encoder_zero"],
-    }  # fmt: skip
-
-
-def friction(values: Mapping[str, Any]) -> Any:
-    """Dry friction [N·m] with its load-dependent part at the mean torque on a leg."""
-    return values["coulomb"] + values["load_friction"] * values["carried"]
 
 
 def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, str]:
@@ -71,9 +57,8 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
 
 def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     """One motor as attributes of its joint and a position actuator."""
-    found, tag = plain(values), mjcf.joint(joint)
-    for name in ("armature", "damping", "frictionloss"):
-        tag.setAttribute(name, number(found[name]))
+    for name in PASSIVE:
+        mjcf.joint(joint).setAttribute(name, number(values[PARAMETERS[name][0]]))
     drive(mjcf, joint, joint, servo(values, values["kd"], mjcf.compiled.opt.timestep))
 
 
@@ -86,9 +71,7 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     angles = [number(angle) for angle in model.key_qpos[:, model.joint(joint).qposadr[0]]]
     if old is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
-        at = model.nu + mjcf.servos
-        mjcf.edit_keyframes("ctrl", lambda words, key: words.insert(at, angles[key]))
-        mjcf.servos += 1
+        mjcf.edit_keyframes("ctrl", lambda words, key: words.append(angles[key]))
         return
     element, index = old
     is_servo = model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0
@@ -98,7 +81,11 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     else:
         at = getattr(model, "actuator_ctrladr", range(model.nu))[index]  # MuJoCo 4 has actuators without control
         mjcf.edit_keyframes("ctrl", lambda words, key: words.__setitem__(at, angles[key]))
-    mjcf.drop_activations(index)
+    if (count := int(model.actuator_actnum[index])) > 0:
+        own = int(model.actuator_actadr[index])
+        first = own - sum(address < own for address in mjcf.dropped)
+        mjcf.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
+        mjcf.dropped += tuple(range(own, own + count))
     name = element.getAttribute("name") or joint
     element.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), element)
 
@@ -119,8 +106,7 @@ def replayed(values: ConstantArrays, given: Trial, write: WriteMotor) -> np.ndar
     assert given.load_stiffness is not None
     out = np.zeros_like(given.position_target)
     for motor, inertia in enumerate(given.load_inertia.tolist()):
-        rig = RIG.format(dt=given.dt, inertia=inertia)
-        mjcf = Mjcf(minidom.parseString(rig), mujoco.MjModel.from_xml_string(rig))
+        mjcf = Mjcf.read(RIG.format(dt=given.dt, inertia=inertia))
         write(mjcf, "joint", one_motor(values, motor))
         model = mujoco.MjModel.from_xml_string(mjcf.text())
         data, targets = mujoco.MjData(model), given.position_target[:, motor]
@@ -156,16 +142,14 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     require_uncoupled(original.compiled, [hinge(original.compiled, name) for name in request.joint_names])
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
-    loss = described_loss(request.losses, request.not_expressed)
-    about = re.sub("-{2,}", "-", f"motors of {request.prior.motor}, seed {request.seed}; {loss}")  # no -- in comments
+    loss, motor = described_loss(request.losses, request.not_expressed), prior_of(request.source).motor
+    about = re.sub("-{2,}", "-", f"motors of {motor}, seed {request.seed}; {loss}")  # no -- in comments
     folder = request.out / model.parent.relative_to(root)
     files = [folder / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
-        write_text(path, f"{variant.text()}\n<!-- {about} -->\n")
-        try:
-            mujoco.MjModel.from_xml_path(str(path))
-        except ValueError as error:
-            raise cannot_read(path, str(error)) from error
+        text = f"{variant.text()}\n<!-- {about} -->\n"
+        write_text(path, text)
+        Mjcf.read(text, path)  # raises ArtifactError if it cannot be compiled
     return [*files, *write_table(request)]
 
 
@@ -174,7 +158,7 @@ def write_table(request: Request) -> list[Path]:
 
     Correlations are those between units: of the deviations from the mean of each joint.
     """
-    found = plain(request.constants)  # (K, J)
+    found = {name: request.constants[constant] for name, (constant, _) in PARAMETERS.items()}  # (K, J)
     positive = [name for name in found if name != "offset"]
     logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
     columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
@@ -182,7 +166,8 @@ def write_table(request: Request) -> list[Path]:
     scaled = columns / np.where(spread > 0.0, spread, 1.0)
     matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
     write_json(request.out / "motors.json", {
-        **request.provenance(), "units": UNITS, "samples": {name: value.tolist() for name, value in found.items()},
+        **request.provenance(), "units": {name: unit for name, (_, unit) in PARAMETERS.items()},
+        "samples": {name: value.tolist() for name, value in found.items()},
         "quantiles_5_50_95": {name: np.quantile(x, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, x in found.items()},
         "correlation_of_logarithms": {"order": positive, "matrix": matrix},
     })  # fmt: skip

@@ -1,7 +1,4 @@
-"""The commands deploy, record and doctor: checks of the settings, output files, and messages to the user.
-
-The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
-"""
+"""The commands deploy, record and doctor: checks of the settings, output files, and messages to the user."""
 
 from __future__ import annotations
 

@@ -75,20 +75,17 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    """Keys and frame of a message."""
+    """Frame of a message."""
 
-    keys: tuple[str, ...]
-    required: tuple[str, ...]
     max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian
     end: bytes  # after the payload
 
 
-_COMMAND_KEYS, _TELEMETRY_KEYS = (tuple(field.name for field in fields(kind)) for kind in (Command, Telemetry))
 _FORMATS: dict[type, _Format] = {
-    Command: _Format(_COMMAND_KEYS, (), 255, b"\x00", 1, b""),
-    Telemetry: _Format(_TELEMETRY_KEYS, _TELEMETRY_KEYS[:9], 1023, b"\x45\x45", 2, b"\r\n"),
+    Command: _Format(255, b"\x00", 1, b""),
+    Telemetry: _Format(1023, b"\x45\x45", 2, b"\r\n"),
 }
 _ARRAYS = ("pos", "vel", "cur")
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
@@ -98,7 +95,7 @@ _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map can begin
 
 
-def encode(message: Command | Telemetry, joints: int) -> bytes:
+def encode_message(message: Command | Telemetry, joints: int) -> bytes:
     """The payload of a message to or from a robot with this number of joints; ProtocolError for an invalid one."""
     values = {key: value for key, value in vars(message).items() if value is not None}
     values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
@@ -111,7 +108,7 @@ def encode(message: Command | Telemetry, joints: int) -> bytes:
     return payload
 
 
-def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
+def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
     """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored; or ProtocolError."""
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
@@ -120,11 +117,12 @@ def decode(payload: bytes, kind: type[Message], joints: int) -> Message:
         raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict) or not values:
         raise ProtocolError("not a msgpack map with keys")
-    known = {key: values[key] for key in _FORMATS[kind].keys if key in values}
-    unknown = kind is Command and len(known) < len(values)
-    if unknown or not all(key in known for key in _FORMATS[kind].required):
-        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}")
-    return kind(**_validated(known, joints))
+    if kind is Telemetry:
+        values = {field.name: values[field.name] for field in fields(kind) if field.name in values}
+    try:
+        return kind(**_validated(values, joints))
+    except TypeError as error:
+        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}") from error
 
 
 def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
@@ -149,8 +147,8 @@ def _is_finite(value: Any) -> bool:
 
 
 def framed(message: Command | Telemetry, joints: int) -> bytes:
-    """The bytes of a message on the wire; raises as `encode`."""
-    form, payload = _FORMATS[type(message)], encode(message, joints)
+    """The bytes of a message on the wire; raises as `encode_message`."""
+    form, payload = _FORMATS[type(message)], encode_message(message, joints)
     return form.start + len(payload).to_bytes(form.length_bytes, "big") + payload + form.end
 
 
@@ -196,7 +194,7 @@ class FrameReader(Generic[Message]):
         try:
             if not possible or buffer[total - len(form.end) : total] != form.end:
                 raise ProtocolError("an impossible length, or no end of the frame")
-            out.append(decode(bytes(buffer[head : head + length]), self._kind, self._joints))
+            out.append(decode_message(bytes(buffer[head : head + length]), self._kind, self._joints))
             del buffer[:total]
         except ProtocolError:
             self.rejected += 1

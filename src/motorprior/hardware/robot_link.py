@@ -179,7 +179,7 @@ class Recorder:
             raise ArtifactError("it exists already", where=path, remedy=remedy)
         self._path, self._joint_names = path, robot.joint_names
         self._file: FileIO | None = None
-        self._format, self._with_current, self._failed = "", False, False
+        self._with_current = self._failed = False
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
@@ -197,8 +197,11 @@ class Recorder:
             return
         try:
             if self._file is None:
-                self._create(measurement.telemetry.cur is not None)
-            self._append(self._row(measurement, *in_force))
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = self._path.open("xb", buffering=0)
+                self._with_current = measurement.telemetry.cur is not None
+                _append(self._file, ",".join(run_columns(self._joint_names, self._with_current)))
+            _append(self._file, self._row(measurement, *in_force))
         except OSError as error:  # ends the motion, once: it must not prevent the crouch
             self._failed, remedy = True, "free some space, or choose another folder"
             raise ArtifactError(f"cannot write ({error.strerror})", where=self._path, remedy=remedy) from error
@@ -208,18 +211,6 @@ class Recorder:
         if self._file is not None:
             self._file.close()
 
-    def _create(self, with_current: bool) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self._path.open("xb", buffering=0)
-        self._with_current, columns = with_current, run_columns(self._joint_names, with_current)
-        self._append(",".join(columns) + "\n")
-        self._format = "%.3f,%d,%.4f" + ",%.7g" * (len(columns) - 3) + "\n"
-
-    def _append(self, line: str) -> None:
-        data = line.encode()
-        if self._file is None or self._file.write(data) < len(data):
-            raise OSError(0, "the disk is full")
-
     def _row(self, measurement: Measurement, sent: float, target: np.ndarray, mode: Mode) -> str:
         telemetry = measurement.telemetry
         now = 1e-3 * telemetry.ts
@@ -227,4 +218,11 @@ class Recorder:
         values = [now, int(mode), since, *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
         if self._with_current and telemetry.cur is not None:
             values += telemetry.cur.tolist()
-        return self._format % (*values, *telemetry.attitude, *telemetry.rates)
+        values += (*telemetry.attitude, *telemetry.rates)
+        return ("%.3f,%d,%.4f" + ",%.7g" * (len(values) - 3)) % tuple(values)
+
+
+def _append(file: FileIO, line: str) -> None:
+    data = f"{line}\n".encode()
+    if file.write(data) < len(data):
+        raise OSError(0, "the disk is full")

@@ -11,17 +11,16 @@ from motorprior.locomotion.body import MAX_COMMAND
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE
-Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Commands:
     """Random commands of an episode, each held for a while; speeds spread evenly over their range, in random order."""
 
-    forward: Range | None = None
+    forward: tuple[float, float] | None = None
     """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
     the edge of their training range."""
-    yaw_rate: Range | None = None
+    yaw_rate: tuple[float, float] | None = None
     """Lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given."""
     hold: float = 2.5  # duration of a command [s]
     straight: float = 0.5  # share of the commands without a turn [-]

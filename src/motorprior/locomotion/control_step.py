@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motorprior.backend import BackendState
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -56,6 +55,19 @@ MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does 
 # With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies amplified this until the robot fell.
 MAX_DRIFT = 0.1
 _PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
+
+
+class RobotState(NamedTuple):
+    """State of a simulated robot after a control step; compiled code takes it as it is."""
+
+    base_pos: np.ndarray  # (3,) [m], world; x is the initial heading, z up
+    base_quat: np.ndarray  # (4,) rotation_base_to_world (w, x, y, z)
+    base_lin_vel: np.ndarray  # (3,) [m/s], world
+    base_ang_vel: np.ndarray  # (3,) [rad/s], base frame
+    measured_joint_pos: np.ndarray  # (joints,) [rad] at the encoders
+    foot_pos: np.ndarray  # (legs, 3) centres of the feet [m], world; NaN if unknown
+    torque_squared_sum: float  # Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]
+    fault: int = 0  # 0, or the number of a fault that ended the episode
 
 
 class GaitState(NamedTuple):
@@ -195,10 +207,10 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def evaluate_step(body: Body, gait: GaitState, state: BackendState, weights: np.ndarray) -> tuple[float, bool]:
-    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the backend failed.
+def evaluate_step(body: Body, gait: GaitState, state: RobotState, weights: np.ndarray) -> tuple[float, bool]:
+    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the engine failed.
 
-    A fault of the backend ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
+    A fault of the engine ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
     ``weights`` (8,) are `TaskWeights.array()`.
     """
     if state.fault != 0:
@@ -266,7 +278,7 @@ def write_readings(
 
 
 @njit(cache=True)
-def observe(body: Body, state: BackendState, observation: np.ndarray) -> None:
+def observe(body: Body, state: RobotState, observation: np.ndarray) -> None:
     """`write_readings` of a state."""
     roll, pitch, _ = roll_pitch_yaw(state.base_quat)
     write_readings(body, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
@@ -286,7 +298,7 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True)
-def sliding(body: Body, feet: np.ndarray, state: BackendState, pitch: float, yaw: float) -> float:
+def sliding(body: Body, feet: np.ndarray, state: RobotState, pitch: float, yaw: float) -> float:
     """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
 
     Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of

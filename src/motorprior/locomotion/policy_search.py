@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,20 +17,11 @@ from motorprior.locomotion.policy_shape import PolicyShape
 EVALUATION_EVERY, EVALUATION_EPISODES = 10, 16  # iterations, episodes
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
-_MEANS = ("steps", "speed_error")  # means over the episodes of an iteration
 START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
 
 
-@dataclass(frozen=True)
-class Iteration:
-    """A point of the learning curve: means over the episodes, and the number of episodes by fault."""
-
-    iteration: int
-    mean_return: float
-    best_return: float
-    mean_steps: float
-    mean_speed_error: float
-    faults: dict[int, int]
+Point: TypeAlias = dict[str, Any]
+"""Point of the learning curve: iteration, mean and best return, mean steps and speed error, episodes by fault."""
 
 
 def run_task(simulator: Any, search: PolicySearch, task: tuple[int, int, int]) -> Any:
@@ -53,8 +43,9 @@ class PolicySearch:
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
         self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
-        self.best = shape.policy(np.zeros(shape.size), self.ars.observations)
+        self.best = shape.untrained()
         self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
+        self.mean_returns = np.empty(0)  # of every iteration so far
         if start is not None:
             self.ars.parameters = self.ars.average = shape.parameters(start)
             m2 = START_OBSERVATIONS * np.square(start.std)
@@ -69,18 +60,23 @@ class PolicySearch:
         parameters = self.ars.candidate(direction, sign) if sign else self.ars.average
         return self.shape.policy(parameters, self.ars.observations)
 
-    def advance(self, executor: Executor) -> Iteration:
+    def advance(self, executor: Executor) -> Point:
         """One ARS iteration: ask, run every candidate, tell."""
         iteration, seed = self.ars.iteration, self.ars.config.seed
         tasks = [(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
         episodes = executor.map(run_task, self, tasks)
         returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
         self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
+        self.mean_returns = np.append(self.mean_returns, returns.mean())
         faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
-        steps, speed_error = (float(np.mean([getattr(each, name) for each in episodes])) for name in _MEANS)
-        return Iteration(
-            iteration, float(returns.mean()), float(returns.max()), steps, speed_error, dict(sorted(faults.items()))
-        )
+        return {
+            "iteration": iteration,
+            "mean_return": float(returns.mean()),
+            "best_return": float(returns.max()),
+            "mean_steps": float(np.mean([episode.steps for episode in episodes])),
+            "mean_speed_error": float(np.mean([episode.speed_error for episode in episodes])),
+            "faults": dict(sorted(faults.items())),
+        }
 
     def evaluate(self, executor: Executor) -> None:
         """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
@@ -96,31 +92,43 @@ class PolicySearch:
         iterations: int,
         evaluator: Executor | None = None,
         patience: int | None = None,
-        progress: Callable[[Iteration], None] = lambda _: None,
+        progress: Callable[[Point], None] = lambda _: None,
     ) -> None:
         """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
 
-        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The search stops after
-        ``patience`` evaluations in a row without a better policy. ``progress`` is called after every iteration.
+        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The search stops once it
+        has `plateaued`. ``progress`` is called after every iteration.
         """
         evaluator = executor if evaluator is None else evaluator
-        waiting = float("inf") if patience is None else patience * EVALUATION_EVERY
         if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
             self.evaluate(evaluator)
-        while self.ars.iteration < iterations and self.ars.iteration - self.best_iteration < waiting:
+        while self.ars.iteration < iterations and not self.plateaued(patience):
             point = self.advance(executor)
             if self.ars.iteration % EVALUATION_EVERY == 0 or self.ars.iteration == iterations:
                 self.evaluate(evaluator)
             progress(point)
 
+    def plateaued(self, patience: int | None) -> bool:
+        """Whether the training return, a mean over EVALUATION_EVERY iterations, has not increased ``patience`` times.
+
+        Not the return in evaluation: on other motors than in training, it may be largest before the policy walks in its
+        own simulation.
+        """
+        rounds = len(self.mean_returns) // EVALUATION_EVERY
+        if patience is None or rounds <= patience:
+            return False
+        means = self.mean_returns[: rounds * EVALUATION_EVERY].reshape(rounds, -1).mean(axis=1)
+        return rounds - 1 - int(means.argmax()) >= patience
+
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
         best = {f"best_{name}": value for name, value in self.best._asdict().items()}
         best |= {"best_return": np.array(self.best_return), "best_iteration": np.array(self.best_iteration)}
-        return self.ars.state() | best
+        return self.ars.state() | best | {"mean_returns": self.mean_returns}
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""
         self.ars.restore(state)
         self.best = PolicyArrays(*(state[f"best_{name}"] for name in PolicyArrays._fields))
         self.best_return, self.best_iteration = float(state["best_return"]), int(state["best_iteration"])
+        self.mean_returns = state["mean_returns"]

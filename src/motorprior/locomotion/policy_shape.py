@@ -74,6 +74,10 @@ class PolicyShape:
         stats = self.symmetric_stats(observations)
         return PolicyArrays(np.asfortranarray(weights), hidden, readout, stats.mean, stats.std())
 
+    def untrained(self) -> PolicyArrays:
+        """The policy of zero actions, which is the untrained gait."""
+        return self.policy(np.zeros(self.size), RunningStats.empty(self.observations))
+
     def symmetric_stats(self, observations: RunningStats) -> RunningStats:
         """Statistics of observations together with their mirror images, if there is a mirror."""
         if self.mirror is None:

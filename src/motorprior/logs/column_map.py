@@ -16,8 +16,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from motorprior.artifacts import read_toml
 from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
@@ -118,11 +116,6 @@ class ColumnMap:
         """Column names of a channel, one per joint."""
         return [self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name) for joint in joints]
 
-    def gains(self, joints: tuple[MappedJoint, ...]) -> dict[str, np.ndarray]:
-        """(J,) kp and kd of these joints as channels of a log, if given."""
-        found = {f"logged_{name}": [getattr(joint, name) for joint in joints] for name in GAINS}
-        return {name: np.array(values) for name, values in found.items() if None not in values}
-
 
 def shipped_maps() -> tuple[str, ...]:
     """Names of the maps in the package."""
@@ -173,7 +166,12 @@ def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
 
 
 def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
-    found = tuple(_joint(column, joint, units, f"{where}[joints.{column}]") for column, joint in table.items())
+    found = []
+    for column, joint in table.items():
+        place = f"{where}[joints.{column}]"
+        _check(joint, _JOINT, place)
+        known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
+        found.append(MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known))
     names = [joint.name for joint in found]
     if double := {name for name in names if names.count(name) > 1}:
         raise ArtifactError(f"two joints are named {min(double)!r}", where=where, remedy="name each once")
@@ -182,13 +180,7 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
         if 0 < len(lacking) < len(found):
             problem = f"joint {lacking[0]!r} lacks {name}, others have it"
             raise ArtifactError(problem, where=where, remedy="give all or none")
-    return found
-
-
-def _joint(column: str, joint: Any, units: dict[str, Any], place: str) -> MappedJoint:
-    _check(joint, _JOINT, place)
-    known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
-    return MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
+    return tuple(found)
 
 
 def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], place: str) -> Conversion:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.column_map import TURN, ColumnMap, Conversion, MappedJoint
+from motorprior.logs.column_map import GAINS, TURN, ColumnMap, Conversion, MappedJoint
 from motorprior.logs.motor_log import CORRECT, POSTURES, MotorLog, bad_value, checked, require_finite
 from motorprior.robots.robot import Robot
 
@@ -86,7 +86,9 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
         if channel == "joint_pos" and wraps.any():  # in the turn of the command
             turns = np.rint(np.median(values["position_target"] - values[channel], axis=0) / TURN)
             values[channel][:, wraps] += TURN * turns[wraps]
-    values |= {name: np.broadcast_to(given, shape) for name, given in columns.gains(joints).items()}
+    for name in GAINS:
+        if None not in (gains := [getattr(joint, name) for joint in joints]):
+            values[f"logged_{name}"] = np.broadcast_to(gains, shape)
     values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
     if columns.base_orientation:
         values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)

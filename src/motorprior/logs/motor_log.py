@@ -34,6 +34,7 @@ JOINT_SERIES = {
 }
 CODES = ("segment", "posture")  # integer channels of shape (T,)
 BASE_AXES = ("roll", "pitch")
+MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recording
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")

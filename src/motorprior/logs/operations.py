@@ -1,4 +1,4 @@
-"""Operations on logs: gaps, grid, noise, repeats, joining. Splits of rows: `splits`; loads: `loads`."""
+"""Operations on logs: gaps, grid, noise, repeats, joining. Loads: `loads`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.exceptions import LogError, listed
-from motorprior.logs.motor_log import CODES, JOINT_SERIES, MotorLog, channels, checked, other_firmware
+from motorprior.logs.motor_log import CODES, JOINT_SERIES, MIN_ROWS, MotorLog, channels, checked, other_firmware
+from motorprior.signals import mean_command
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
-MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recording
 _MAX_NAMED = 5  # gaps that the message lists
 # Channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "logged_kp", "logged_kd", *CODES)
@@ -82,17 +82,6 @@ def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]
         elif name not in result:
             result[name] = np.stack([np.interp(grid, segment.time, column) for column in value.T], axis=1)
     return result
-
-
-def mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
-    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
-    edges = np.append(grid, grid[-1] + period)
-    row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
-    area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])
-    area = area[row] + command[row] * (edges - time[row])[:, None]
-    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # row in force at the end
-    same = (row[:-1] == last)[:, None]
-    return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
 
 
 def without_noise(log: MotorLog) -> MotorLog:
@@ -215,6 +204,13 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
 MOVED_STD = 1e-2  # [rad]; of a joint without commands, above play and sway
+
+
+def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
+    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
+    starts = [part.start for part in log.segment_slices()[1:]]
+    row = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
+    return log.rows(slice(0, row)), log.rows(slice(row, None))
 
 
 def excited_joints(log: MotorLog) -> np.ndarray:

@@ -16,7 +16,6 @@ import numpy as np
 
 from motorprior.artifacts import require_size
 from motorprior.exceptions import LogError
-from motorprior.logs.motor_log import unreadable
 
 
 class _NumberType:
@@ -107,24 +106,19 @@ def require_archive_size(archive: zipfile.ZipFile, path: Path) -> None:
 
 
 def torch_content(path: Path) -> dict[Any, Any]:
-    """The dictionary of the file's pickle, with arrays for tensors; raises LogError for a damaged file."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            require_archive_size(archive, path)
-            found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
-            if len(found) != 1:
-                raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
-            folder = found[0].removesuffix("data.pkl")
+    """The dictionary of the file's pickle, with arrays for tensors; a damaged archive raises many types of errors."""
+    with zipfile.ZipFile(path) as archive:
+        require_archive_size(archive, path)
+        found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
+        if len(found) != 1:
+            raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
+        folder = found[0].removesuffix("data.pkl")
 
-            def storage(reference: Any) -> np.ndarray:
-                """The numbers of a persistent id ("storage", type, key, device, count)."""
-                return np.frombuffer(archive.read(f"{folder}data/{reference[2]}"), dtype=reference[1])
+        def storage(reference: Any) -> np.ndarray:
+            """The numbers of a persistent id ("storage", type, key, device, count)."""
+            return np.frombuffer(archive.read(f"{folder}data/{reference[2]}"), dtype=reference[1])
 
-            content = load_pickle(archive.read(found[0]), path, storage)
-    except LogError:
-        raise
-    except Exception as error:  # damaged zip files raise many types
-        raise unreadable(path, error) from error
+        content = load_pickle(archive.read(found[0]), path, storage)
     if not isinstance(content, dict):
         raise LogError(f"it holds a {type(content).__name__}", where=path, remedy=_SAVE)
     return content

@@ -12,9 +12,10 @@ from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.evaluation.errors import evaluate_replay, log_warnings, replay_errors
-from motorprior.evaluation.reference import WITHOUT_TORQUE, loss_p_value, residual_scale, windows_per_block
+from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
+from motorprior.evaluation.reference import WITHOUT_TORQUE, residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
-from motorprior.identification.latents.latent_fit import LatentPosterior, Outliers, fit_posterior, outliers
+from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog, checked
@@ -97,8 +98,8 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
 def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> tuple[np.ndarray, list[str]]:
     """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
 
-    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`reference.loss_p_value`) and of the constants
-    (`latent_fit.outliers`), and the largest deviation of each outlier, "" of the others.
+    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of the constants
+    (`outliers.outliers`), and the largest deviation of each outlier, "" of the others.
     """
     preset, data, temperature, which = _prepared(prior, log)
     p_fit = loss_p_value(prior.metrics, found.loss, found.windows / windows_per_block(preset), which)

@@ -99,7 +99,7 @@ def adaptation(
             "adapt_rmse_ratio": np.median(error) / np.median(train),
             "adapt_false_alarms": np.mean(p_value < FALSE_ALARMS),
         }
-        results += Results.of(
+        results += Results(
             Result(quantity, "1", float(value), motors="held_out", seconds=length)
             for quantity, value in measured.items()
         )
@@ -124,7 +124,7 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
         drawn = behaviours(prior.sample(POPULATION, rng))
         physical = behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())
         areas.append(two_sample_auc(drawn, physical, bench.seed))
-    return Results.of([
+    return Results([
         Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
         Result("two_sample_auc", "1", min(areas), statistic="low"),
         Result("two_sample_auc", "1", max(areas), statistic="high"),

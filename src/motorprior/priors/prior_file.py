@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.motor_prior import (
-    UNKNOWN_TORQUE_SCALE,
-    MotorPrior,
-    limit_text,
-    robot_gains,
-    unidentified_limits,
-)
+from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, robot_gains
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
@@ -71,6 +65,11 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
             f"note: the logs do not identify the prior's {limit_text(name, value)}{limit}; a policy may over-rely on "
             "it. Log motions that reach the limit"
         )
+
+
+def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Values by name of the limits that the training logs do not identify, from the metrics of a prior."""
+    return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
 
 
 def _gain_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:

@@ -11,22 +11,22 @@ from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.splits import Split
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.baselines.response_fit import CONSTANTS, at_bounds, fitted_responses
+from motorprior.identification.baselines.response_fit import RESPONSE_CONSTANTS, at_bounds, fitted_responses
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
-from motorprior.logs.splits import Split
 from motorprior.priors.fit_prior import fit_recipe
-from motorprior.progress import WARNING, NoteProgress, Progress
+from motorprior.progress import WARNING, Progress
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
 # constant of servo_limits, factor to its unit, and unit
-RESPONSE_CONSTANTS = {
+REPORTED = {
     "delay": ("delay", 1.0, "s"),
     "bandwidth": ("rate", 0.5 / np.pi, "Hz"),
     "dead_band": ("band", 1.0, "rad"),
@@ -46,7 +46,7 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
         warnings.extend([text] if text.startswith(WARNING) else [])
         progress.note(text)
 
-    notes = NoteProgress(note, progress)
+    notes = Progress(note, progress.line)
     prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
     models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
     if train.num_joints > 1:
@@ -66,10 +66,10 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
     runs = {name: whole_runs(with_placeholder_load(log), preset) for name, log in logs.test.items()}
     found = validation_of(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
     responses = models["servo_limits"]
-    fitted, bounds = dict(zip(CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
+    fitted, bounds = dict(zip(RESPONSE_CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
     values, units, identified, warnings = {}, {}, {}, []
-    for name, (key, factor, unit) in RESPONSE_CONSTANTS.items():
-        if np.allclose(fitted[key], CONSTANTS[key], atol=1e-6):  # a part that no joint needs
+    for name, (key, factor, unit) in REPORTED.items():
+        if np.allclose(fitted[key], RESPONSE_CONSTANTS[key], atol=1e-6):  # a part that no joint needs
             continue
         at_bound = bounds.get(key, np.zeros(train.num_joints, bool))  # an offset has no bounds
         values[name], units[name], identified[name] = factor * fitted[key], unit, not at_bound.any()

@@ -7,8 +7,8 @@ they save MIN_GAIN of the loss of all motors. The constants are refined on longe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.latents.standardise import assumed_std, standard_posterior
 from motorprior.identification.physics import motor_fit, motor_problem, term_selection
-from motorprior.identification.physics.motor_fit import Checkpoint, MotorFits, unsaved
+from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, MotorFits, unsaved
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Preset
@@ -128,12 +128,19 @@ def _fitted(
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
     some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
     part = runs if some is data else WindowRuns(some, preset)
-    fit = partial(motor_fit.fit_motors, runs, together=preset.grey_boxes == "together", seed=seed, part=part)
-    plain = partial(fit, preset.logged_terms, report=lambda: report(WORK, "constants"))
-    found = MotorFits.of(checkpoint("motors", lambda: plain().arrays()))
+    together = preset.grey_boxes == "together"
+
+    def fitted(name: str, terms: tuple[str, ...], report: Callable[[], None], nested: MotorFits | None) -> MotorFits:
+        def arrays() -> Arrays:
+            fit = motor_fit.fit_motors(runs, terms, together, seed, report, part, nested)
+            return {"center": fit.center, "offsets": fit.offsets, "loss": fit.loss}
+
+        saved = checkpoint(name, arrays)
+        return MotorFits(saved["center"], saved["offsets"], saved["loss"], terms)
+
+    found = fitted("motors", preset.logged_terms, lambda: report(WORK, "constants"), None)
     if set(terms) - set(preset.logged_terms):
-        longer = partial(fit, terms, report=lambda: report(0, f"with {', '.join(terms)}"), nested=found)
-        more = MotorFits.of(checkpoint("motors_with_terms", lambda: longer().arrays()))
+        more = fitted("motors_with_terms", terms, lambda: report(0, f"with {', '.join(terms)}"), found)
         found = more if more.loss.mean() <= (1.0 - MIN_GAIN) * found.loss.mean() else found
     if not found.loss.max() < 1e6:
         raise MotorPriorError(

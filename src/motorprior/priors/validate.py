@@ -9,8 +9,9 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
-from motorprior.evaluation.errors import MEDIAN_AND_MEAN, PRIOR, TUNED_PD, log_warnings
-from motorprior.evaluation.free_runs import MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.errors import PRIOR, TUNED_PD, log_warnings
+from motorprior.evaluation.free_runs import MEDIAN_AND_MEAN, MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.splits import first_and_rest
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
@@ -18,12 +19,11 @@ from motorprior.identification.baselines.response_fit import fitted_responses
 from motorprior.identification.presets import Preset, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import joined
-from motorprior.logs.splits import first_and_rest, train_test_halves
+from motorprior.logs.operations import joined, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SHOWN, SILENT, WARNING, NoteProgress, Progress
+from motorprior.progress import SHOWN, SILENT, WARNING, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
@@ -107,8 +107,8 @@ def validate(
         task.advance()
     for line in found.warnings:
         progress.note(line)
-    trained = Results.of([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
-    return replace(found, results=trained + found.results.where(log=None) + Results.of(coverages))
+    trained = Results([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
+    return replace(found, results=trained + found.results.where(log=None) + Results(coverages))
 
 
 def _train_and_test(log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None) -> tuple[MotorLog, MotorLog]:
@@ -145,7 +145,7 @@ def fitted_baselines(
             recipe = replace(recipe, steps=adam_steps)
         try:
             out = None if folder is None else folder / name
-            fitted = fit_recipe(log, named, recipe, seed, out, NoteProgress(SILENT.note, progress), tuned=tuned)
+            fitted = fit_recipe(log, named, recipe, seed, out, Progress(SILENT.note, progress.line), tuned=tuned)
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None

@@ -33,7 +33,7 @@ from motorprior.report.plots_style import (
 from motorprior.signals import rmse
 
 LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
-Curve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
+LearningCurve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
 SHOWN_SECONDS = 8.0  # duration of a trace [s], from its end, where a chirp is fastest
 
 
@@ -146,7 +146,7 @@ def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     return figure
 
 
-def read_curves(folders: Iterable[Path]) -> list[Curve]:
+def read_curves(folders: Iterable[Path]) -> list[LearningCurve]:
     """Learning curves of trainings, from curve.json in their folders."""
     points = [read_json(folder / "curve.json") for folder in folders]
     return [
@@ -155,7 +155,7 @@ def read_curves(folders: Iterable[Path]) -> list[Curve]:
     ]
 
 
-def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
+def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
     """Median over the seeds of each training, and every seed as a thin line."""
     figure = new_figure(3.5)
     axes = panels(figure, 1)[0, 0]
@@ -170,7 +170,7 @@ def learning_curves(curves: Mapping[str, Sequence[Curve]]) -> Figure:
     return figure
 
 
-def _median(seeds: Sequence[Curve]) -> Curve:
+def _median(seeds: Sequence[LearningCurve]) -> LearningCurve:
     """Median over the seeds where all of them have values."""
     start = max(iteration[0] for iteration, _ in seeds)
     stop = min(iteration[-1] for iteration, _ in seeds)

@@ -6,32 +6,26 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOAD, class_behaviours
 from motorprior.bench.families import FAMILIES
-from motorprior.evaluation import errors as log_errors
-from motorprior.evaluation.free_runs import Validation
+from motorprior.evaluation.free_runs import Validation, error_table, errors_by_joint
 from motorprior.exceptions import ConfigError
 from motorprior.report import plots
 from motorprior.report.film import comparison_gif
 from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import model_label, png_bytes
+from motorprior.results import read_results, write_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.scene import Episode, WalkConfig
 from motorprior.simulation.training import POLICY
-from motorprior.stage import PAGE, read_results, write_results
+from motorprior.stage import PAGE
 from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 
 _NOTES, _TRACES = "notes.json", "traces.png"
-
-
-def _section(title: str, text: str, figure: Figure, caption: str, *tables: Table) -> Section:
-    return Section(title, (text,), (picture(figure, caption),), tables)
 
 
 def samples(prior: MotorPrior) -> Section:
@@ -39,7 +33,7 @@ def samples(prior: MotorPrior) -> Section:
     figure = plots.draw_class_behaviours(class_behaviours(prior))
     caption = f"Responses on a load of {LOAD:g} times the armature, and friction; a row per class of joints."
     text = " ".join(f"{line[0].upper()}{line[1:]}." for line in prior.spread_notes())
-    return _section("Samples of the prior", text, figure, caption)
+    return Section("Samples of the prior", (text,), (picture(figure, caption),))
 
 
 def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ()) -> None:
@@ -53,13 +47,13 @@ def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ())
 def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
     results, notes = read_results(folder), read_json(folder / _NOTES)
-    tables = [Table(*log_errors.error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    tables = [Table(*error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
     if notes["constants"]:
         tables.append(Table(*notes["constants"], caption="Constants of the motors."))
     for row in results.where(quantity="whole_run_coverage90"):
         notes["lines"].append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
     pictures = (
-        picture(plots.draw_errors_by_joint(log_errors.errors_by_joint(results, quantity)), "Errors by joint."),
+        picture(plots.draw_errors_by_joint(errors_by_joint(results, quantity)), "Errors by joint."),
         Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
     )
     text = "Models of the motors simulate the joints from recorded commands, without feedback from the log."
@@ -76,7 +70,8 @@ def bench(folder: Path) -> Section:
         f"steps each. {FAMILIES[settings.fleet.family].motor} The motors differ."
     )
     figure = plots.excitation_and_response(part, "Preset rollout, first motor")
-    return _section("Bench: excitation and response", text, figure, "Excitation and response of one motor.")
+    drawn = picture(figure, "Excitation and response of one motor.")
+    return Section("Bench: excitation and response", (text,), (drawn,))
 
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
@@ -86,7 +81,8 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."
     )
-    return _section("Learning to walk", text, figure, "Mean return of the perturbed policies per iteration.")
+    drawn = picture(figure, "Mean return of the perturbed policies per iteration.")
+    return Section("Learning to walk", (text,), (drawn,))
 
 
 def gaits(robot: Robot, walks: Mapping[str, Episode]) -> Section:

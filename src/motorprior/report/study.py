@@ -14,6 +14,7 @@ from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.statistics import (
     ALL_ENVIRONMENTS,
+    CONVERGED,
     OWN,
     OWN_OUT_OF_FAMILY,
     REFERENCE,
@@ -55,15 +56,18 @@ def conditions_in(summary: StudyStatistics) -> list[str]:
 def own_simulations(summary: StudyStatistics) -> Section:
     """Time upright of every policy in the simulation of its training: a row per condition, a cell per bench."""
     text = "A policy that falls in the simulation of its training has not converged, or its motors cannot walk so fast."
-    rows = []
+    rows, failed = [], []
     for condition in conditions_in(summary):
         for env in (OWN, OWN_OUT_OF_FAMILY):
             if (policies := summary.upright.get((env, condition))) is not None:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
                 rows.append((condition if env == OWN else f"{condition}, out-of-family motors", *cells))
+                if count := int(np.sum(policies < CONVERGED)):
+                    failed.append(f"{count} of {policies.size} of {rows[-1][0]}")
     caption = "time upright of every policy in the simulation of its training [%]"
     table = Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
-    return Section("In the simulation of the training", (text,), tables=(table,))
+    counts = f"Upright for less than {100 * CONVERGED:.0f} %: {'; '.join(failed) or 'no policy'}."
+    return Section("In the simulation of the training", (text, counts), tables=(table,))
 
 
 # title, factor, format

@@ -85,8 +85,8 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
     rows = []
     for part in results.where(quantity="calibrate_center").distinct("part"):
         of = results.where(part=part, model=None)
-        unit = of.where(quantity="calibrate_center").rows[0].unit
-        is_share = of.where(quantity="calibrate_error").rows[0].unit == "1" != unit
+        unit = of.where(quantity="calibrate_center")[0].unit
+        is_share = of.where(quantity="calibrate_error")[0].unit == "1" != unit
         errors = (of.value(quantity=f"calibrate_{name}") for name in ("error", "prior_std", "spread"))
         cells = [f"{100 * error:.0f} %" if is_share else f"{error:.3g}" for error in errors]
         values = [f"{of.value(quantity=f'calibrate_{name}'):.3g}" for name in ("start", "center")]
@@ -101,5 +101,5 @@ def measure_table(results: Results) -> ColumnsAndRows:
     for quantity, unit, part in dict.fromkeys((row.quantity, row.unit, row.part) for row in results):
         title = " ".join(filter(None, (quantity, part))) + ("" if unit == "1" else f" [{unit}]")
         found = [results.where(quantity=quantity, part=part, model=name) for name in names]
-        rows.append([title, *(f"{each.rows[0].value:.3g}" if each else "-" for each in found)])
+        rows.append([title, *(f"{each[0].value:.3g}" if each else "-" for each in found)])
     return ["measure", *names], rows

@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_source import GeneratedModel, files_digest
+from motorprior.robots.model_source import files_digest
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.robots.user_model import cannot_read, read_spec
 
@@ -40,14 +40,11 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
         _add_floor(spec, robot, physics_dt)
         return spec.compile()
     except ValueError as error:
-        where = None if isinstance(robot.model, GeneratedModel) else robot.model.path
-        raise cannot_read(where, str(error)) from error
+        raise cannot_read(robot.model.path, str(error)) from error
 
 
 def _read(robot: Robot) -> Any:
     source = robot.model
-    if isinstance(source, GeneratedModel):
-        return mujoco.MjSpec.from_string(source.mjcf())
     if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
         raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
     return read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])

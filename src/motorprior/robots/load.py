@@ -12,7 +12,7 @@ import numpy as np
 from motorprior.artifacts import read_toml
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.robots.model_source import ModelFile, files_digest, model_files
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
@@ -106,25 +106,26 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     for name, leg in legs.items():
         _LEG.check(leg, f"{where}[legs.{name}]")
     model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
-    names = model.joint_names()
+    limits = model.limits()
+    names = tuple(limits)
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _per_joint(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
     stated = table.get("joint_classes")
     classes = () if stated is None else _per_joint("joint_classes", stated, len(names), per_leg, where)
     pose, joints = dict(zip(names, numbers["nominal_pose"], strict=True)), []
     for i, (name, angle) in enumerate(pose.items()):
-        lower, upper = model.limits(name)
+        lower, upper = limits[name]
         if not lower <= angle <= upper:
             problem = f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits {lower:g} to {upper:g} rad"
             raise ArtifactError(problem, where=where, remedy="give an angle within the limits of the model")
         gains = (numbers[key][i] for key in ("kp", "kd", "torque_limit"))
-        joints.append(Joint(name, lower, upper, *gains, encoder=table.get("encoder", "joint")))
+        joints.append(Joint(name, lower, upper, *gains))
     made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
     used = [name for leg in legs.values() for name in (*leg["joints"], f"foot {leg['foot']}")]
     if shared := [name for name in used if used.count(name) > 1]:
         raise ArtifactError(f"two legs share {shared[0]!r}", where=where, remedy="give every leg its own")
     height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
-    sources = model_files(file)
+    source = ModelFile.of(file)
     low, high = table.get("load_inertia") or model.load_inertia(pose, len(made), height)
     median_limit = sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
@@ -132,15 +133,16 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         motor=table["motor"],
         joints=tuple(joints),
         base=table["base"],
-        model=ModelFile(sources, files_digest(sources)),
+        model=source,
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
+        encoder=table.get("encoder", "joint"),
         legs=made,
         leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
         gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
         given_classes=classes,
-        files=(path, *sources),
+        files=(path, *source.files),
         weight=GRAVITY * model.mass,
         standing_height=height,
         min_base_height=0.3 * height,

@@ -1,4 +1,4 @@
-"""The source of a robot's MJCF: generated, or a user's file. It holds the robot alone, without floor and contacts."""
+"""The file of a robot's model, MJCF or URDF, and the files that it names."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ ROTOR_GEAR_RATIO = 1e5
 
 
 @dataclass(frozen=True)
-class GeneratedModel:
-    """A model written by this library."""
-
-    mjcf: Callable[[], str]  # returns MJCF; its only body in the world is the robot's base
-    # returns URDF for engines without MJCF; gets reflected inertias [kg·m²] and a shift of the base's mass centre [m]
-    urdf: Callable[..., str] | None = None
-
-
-@dataclass(frozen=True)
 class ModelFile:
-    """A user's MJCF or URDF."""
+    """A model of a robot alone, without floor."""
 
     files: tuple[Path, ...]  # its own first, then included files and meshes
     sha256: str  # `files_digest` of these files when the robot was loaded
+    # returns URDF for engines without MJCF; gets reflected inertias [kg·m²] and a shift of the base's mass centre [m]
+    urdf: Callable[..., str] | None = None
+
+    @classmethod
+    def of(cls, path: Path, urdf: Callable[..., str] | None = None) -> ModelFile:
+        """The model of a file with its present content."""
+        files = model_files(path)
+        return cls(files, files_digest(files), urdf)
 
     @property
     def path(self) -> Path:

@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
-from motorprior.robots.model_source import GeneratedModel, ModelFile
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.wire import Wire
 from motorprior.texts import Overview, Printable
 
@@ -30,7 +30,6 @@ class Joint:
     kp: float  # nominal gain at the joint [N·m/rad]
     kd: float  # [N·m·s/rad]
     torque_limit: float  # [N·m]
-    encoder: Encoder = "joint"  # where angle and velocity are measured; the rotor is before the gear
 
 
 @dataclass(frozen=True)
@@ -94,9 +93,10 @@ class Robot(Printable):
     motor: str  # name of the motors
     joints: tuple[Joint, ...]  # in the order of the model; they are the model's last coordinates
     base: Literal["free", "fixed"]  # "free" or "fixed"
-    model: GeneratedModel | ModelFile  # MJCF, generated or a file
+    model: ModelFile
     num_links: int  # moving bodies of the model, including a free base
     nominal: tuple[float, ...]  # joint angles of the standing or resting pose [rad]
+    encoder: Encoder = "joint"  # where angles and velocities are measured; the rotor is before the gear
     legs: tuple[Leg, ...] = ()  # none for an arm
     gait: Gait | None = None  # None without legs
     # how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does
@@ -164,11 +164,6 @@ class Robot(Printable):
     def upper(self) -> np.ndarray:
         """(joints,) upper limits [rad]."""
         return np.array([joint.upper for joint in self.joints])
-
-    @property
-    def encoder(self) -> Encoder:
-        """Where the encoders are: "joint" or "rotor"."""
-        return self.joints[0].encoder
 
     @property
     def default_fleet(self) -> str:

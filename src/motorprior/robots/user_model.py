@@ -120,9 +120,12 @@ class UserModel:
     def _error(self, problem: str, remedy: str) -> ArtifactError:
         return ArtifactError(problem, where=self._path, remedy=remedy)
 
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the hinges in the model's order; raises ArtifactError for no joint, or one of another type."""
-        names = []
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper limits [rad] of the hinges by name, in the model's order.
+
+        Raises ArtifactError for no joint, one of another type, or one without limits.
+        """
+        limits: dict[str, tuple[float, float]] = {}
         for index in range(self._model.njnt):
             kind, name = self._model.jnt_type[index], self._model.joint(index).name
             if kind == mujoco.mjtJoint.mjJNT_FREE:
@@ -130,19 +133,14 @@ class UserModel:
             if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
                 raise self._error(problem, 'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)')
-            names.append(name)
-        if not names:
+            if not self._model.jnt_limited[index]:
+                remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
+                raise self._error(f"joint {name!r} has no limits", remedy)
+            lower, upper = self._model.jnt_range[index].tolist()
+            limits[name] = lower, upper
+        if not limits:
             raise self._error("the model has no hinges", "give a model with joints")
-        return tuple(names)
-
-    def limits(self, name: str) -> tuple[float, float]:
-        """Lower and upper limit of a joint [rad]; raises ArtifactError if it has none."""
-        joint = self._model.joint(name)
-        if not self._model.jnt_limited[joint.id]:
-            remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
-            raise self._error(f"joint {name!r} has no limits", remedy)
-        lower, upper = self._model.jnt_range[joint.id]
-        return float(lower), float(upper)
+        return limits
 
     def leg_geometry(
         self, joints: tuple[str, ...], foot: str, pose: dict[str, float]

@@ -22,10 +22,10 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.kernels import make_explicit, measure_joint_pos, reset_actuator, step_actuator
-from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.robots.model_source import ROTOR_GEAR_RATIO, GeneratedModel
+from motorprior.locomotion.control_step import RobotState
+from motorprior.robots.model_source import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import EpisodeConditions, nominal_conditions
 from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
@@ -47,7 +47,7 @@ class BulletWorld:
         self.robot, self.suspended = robot, suspended
         self.substeps = substeps_of(robot.control_dt, PHYSICS_DT)
         self._bullet, self._client = import_bullet(), -1
-        if not isinstance(robot.model, GeneratedModel) or robot.model.urdf is None:
+        if robot.model.urdf is None:
             raise ConfigError(f"robot {robot.name!r} has no URDF with rotors", remedy="use engine mujoco")
         self._urdf = robot.model.urdf
         self._nominal = self._conditions = nominal_conditions(robot)
@@ -72,10 +72,10 @@ class BulletWorld:
         self._prepare_joints(np.asarray(joint_pos, dtype=np.float64))
         self._joints = self.joints()
         self._set_friction_and_masses(conditions)
-        motors = actuator.arrays(PHYSICS_DT)
-        actuator.kind.limit_stiffness(motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
-        reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
-        return motors
+        self._motors = actuator.arrays(PHYSICS_DT)
+        actuator.kind.limit_stiffness(self._motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
+        reset_actuator(self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
+        return self._motors
 
     def close(self) -> None:
         """Close the client."""
@@ -83,17 +83,17 @@ class BulletWorld:
             self._bullet.disconnect(self._client)
             self._client = -1
 
-    def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """Hold (joints,) targets for one control step; see `world.hold_target`."""
+    def step(self, target: np.ndarray) -> RobotState:
+        """See `World.step`."""
         self._commands.append(target - self._conditions.encoder_offset)
         pushes, total = self._conditions.push, 0.0
         push = pushes[self._clock % len(pushes)] if len(pushes) else None
         with np.errstate(over="ignore", invalid="ignore"):  # a state that broke down is reported as a fault
             for k in range(self.substeps):
                 late = control_steps_late(self._delays, self._clock, k, self.substeps)
-                total += self.physics_step(motors, self._commands[-1 - late], push)
+                total += self.physics_step(self._motors, self._commands[-1 - late], push)
         self._clock += 1
-        return total / self.substeps
+        return self.state(total / self.substeps)
 
     def physics_step(self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None) -> float:
         """See `world.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
@@ -107,14 +107,14 @@ class BulletWorld:
         self.torque -= self._damping * self._joints[1]
         return float(self.torque @ self.torque)
 
-    def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+    def state(self, torque_squared_sum: float = 0.0) -> RobotState:
         """State of a free robot; the positions of its feet are unknown."""
         pos, quat, lin_vel, ang_vel = self.base()
         joint_pos, joint_vel = self.joints()
         measured = np.zeros_like(joint_pos)
-        measure_joint_pos(motors, joint_pos, measured)
+        measure_joint_pos(self._motors, joint_pos, measured)
         qpos, qvel = np.concatenate([pos, quat, joint_pos]), np.concatenate([lin_vel, ang_vel, joint_vel])
-        return BackendState(
+        return RobotState(
             pos, quat, lin_vel, ang_vel, measured + self._conditions.encoder_offset,
             np.full((len(self.robot.legs), 3), np.nan), torque_squared_sum, int(has_diverged(qpos, qvel)),
         )  # fmt: skip

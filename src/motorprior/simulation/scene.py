@@ -1,4 +1,4 @@
-"""An episode: its settings and engine, as a Gymnasium environment on any backend, and as one compiled call.
+"""An episode: its settings and engine, as a Gymnasium environment, and as one compiled call.
 
 `WalkEnv` and that call have the same compiled functions in the same order, so the results are the same bit for bit.
 """
@@ -17,7 +17,6 @@ from gymnasium.spaces import Box
 from motorprior.actuator.actuator import ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.actuator.registry import DrawMotors
-from motorprior.backend import Backend, BackendState
 from motorprior.bounds import require_array, require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
@@ -25,6 +24,7 @@ from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
+    RobotState,
     SensorErrors,
     TaskWeights,
     begin_gait,
@@ -79,31 +79,14 @@ class Scene:
     walk: WalkConfig = field(default_factory=WalkConfig)
     physics_dt: float | None = None  # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
 
+    def world(self) -> World | BulletWorld:
+        """The robot in the engine of the episode; errors as `World` and `BulletWorld`."""
+        return World(self.robot, self.physics_dt) if self.walk.engine == "mujoco" else BulletWorld(self.robot)
+
     def begin(self, world: World | BulletWorld, seed: int) -> ActuatorArrays:
         """Stand in the nominal pose on the motors and in the conditions of this seed; returns the motors' arrays."""
         conditions = self.walk.randomization.conditions(self.robot, seed, self.walk.episode_steps)
         return world.reset(self.draw_motors(np.random.default_rng(seed)), conditions=conditions)
-
-
-class SimulatedBackend:
-    """A robot in the engine of a scene, with new motors and conditions in every episode."""
-
-    def __init__(self, scene: Scene):
-        self._scene, robot = scene, scene.robot
-        self.world = World(robot, scene.physics_dt) if scene.walk.engine == "mujoco" else BulletWorld(robot)
-
-    def reset(self, seed: int) -> BackendState:
-        """Stand in the nominal pose; ``seed`` determines everything random."""
-        self._motors = self._scene.begin(self.world, seed)
-        return self.world.state(self._motors, 0.0)
-
-    def step(self, position_target: np.ndarray) -> BackendState:
-        """Hold (joints,) targets [rad], finite float64, for one control step."""
-        return self.world.state(self._motors, self.world.hold(self._motors, position_target))
-
-    def close(self) -> None:
-        """Close the engine."""
-        self.world.close()
 
 
 @dataclass(frozen=True)
@@ -191,20 +174,22 @@ class WalkSimulator:
 class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
-    The backend must hold each target for the robot's control period. Without ``walk`` the sensors are perfect, on level
-    ground. ``gait`` is the state of the gait.
+    Every episode has new motors and conditions. ``gait`` is the state of the gait, ``world`` the simulated robot, in
+    either engine. A real robot is not behind this interface: its control step is a deadline that depends on the age of
+    the telemetry, and a fault in it ends in a crouch or without current. `hardware.motions` plays the policy instead.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
 
-    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig | None = None):
+    def __init__(self, scene: Scene):
+        robot = scene.robot
         joints = [4.0 * np.pi] * robot.num_joints
         # |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase
         bounds = np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
         self.observation_space = Box(-bounds, bounds, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (action_size(robot.num_joints),), np.float64)
-        self._robot, self._backend, self._walk = robot, backend, walk or WalkConfig()
-        self._body, self._weights = body_of(robot), self._walk.task.array()
+        self._scene, self.world = scene, scene.world()
+        self._body, self._weights = body_of(robot), scene.walk.task.array()
         self.gait = new_gait(self._body)
         self._steps, self._running = 0, False
 
@@ -213,15 +198,16 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; without a seed the env's own generator draws one. ``options`` is unused.
 
-        Returns the observation and the info that `step` describes; raises SimulationFault if the backend has a fault.
+        Returns the observation and the info that `step` describes; raises SimulationFault if the engine has a fault.
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else int(seed)
-        state = self._backend.reset(drawn)
+        self._scene.begin(self.world, drawn)
+        state = self.world.state()
         if state.fault != 0:
-            raise SimulationFault(f"the backend reports fault {int(state.fault)} at reset")
+            raise SimulationFault(f"{FAULTS[state.fault]} at reset", remedy=TOO_STIFF)
         self._steps, self._running = 0, True
-        self._sensors, self._schedule = self._walk.inputs(self._robot, drawn)
+        self._sensors, self._schedule = self._scene.walk.inputs(self._scene.robot, drawn)
         begin_gait(self._body, self.gait)
         observe(self._body, state, self.gait.observation)
         return self._observed(state), self._info(state)
@@ -236,23 +222,23 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
         command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
-        state = self._backend.step(self.gait.target.copy())
+        state = self.world.step(self.gait.target)
         earned, terminated = evaluate_step(self._body, self.gait, state, self._weights)
         self._steps += 1
         observation = self._observed(state) if state.fault == 0 else self.gait.observation.copy()
-        truncated = not terminated and self._steps >= self._walk.episode_steps
+        truncated = not terminated and self._steps >= self._scene.walk.episode_steps
         self._running = not (terminated or truncated)
         return observation, float(earned), bool(terminated), truncated, self._info(state)
 
     def close(self) -> None:
-        """Close the backend."""
-        self._backend.close()
+        """Close the engine."""
+        self.world.close()
 
-    def _observed(self, state: BackendState) -> np.ndarray:
+    def _observed(self, state: RobotState) -> np.ndarray:
         complete_observation(self._body, self.gait, self._sensors, self._schedule, self._steps, state.base_quat)
         return self.gait.observation.copy()
 
-    def _info(self, state: BackendState) -> dict[str, Any]:
+    def _info(self, state: RobotState) -> dict[str, Any]:
         return {
             "fault": int(state.fault),
             "phase": self.gait.phase,
@@ -264,18 +250,16 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         }
 
 
-def simulator_of(scene: Scene) -> WalkSimulator | BackendSimulator:
+def simulator_of(scene: Scene) -> WalkSimulator | EnvSimulator:
     """Simulator of whole episodes of a scene, compiled with MuJoCo."""
-    if scene.walk.engine == "mujoco":
-        return WalkSimulator(scene)
-    return BackendSimulator(scene.robot, SimulatedBackend(scene), scene.walk)
+    return WalkSimulator(scene) if scene.walk.engine == "mujoco" else EnvSimulator(scene)
 
 
-class BackendSimulator:
-    """Runs whole episodes on any backend; one per thread. On MuJoCo the bytes equal those of `WalkSimulator`."""
+class EnvSimulator:
+    """Runs whole episodes in a `WalkEnv`; one per thread. On MuJoCo the bytes equal those of `WalkSimulator`."""
 
-    def __init__(self, robot: Robot, backend: Backend, walk: WalkConfig):
-        self._env = WalkEnv(robot, backend, walk)
+    def __init__(self, scene: Scene):
+        self._env = WalkEnv(scene)
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """See `WalkSimulator.run`; the trace has base poses and measured joint angles, and there is no motion."""
@@ -295,5 +279,5 @@ class BackendSimulator:
         return Episode(total, steps, self._env.gait.speed_errors / steps, where, fault, mean, m2, poses, no_motion)
 
     def close(self) -> None:
-        """Close the backend."""
+        """Close the engine."""
         self._env.close()

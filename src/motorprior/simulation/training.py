@@ -19,7 +19,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
-from motorprior.locomotion.policy_search import Iteration, PolicySearch
+from motorprior.locomotion.policy_search import Point, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
@@ -44,7 +44,8 @@ class WalkSettings(WalkConfig):
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """Stop after so many evaluations, one every 10 iterations, without a better policy; never if not given."""
+    """Stop once the mean training return of 10 iterations has not increased so many times in a row; never if not
+    given."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of
     the training if not given. Not the fleet of a twin on which the policy is tested later."""
@@ -139,7 +140,6 @@ def train_policy(
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
-Curve = list[dict[str, Any]]  # points of the learning curve: `policy_search.Iteration`, with its faults by name
 
 
 def _described(motors: object) -> str:
@@ -168,7 +168,7 @@ class Training:
         if start is not None:
             start.require_robot(robot, where)
             robot = robot.with_speed_range(start.forward)
-        self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, Curve()
+        self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, list[Point]()
         fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
         self._validation = None if fleet is None else fleet.name
         self.motors = simulated_motors(motors, self.robot)
@@ -212,27 +212,27 @@ class Training:
             task = stack.enter_context(progress.start(f"{name}: {total} iterations", total))
             task.advance(search.ars.iteration)
 
-            def report(point: Iteration) -> None:
-                faults = {FAULTS[fault]: count for fault, count in point.faults.items()}
-                self.curve.append(asdict(point) | {"faults": faults})
+            def report(point: Point) -> None:
+                faults = {FAULTS[fault]: count for fault, count in point["faults"].items()}
+                self.curve.append(point | {"faults": faults})
                 if files is not None:
                     self._save(*files)
-                upright = 100 * point.mean_steps / settings.episode_steps
-                speed_error = f"speed error {point.mean_speed_error:.2f} m/s"
-                task.advance(1, f"return {point.mean_return:.2f} m, upright {upright:.0f} %, {speed_error}")
+                upright = 100 * point["mean_steps"] / settings.episode_steps
+                speed_error = f"speed error {point['mean_speed_error']:.2f} m/s"
+                task.advance(1, f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {speed_error}")
                 if len(self.curve) == FIRST_ITERATIONS:
                     self._faults()
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
             ended = f"{name}: ended after {search.ars.iteration} iterations"
-            progress.note(f"{ended}, no better policy since {search.best_iteration}")
+            progress.note(f"{ended}: the training return does not increase; best policy of {search.best_iteration}")
         faults, episodes = self._faults()
         for fault, count in faults.items():
             progress.note(f"{count} of {episodes} episodes ended early: {fault}")
 
     def _resume(self, folder: Path, wanted: Mapping[str, Any]) -> None:
-        """Restore search and curve from the checkpoint, if any, and the metrics; ArtifactError if it is damaged."""
+        """Restore search and curve from the checkpoint, if any; ArtifactError if it is damaged."""
         path = folder / CHECKPOINT
         if path.is_file():
             try:
@@ -243,13 +243,11 @@ class Training:
             except (ArtifactError, KeyError) as error:
                 problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
                 raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
-        write_text(folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in self.curve))
 
     def _save(self, folder: Path, wanted: Mapping[str, Any]) -> None:
-        """Write the checkpoint, and add the last point of the curve to the metrics."""
+        # metrics first: after a crash in between, the iteration runs again and writes both again
+        write_text(folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in self.curve))
         write_tensors(folder / CHECKPOINT, self.search.state(), {"wanted": wanted, "curve": self.curve})
-        with (folder / METRICS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(self.curve[-1], sort_keys=True) + "\n")
 
     def _faults(self) -> tuple[Counter[str], int]:
         """Episodes by fault, and all episodes; SimulationFault if the share with one, no fall, exceeds MAX_FAULTS."""

@@ -17,10 +17,10 @@ from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
-from motorprior.backend import BackendState
 from motorprior.compiled import njit
 from motorprior.delay_line import row_of_age, write_line
 from motorprior.exceptions import ConfigError
+from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.build_model import build_model
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import MAX_DELAY, EpisodeConditions, nominal_conditions
@@ -99,9 +99,9 @@ class World:
             substeps=self.substeps,
         )
         self.data.qpos[self.first_joint :] = joint_pos
-        motors = actuator.arrays(self.physics_dt)
-        reset_actuator(motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
-        return motors
+        self._motors = actuator.arrays(self.physics_dt)
+        reset_actuator(self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
+        return self._motors
 
     def _apply(self, conditions: EpisodeConditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
@@ -120,16 +120,16 @@ class World:
         model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
         mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
-    def hold(self, motors: ActuatorArrays, target: np.ndarray) -> float:
-        """See `hold_target`."""
-        return hold_target(self.arrays, motors, target)
+    def step(self, target: np.ndarray) -> RobotState:
+        """Hold (joints,) targets [rad], finite float64, for one control step (`hold_target`); then as `state`."""
+        return self.state(hold_target(self.arrays, self._motors, target))
 
-    def state(self, motors: ActuatorArrays, torque_squared_sum: float) -> BackendState:
+    def state(self, torque_squared_sum: float = 0.0) -> RobotState:
         """State of a free robot, a copy; see `read_state`."""
         measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
-        pos, quat, lin_vel, ang_vel, *_, fault = read_state(self.arrays, motors, torque_squared_sum, measured, feet)
-        base = pos.copy(), quat.copy(), lin_vel.copy(), ang_vel.copy()
-        return BackendState(*base, measured, feet, torque_squared_sum, fault)
+        found = read_state(self.arrays, self._motors, torque_squared_sum, measured, feet)
+        base = found.base_pos.copy(), found.base_quat.copy(), found.base_lin_vel.copy(), found.base_ang_vel.copy()
+        return RobotState(*base, measured, feet, torque_squared_sum, found.fault)
 
     def close(self) -> None:
         """Nothing to close."""
@@ -139,7 +139,7 @@ FAULTS = {
     1: "a coordinate, speed or acceleration is too large or not finite",
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
-}  # by fault number of `BackendState`
+}  # by fault number of `RobotState`
 TOO_STIFF = "the motors are too stiff or too strong for the physics step: use smaller gains"  # remedy of a fault
 # Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
 MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
@@ -267,7 +267,7 @@ def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> 
 @njit(cache=True, nogil=True, inline="always")
 def read_state(
     world: WorldArrays, motors: ActuatorArrays, torque_squared_sum: float, measured: np.ndarray, feet: np.ndarray
-) -> BackendState:
+) -> RobotState:
     """State of a free robot: views of the engine's memory, and the scratch ``measured`` (joints,), ``feet`` (legs, 3).
 
     ``torque_squared_sum`` is that of `hold_target`.
@@ -277,7 +277,7 @@ def read_state(
     for leg in range(feet.shape[0]):
         feet[leg] = world.geoms[world.feet[leg]]
     fault = find_fault(world)
-    return BackendState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)
+    return RobotState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)
 
 
 _LIBRARY = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it

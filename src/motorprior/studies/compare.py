@@ -200,7 +200,7 @@ def compare(
                 scenes = {name: motors_scene(robot, policy, chosen, commands) for name, chosen in motors.items()}
                 rows += evaluate(policy, scenes, model, seed)
                 task.advance(len(motors))
-    return Results.of(rows)
+    return Results(rows)
 
 
 def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int) -> np.ndarray:

@@ -157,4 +157,4 @@ def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Re
         name, _, leg = measure.partition("/")
         if math.isfinite(value):
             rows.append(Result(name, UNITS[name], value, model, motors, part=leg or None))
-    return Results.of(rows)
+    return Results(rows)

@@ -54,7 +54,7 @@ def fidelity(
             measured[f"{posture}_{quantity}", unit] = {name: each[row] for name, each in found.items()}
         task.advance()
     statistics: dict[str, Callable[[np.ndarray], np.floating]] = {"median": np.median, "mean": np.mean}
-    return Results.of(
+    return Results(
         Result(quantity, unit, float(function(values)), model, motor_set, statistic)
         for (quantity, unit), by_model in measured.items()
         for model, values in by_model.items()

@@ -163,7 +163,7 @@ class StudyStatistics:
             rows.append(Result(f"{env}/{condition}/policies_upright", "1", float(np.mean(policies >= CONVERGED))))
         for (env, condition, measure), each in self.differences.items():
             rows.append(Result(f"{env}/{condition}/{measure}_p_against_{REFERENCE}", "1", each.p))
-        return Results.of(rows)
+        return Results(rows)
 
 
 def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:

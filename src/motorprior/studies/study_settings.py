@@ -10,7 +10,7 @@ from typing import Self
 
 from motorprior.actuator.motor_prior import FROZEN
 from motorprior.bench.fleet import load_fleet, load_robot_fleet
-from motorprior.bounds import require_count
+from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR
 from motorprior.locomotion.command import Commands
@@ -39,6 +39,7 @@ class Condition:
     adapted: bool = False  # to the log of one robot, the only robot that the policy walks on
     options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
     randomization: Randomization = TRAINING  # of the training in addition to the motors
+    iterations: int | None = None  # at most, if not the study's number
 
     @property
     def per_population(self) -> bool:
@@ -62,8 +63,9 @@ CONDITIONS = {  # in the order of every table, see docs/transfer.md
 }
 STANDARD = tuple(CONDITIONS)
 OTHER_MOTORS = Condition(prior="given")  # of a condition that is a text as of `walk`; the same for both populations
-# the sampled prior with the mean motor's values of these constants
+# the sampled prior with the mean motor's values of these constants, and with fewer iterations
 CONDITIONS |= {f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN}
+CONDITIONS["short_training"] = Condition(prior="rollout", iterations=40)
 
 
 @dataclass(frozen=True)
@@ -96,8 +98,10 @@ class Study:
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given.
     At lower speeds the untrained gait walks with any motors."""
-    iterations: int = 40
-    """ARS iterations per policy."""
+    iterations: int = 120
+    """Largest number of ARS iterations per policy."""
+    patience: int | None = 3
+    """End a training once the mean training return of 10 iterations has not increased so many times in a row."""
     directions: int = 14
     """Directions per iteration; the better half of them is used."""
     validation: str | None = None
@@ -194,6 +198,10 @@ class Study:
         robot.require_gait()
         for name in ("benches", "seeds", "walks", "iterations", "workers"):
             require_count(name, getattr(self, name))
+        require_number("seconds", self.seconds, robot.control_dt)
+        for name, maximum in {"pd_range": 0.9, "prior_share": 1.0}.items():
+            if (value := getattr(self, name)) is not None:
+                require_number(name, value, 0.0, maximum)
         require_count("motors", self.motors, robot.num_joints)
         require_executor(self.executor, self.ray_address)
         validation = self.validation_fleet(robot)

@@ -236,11 +236,12 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     made = []
     for name in (name for name in bench.conditions if seed in bench.seeds_of(name)):
         condition, number = CONDITIONS.get(name, OTHER_MOTORS), bench.robot_of(seed)
+        own = replace(bench, iterations=min(condition.iterations or bench.iterations, bench.iterations))
         for population in (OUT_OF_FAMILY, IN_FAMILY) if condition.per_population else (IN_FAMILY,):
             within = (population,) if condition.per_population else (IN_FAMILY, OUT_OF_FAMILY)
             environments = tuple(each for each in bench.environments if ENVIRONMENTS[each].population in within)
             motors, only = motors_text(bench, name, population, number), number if condition.adapted else None
-            made.append(PolicyRun(bench, name, seed, motors, condition.randomization, population, environments, only))
+            made.append(PolicyRun(own, name, seed, motors, condition.randomization, population, environments, only))
     return made
 
 
@@ -309,7 +310,7 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
     search = ArsConfig(bench.directions, top, _STEP_SIZE, _DELTA_STD, seed)
     settings = WalkSettings(
         randomization=run.randomization, commands=bench.commands, task=task, episode_steps=_EPISODE_STEPS,
-        iterations=bench.iterations, search=search, validation=bench.validation_fleet(robot),
+        iterations=bench.iterations, patience=bench.patience, search=search, validation=bench.validation_fleet(robot),
     )  # fmt: skip
     out = bench.out / "policies" / name
     train_policy(

@@ -8,7 +8,7 @@ import pytest
 from series import complete
 
 from motorprior.evaluation.free_runs import free_run_errors
-from motorprior.identification.baselines.response_fit import CONSTANTS, ResponseMotors, fit_responses
+from motorprior.identification.baselines.response_fit import RESPONSE_CONSTANTS, ResponseMotors, fit_responses
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import (
@@ -31,7 +31,7 @@ SERVO = LINEAR | {
 
 
 def constants(**known: float) -> np.ndarray:
-    return np.array([list((CONSTANTS | known).values())])
+    return np.array([list((RESPONSE_CONSTANTS | known).values())])
 
 
 def command(seed: int, rows: int = ROWS) -> np.ndarray:
@@ -84,7 +84,7 @@ def test_known_constants_are_recovered(known: dict[str, float], request: pytest.
     truth, name = constants(**known), request.node.callspec.id
     training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]
     models = fit_responses(training, "torque")
-    found = dict(zip(CONSTANTS, models[name].constants[0], strict=True))
+    found = dict(zip(RESPONSE_CONSTANTS, models[name].constants[0], strict=True))
     for constant, value in known.items():
         assert found[constant] == pytest.approx(value, rel=0.05, abs=1e-3), constant
     errors = free_run_errors(made_by(truth, 4), models)

@@ -15,12 +15,20 @@ from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
     capped,
-    error_results,
-    error_table,
     log_warnings,
     replay_errors,
 )
-from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, Validation, free_run_errors, free_runs
+from motorprior.evaluation.free_runs import (
+    FREE_RUN,
+    WHOLE_RUN,
+    Validation,
+    error_results,
+    error_table,
+    free_run_errors,
+    free_runs,
+    log_errors,
+    median_and_max,
+)
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import PRESETS, with_logged_settings
@@ -110,11 +118,11 @@ def a_log(moving: list[bool]) -> MotorLog:
 
 def test_joints_that_are_not_excited_do_not_count():
     logs = {"a": a_log([True, False]), "b": a_log([True, True])}
-    errors = LogErrors.of(logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}])
+    errors = log_errors(logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}])
     rows = error_results(errors, "e")
     assert rows.value(part=None, log=None) == pytest.approx(0.005)
     assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
-    assert errors.median_and_max("prior") == [(1, 0), (1, 1)]
+    assert median_and_max(errors.models["prior"]) == [(1, 0), (1, 1)]
     assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from motorprior.evaluation.reference import loss_metrics, loss_p_value, windows_per_block
+from motorprior.evaluation.outliers import loss_p_value
+from motorprior.evaluation.reference import loss_metrics, windows_per_block
 from motorprior.identification.presets import identification_preset
 
 RECIPE = identification_preset("rollout")

@@ -7,8 +7,8 @@ import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.evaluation.outliers import Outliers, outliers
 from motorprior.identification.latents import latent_fit
-from motorprior.identification.latents.latent_fit import Outliers, outliers
 from motorprior.identification.latents.standardise import standardised
 from motorprior.identification.search import Search
 

@@ -10,10 +10,11 @@ import pytest
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.physics import window_runs
-from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
+from motorprior.identification.physics.motor_fit import MotorFits, fit_motors, searched_near_others
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.search import GaussianPrior, Search
 from motorprior.identification.windows import TrainingData
 
 Data = Callable[..., TrainingData]
@@ -92,3 +93,25 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
     assert results[0] == results[1]
     other = fit_motors(runs, (), True, 6, restarts=2)
     assert other.offsets.tobytes() not in results[0]
+
+
+class _TwoOptima:
+    """Five motors with two constants; the loss is the same at -2 and 2 of the first one."""
+
+    count, weight, observations = 5, 1.0, 10
+
+    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+        return np.stack([x[:, 0] ** 2 - 4.0, x[:, 1] - 0.1 * which, np.full(len(x), 0.5)], axis=1)
+
+
+def test_of_two_optima_that_fit_alike_the_motor_gets_that_of_the_others():
+    search, wide = Search(_TwoOptima()), np.zeros(2)
+    x = np.stack([[2.0, 2.0, 2.0, 2.0, -2.0], 0.1 * np.arange(5)], axis=1)
+    found = search.at(x, GaussianPrior(wide, wide))
+    changed, same = (
+        searched_near_others(search, np.random.default_rng(0), found, wide > 0.0, classes, 12)
+        for classes in (np.arange(5), np.array([0, 1, 2, 3, 3]))
+    )
+    assert changed.x[:4].tobytes() == x[:4].tobytes()  # the others are probable
+    np.testing.assert_allclose(changed.x[4], [2.0, 0.4], atol=0.15)
+    assert same.x.tobytes() == x.tobytes()  # it is not alone in its class

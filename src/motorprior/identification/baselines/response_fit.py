@@ -35,18 +35,18 @@ from motorprior.progress import Progress
 
 INFINITE_RATE = 1e9  # rate from which the joint follows without lag
 # constants in SI units with their neutral values
-CONSTANTS = {
+RESPONSE_CONSTANTS = {
     "delay": 0.0, "rate": INFINITE_RATE, "damping": 1.0, "speed": 1e9, "acceleration": 1e12, "band": 0.0, "gain": 1.0,
     "offset": 0.0, "compliance": 0.0, "sine": 0.0, "cosine": 0.0,
 }  # fmt: skip
-# constants of each model; servo_limits also has those of one of GRAVITY
+# constants of each model; servo_limits also has those of one of GRAVITY_TERMS
 MODELS = {
     "pure_delay": ("delay",),
     "second_order": ("delay", "rate", "damping", "offset"),
     "servo_limits": ("delay", "rate", "damping", "speed", "acceleration", "band", "gain", "offset"),
 }
 # model of gravity: by the log's external torque, or by the joint's angle
-GRAVITY = {"torque": ("compliance",), "angle": ("sine", "cosine")}
+GRAVITY_TERMS = {"torque": ("compliance",), "angle": ("sine", "cosine")}
 # bounds [SI] of candidates of constants that are searched as logarithms
 BOUNDS = {
     "delay": (1e-4, 0.4), "rate": (2.0, 600.0), "damping": (0.05, 20.0), "speed": (0.05, 100.0),
@@ -55,7 +55,7 @@ BOUNDS = {
 # units of constants that are searched linearly, within REACHABLE units of their neutral values
 UNITS = {"gain": 0.15, "offset": 0.1, "sine": 0.1, "cosine": 0.1}
 REACHABLE = 3.0
-OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY.values())  # dropped in this order
+OPTIONAL = (("speed",), ("acceleration",), ("band",), ("gain",), *GRAVITY_TERMS.values())  # dropped in this order
 # constants of servo_limits that are registers of a firmware (`MotorLog.firmware`)
 REGISTERS = {"speed": "profile_speed", "acceleration": "profile_acceleration", "band": "dead_zone"}
 MIN_SAVING = 0.04  # share of the loss that an optional part must save
@@ -66,7 +66,7 @@ _CANDIDATES, _STEPS = 256, ((10, WIDE), (8, NARROW))
 _WEAK = 1e-6  # precision of the prior that keeps unidentifiable constants in place
 _STREAM = 73
 _NEAR = 0.01  # share of the range of a search within which a constant is at its bound
-_OFFSET = list(CONSTANTS).index("offset")
+_OFFSET = list(RESPONSE_CONSTANTS).index("offset")
 
 
 @njit(cache=True, nogil=True)
@@ -74,7 +74,7 @@ def _respond(rows, first, constants, dt, out):
     """Fill out (runs, steps) with one joint's simulated minus recorded angles [rad] at the end of every step.
 
     ``rows`` are (channels of `windows`, R); the first run begins at row ``first``, constants are in the order of
-    CONSTANTS, dt [s]. The logged velocity at the start is that of half a period before.
+    RESPONSE_CONSTANTS, dt [s]. The logged velocity at the start is that of half a period before.
     """
     target, external, stiffness = rows[TARGET], rows[EXTERNAL], rows[STIFFNESS]
     delay, rate, damping, speed, acceleration, band, gain, offset, compliance, sine, cosine = constants
@@ -106,7 +106,7 @@ def _respond(rows, first, constants, dt, out):
 class ResponseMotors:
     """One response model per joint."""
 
-    constants: np.ndarray  # (M, constants) in the order of CONSTANTS
+    constants: np.ndarray  # (M, constants) in the order of RESPONSE_CONSTANTS
 
     def errors(self, runs: WindowRuns) -> np.ndarray:
         """(M, N, W) simulated minus recorded angles [rad] of the same free runs as for other models."""
@@ -137,19 +137,19 @@ def fit_responses(
     report: Callable[[], None] = lambda: None,
     firmware: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, ResponseMotors]:
-    """Fit all MODELS to every joint of the logs; ``gravity`` is a key of GRAVITY.
+    """Fit all MODELS to every joint of the logs; ``gravity`` is a key of GRAVITY_TERMS.
 
     ``runs`` are free runs, one per segment; ``seed`` is of the search; ``report`` is called RESTARTS times per model;
     ``firmware`` are logged registers, used by servo_limits; 0 is off.
     """
-    given = {name: firmware[each] or CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
+    given = {name: firmware[each] or RESPONSE_CONSTANTS[name] for name, each in REGISTERS.items() if each in firmware}
     found: dict[str, ResponseMotors] = {}
-    simpler = np.tile(list(CONSTANTS.values()), (runs[0].num_motors, 1))
+    simpler = np.tile(list(RESPONSE_CONSTANTS.values()), (runs[0].num_motors, 1))
     centres = _offsets(runs)
     for name, free in MODELS.items():
-        base, optional = dict(CONSTANTS), ()
+        base, optional = dict(RESPONSE_CONSTANTS), ()
         if name == "servo_limits":
-            free, base = tuple(each for each in (*free, *GRAVITY[gravity]) if each not in given), base | given
+            free, base = tuple(each for each in (*free, *GRAVITY_TERMS[gravity]) if each not in given), base | given
             optional = [dropped for dropped in OPTIONAL if set(dropped) & set(free)]
         problem = _ResponseProblem(runs, free, base, centres)
         simpler[:, _OFFSET] = np.where(simpler[:, _OFFSET] == 0.0, centres, simpler[:, _OFFSET])
@@ -163,7 +163,7 @@ def fit_responses(
 
 def _offsets(runs: Sequence[WindowRuns]) -> np.ndarray:
     """(M,) medians of angle - command [rad]; 0 where the search reaches them from 0."""
-    neutral, found = np.array(list(CONSTANTS.values())), []
+    neutral, found = np.array(list(RESPONSE_CONSTANTS.values())), []
     for joint in range(runs[0].num_motors):
         errors = np.concatenate([JointRuns(each, joint).errors(neutral).ravel() for each in runs])
         found.append(-float(np.median(errors)))
@@ -173,12 +173,12 @@ def _offsets(runs: Sequence[WindowRuns]) -> np.ndarray:
 def at_bounds(motors: ResponseMotors) -> dict[str, np.ndarray]:
     """Masks (M,) by name of the constants at a bound of the search, which are not the joint's."""
     found = {}
-    for name, values in zip(CONSTANTS, motors.constants.T, strict=True):
+    for name, values in zip(RESPONSE_CONSTANTS, motors.constants.T, strict=True):
         if name in BOUNDS:
             share = np.log(np.maximum(values, 1e-12) / BOUNDS[name][0]) / np.log(BOUNDS[name][1] / BOUNDS[name][0])
             found[name] = (np.abs(share) < _NEAR) | (np.abs(share - 1.0) < _NEAR)
         elif name != "offset":  # it has no absolute bounds
-            found[name] = np.abs(values - CONSTANTS[name]) > (1.0 - _NEAR) * REACHABLE * UNITS[name]
+            found[name] = np.abs(values - RESPONSE_CONSTANTS[name]) > (1.0 - _NEAR) * REACHABLE * UNITS[name]
     return found
 
 
@@ -201,21 +201,23 @@ class _ResponseProblem:
         away = centres[:, None] / UNITS["offset"] * (np.array(free) == "offset")
         self.low, self.high = low + away, high + away  # (M, K)
         # constants with which a part has no effect
-        self.neutral = np.array([np.log(max(CONSTANTS[each], 1e-9)) if each in BOUNDS else 0.0 for each in free])
+        self.neutral = np.array(
+            [np.log(max(RESPONSE_CONSTANTS[each], 1e-9)) if each in BOUNDS else 0.0 for each in free]
+        )
 
     def constants(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, constants) in the order of CONSTANTS of unknowns x (L, K)."""
+        """(L, constants) in the order of RESPONSE_CONSTANTS of unknowns x (L, K)."""
         values = {name: np.full(len(x), value) for name, value in self._base.items()}
         for name, column in zip(self._free, x.T, strict=True):
-            values[name] = np.exp(column) if name in BOUNDS else CONSTANTS[name] + UNITS[name] * column
-        return np.stack([values[name] for name in CONSTANTS], axis=1)
+            values[name] = np.exp(column) if name in BOUNDS else RESPONSE_CONSTANTS[name] + UNITS[name] * column
+        return np.stack([values[name] for name in RESPONSE_CONSTANTS], axis=1)
 
     def encoded(self, constants: np.ndarray) -> np.ndarray:
         """(M, K) unknowns of constants (M, constants), within the bounds."""
-        values = dict(zip(CONSTANTS, constants.T, strict=True))
+        values = dict(zip(RESPONSE_CONSTANTS, constants.T, strict=True))
         columns = [
             np.log(np.clip(values[name], *BOUNDS[name])) if name in BOUNDS
-            else (values[name] - CONSTANTS[name]) / UNITS[name]
+            else (values[name] - RESPONSE_CONSTANTS[name]) / UNITS[name]
             for name in self._free
         ]  # fmt: skip
         return np.stack(columns, axis=1)

@@ -7,29 +7,15 @@ temperature T is the mean loss of the training motors, so that a window fitted a
 observation (a generalised posterior with a Laplace approximation). In the covariance a motor that is fitted worse has
 its own loss for T: missing physics makes its windows agree less. Mean m and standard deviation d of the prior are those
 of `MotorPrior.predicted`.
-
-`outliers` tests whether new motors lie inside the prediction interval of the M training motors. The loss of a fit alone
-has little power. Every motor is therefore fitted again, with a prior PRIOR_SCALE times as wide as the training motors,
-which barely shrinks the estimate. With the training motors' mean m and standard deviation s in decoder latents,
-
-    t = (found - m) / (s·√(1 + 1/M + v)),   p = min(1, L·min over latents of P(|Student's t with M - 1| > |t|))
-
-v·s² is the posterior variance of the second fit. p has a Bonferroni correction over the L latents in which the training
-motors differ. With C classes of joints, m and M in t are those of the motor's class, s is pooled over the classes, and
-t has M - C degrees of freedom, with all M training motors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from motorprior.actuator.copula import SCORES, Copula
-from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -41,8 +27,6 @@ CANDIDATES, RESTARTS = 128, 16  # candidates of a search, and maximum number of 
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
 _NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
 _STREAM = 47
-PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
-_SAME = 1e-9  # up to this standard deviation of a latent, training motors differ only by rounding
 
 
 @dataclass(frozen=True)
@@ -122,57 +106,3 @@ def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 def _precision(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
     return search.curvatures(z, WIDE) * search.problem.observations / temperature
-
-
-@dataclass(frozen=True)
-class Outliers:
-    """Result of the test for M motors."""
-
-    p_value: np.ndarray  # (M,) p, the probability that one more motor of the fleet lies as far out
-    latent: tuple[str, ...]  # M names, of the latent with the smallest p-value of each motor
-    deviation: np.ndarray  # (M,) t of that latent
-    distance: np.ndarray  # (M,) its distance from the mean of the class
-
-
-def outliers(
-    model: Decoder,
-    trained: np.ndarray,
-    found: np.ndarray,
-    data: TrainingData,
-    preset: Preset,
-    temperature: float,
-    classes: JointClasses,
-    of: Sequence[str],
-) -> Outliers:
-    """Test each of N motors, of the classes ``of``, against the training motors of a prior's model and its ``classes``.
-
-    ``trained`` (M, Z) are posterior means of the training motors, ``found`` (N, Z) those of the new motors, from
-    `fit_posterior`; ``data``, ``preset`` and ``temperature`` are as for `fit_posterior`.
-    """
-    from scipy.stats import t as student_t  # here: it takes half a second to import
-
-    latents = model.decoder_latents(trained)
-    groups, known = [classes.rows_of(name) for name in of], [classes.rows_of(name) for name in classes.names]
-    raw = np.stack([latents[rows].mean(axis=0) for rows in known])
-    freedom = len(latents) - len(known)
-    residual = latents - raw[[classes.names.index(name) for name in classes.of_motors]]
-    std = np.maximum(np.sqrt(np.sum(residual**2, axis=0) / freedom), _SAME)
-    mean, count = latents.mean(axis=0), np.array([[len(rows)] for rows in groups])
-    middle = np.stack([latents[rows].mean(axis=0) for rows in groups])  # (N, Z)
-    differ, scale = std > _SAME, PRIOR_SCALE * std
-    wide = Copula(np.eye(len(mean)), mean + scale * SCORES[:, None])
-    center = (middle - mean) / scale
-    start = np.where(differ, (model.decoder_latents(found) - mean) / scale, center)
-    start = np.clip(start, center - 1.0, center + 1.0)  # farther starts may be out of reach of the steps
-    prior = (center, np.ones(center.shape))
-    refit = fit_posterior(replace(model, copula=wide), data, preset, temperature, start=start, prior=prior)
-    variance = PRIOR_SCALE**2 * np.diagonal(refit.covariance, axis1=1, axis2=2)
-    away = PRIOR_SCALE * (refit.mean - center)
-    t = away / np.sqrt(1.0 + 1.0 / count + variance)
-    p_values = np.where(differ, 2.0 * student_t.sf(np.abs(t), freedom), 1.0)
-    worst, rows = p_values.argmin(axis=1), np.arange(len(t))
-    p_value = np.minimum(1.0, max(1, int(differ.sum())) * p_values[rows, worst])
-    names = [f"latent {index}" for index in range(model.num_latents)]
-    if isinstance(model, GreyBox) and len(model.center) == model.num_latents:  # one latent per constant
-        names = parameters_of(model.terms)
-    return Outliers(p_value, tuple(names[index] for index in worst), t[rows, worst], (away * std)[rows, worst])

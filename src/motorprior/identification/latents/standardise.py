@@ -46,6 +46,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_variance
+from motorprior.identification.physics.motor_fit import ASSUMED_BETWEEN
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
@@ -66,9 +67,6 @@ ASSUMED_STD = {
     "integral_limit": 0.05,
 } | dict.fromkeys(FIRMWARE, 0.0)  # fmt: skip
 OTHER_STD = 0.25  # standard deviation of the logarithm of other constants: that of Coulomb friction
-# standard deviation between classes of a robot: hip, thigh and calf of that quadruped differ by 0.8 in armature, 0.7
-# in Coulomb friction, 0.5 in viscous damping
-ASSUMED_BETWEEN = 0.6
 ASSUMED_SOURCE = "units of the joint classes of one quadruped and motors of another (benchmarks/unit_spread.py)"
 
 

@@ -37,7 +37,7 @@ def train_network(
         trained, losses = _attempt(start, data, slower, seed, report)
         if trained is not None:
             mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-            return objectives.export(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
+            return objectives.latent_network(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
         report(-CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate")
     raise MotorPriorError(
         f"training diverged, also at 1/{SLOWER**RESTARTS:.0f} of the learning rate",

@@ -143,7 +143,7 @@ def _parameters_of(network: LatentNetwork) -> Parameters:
     return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
 
-def export(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
+def latent_network(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
     """The trained network, as simulations use it."""
     values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
     values |= scales

@@ -9,7 +9,10 @@ latent is one output. Each motor alone:
    random half of its constants resampled, and from other motors' constants. A motor never fits worse than a nested one.
 3. Stop when the best optimum of each motor was found three times.
 
-Together: empirical Bayes from the separate fits (random effects, DerSimonian and Laird, 1986). Each turn updates
+Together: a log may not distinguish between optima, such as dry and viscous friction at a constant speed. A motor
+without others of its class, whose constants are improbable given those of the other motors, is therefore searched
+again, with their Gaussian as its prior. Then empirical Bayes from these fits (random effects, DerSimonian and Laird,
+1986). Each turn updates
 
     m = median over M motors,   v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S;   precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor,   T the mean loss, G the Gauss-Newton matrix
@@ -25,14 +28,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import compress
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import TERMS, constants_of
+from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
@@ -66,6 +68,10 @@ SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 _WITHIN = 0.98 * LOG_REACH  # less than `near_bounds`, which marks constants that the search could not reach
+# standard deviation of the logarithm of a constant between classes of a robot: hip, thigh and calf of a quadruped
+# differ by 0.8 in armature, 0.7 in Coulomb friction, 0.5 in viscous damping
+ASSUMED_BETWEEN = 0.6
+MIN_OTHERS, MIN_ADVANTAGE = 3, 0.05  # `searched_near_others`: other motors; share of the energy to save
 _MIN_STD = 0.05  # minimum standard deviation over motors of the logarithm of a constant
 LONGER_WINDOW, MIN_LONGER_WINDOWS, MAX_LOST = 200, 10, 0.2  # `longer_runs`: window [steps], windows, share of rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
@@ -82,16 +88,6 @@ class MotorFits:
     loss: np.ndarray
     terms: tuple[str, ...]
     is_rigid: bool = False
-
-    def arrays(self) -> Arrays:
-        """For a file."""
-        has = np.array([name in self.terms for name in TERMS], np.float64)
-        return {"center": self.center, "offsets": self.offsets, "loss": self.loss, "has": has}
-
-    @classmethod
-    def of(cls, arrays: Arrays) -> MotorFits:
-        """From `arrays`."""
-        return cls(arrays["center"], arrays["offsets"], arrays["loss"], tuple(compress(TERMS, arrays["has"])))
 
 
 def unsaved(name: str, compute: Callable[[], Arrays]) -> Arrays:
@@ -132,6 +128,8 @@ def fit_motors(
         search = centred(center, terms, runs)
         prior = separate_prior(search, found.x, found.x, initial - center)
         found = search.descend(found.x, prior.fixing(fixed), STEPS)
+    if together and runs.num_motors > MIN_OTHERS:
+        found = searched_near_others(search, rng, found, fixed, runs.classes, restarts // 4)
     if together and runs.num_motors > 1:
         found = _empirical_bayes(search, rng, found, fixed, runs.classes, report)
     x = np.where(fixed, 0.0, _without_unidentified_limits(search, center, terms, runs, found, fixed))
@@ -227,6 +225,34 @@ def _add_others(rng: np.random.Generator, candidates: np.ndarray, x: np.ndarray)
     for motor in range(len(x)):
         others = rng.permutation(np.delete(np.arange(len(x)), motor))[: candidates.shape[1] // 4]
         candidates[motor, : len(others)] = x[others]
+
+
+def searched_near_others(
+    search: Search, rng: np.random.Generator, found: Fit, fixed: np.ndarray, classes: np.ndarray, restarts: int
+) -> Fit:
+    """The fits; motors without others of their class get another optimum if the other motors make it more probable.
+
+    Their prior is the Gaussian of all other motors, with m = median, s = max(ASSUMED_BETWEEN, 1.48·median of |x - m|).
+    They are searched with it if Σ (x - m)²/s² > 2·K.
+    """
+    windows, free = search.problem.observations, np.count_nonzero(~fixed)
+    others = [np.delete(found.x, motor, axis=0) for motor in range(len(found.x))]
+    mean = np.median(others, axis=1)
+    std = np.maximum(ASSUMED_BETWEEN, 1.48 * np.median(np.abs(others - mean[:, None]), axis=1))
+    prior = GaussianPrior(mean, found.loss[:, None] / windows / std**2).fixing(fixed)
+    own = search.descend(found.x, prior, RIGID_STEPS[1:])
+    is_alone = np.sum(classes[:, None] == classes, axis=1) == 1
+    improbable = np.flatnonzero(is_alone & ((own.energy - own.loss) * windows > free * found.loss))
+
+    def draw(restart: int, best: Fit) -> np.ndarray:
+        shape = (len(mean), CANDIDATES, len(fixed))
+        samples = mean[:, None] + std[:, None] * rng.standard_normal(shape)
+        candidates = np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
+        return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
+
+    other = search.until_found_again(own, prior, draw, restarts, STEPS, which=improbable)
+    better = np.flatnonzero(other.energy < (1.0 - MIN_ADVANTAGE) * own.energy)
+    return found.replaced(better, other.subset(better))
 
 
 def _empirical_bayes(

@@ -47,7 +47,7 @@ from motorprior.identification.physics.motor_problem import (
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import WIDE, Fit, Steps
 
-CANDIDATES = tuple(TERMS)
+SELECTABLE_TERMS = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
@@ -99,9 +99,9 @@ def select_terms(
     fits = _TermEvaluation(runs, parts, seed, checkpoint)
     rigid = fits.rigid(given)
     best, saved = fits.with_all_constants(rigid), {}
-    groups = [(name,) for name in CANDIDATES if name not in (*given, *off)]
+    groups = [(name,) for name in SELECTABLE_TERMS if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
-    for round_number in range(len(CANDIDATES)):
+    for round_number in range(len(SELECTABLE_TERMS)):
         left = [group for group in groups if group[0] not in best.terms]
         together = tuple(name for name in servo if name not in best.terms)
         left += [together] * (len(together) > 1)

@@ -75,7 +75,7 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
         fast = travel >= np.percentile(travel[travel > 0.0], 75) if travel.any() else travel > 0.0
         if fast.sum() < 20 or min(share := float(repeated[fast].mean()), repeated.mean()) <= bound:
             continue
-        fresh = float(np.median(time_steps(log.rows(~repeated))[1]))
+        fresh = log.rows(~repeated).period
         message = f"{100 * share:.3g} % of the rows repeat the angle of {joint or 'all joints'} in fast motion (bound "
         message += f"{100 * bound:g} %): new readings every {1e3 * fresh:.3g} ms, rows every {1e3 * log.period:.3g} ms"
         remedy = "record one row per new reading of all joints, or import with a period no shorter than theirs"

@@ -12,7 +12,7 @@ import numpy as np
 
 from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.readings import MAX_LAG, velocity_spikes
-from motorprior.logs.motor_log import MotorLog, time_steps
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import EXCITED_STD, excited_joints, gap_rows, repeated_rows, resample
 from motorprior.signals import encoder_step, runs_of_true
 
@@ -42,8 +42,7 @@ def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
                 best, found = travel, slice(int(rows[0]), int(rows[-1]) + 1)
     if found is None:
         return None
-    period = np.median(time_steps(log.rows(found).rows(~repeated[found]))[1])
-    return found, resample(log.joint(column).rows(found), float(period))
+    return found, resample(log.joint(column).rows(found), log.rows(found).rows(~repeated[found]).period)
 
 
 def excitation(log: MotorLog) -> Iterator[Finding]:

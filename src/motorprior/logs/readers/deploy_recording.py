@@ -12,10 +12,10 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.logs.log_reader import LogReader, require_robot
-from motorprior.logs.motor_log import MotorLog, checked, require_finite, require_increasing
-from motorprior.logs.operations import MIN_ROWS, mean_command
+from motorprior.logs.motor_log import MIN_ROWS, MotorLog, checked, require_finite, require_increasing
 from motorprior.logs.readers.table import csv_names, table_columns
 from motorprior.robots.robot import Robot
+from motorprior.signals import mean_command
 
 _GAP = 0.055  # a pause longer than this [s] starts a new segment; single lost frames do not
 _SERIES = ("position_target", "joint_pos", "joint_vel", "joint_current")

@@ -80,17 +80,23 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
         remedy = "convert a recording with `motorprior logs import`, or use mp.load_log in Python"
         raise LogError(f"a file {path.suffix}, not a motor log (.parquet)", where=path, remedy=remedy)
     table = parquet_table(path)
-    header = _read_header(table.schema.metadata, path)
-    values: dict[str, Any] = {}
+    text = (table.schema.metadata or {}).get(METADATA_KEY)
+    if text is None:
+        problem, remedy = "a Parquet file, but not a motor log: no motorprior header", f"import it {GIVE_COLUMNS}"
+        raise LogError(problem, where=path, remedy=remedy, argument="columns")
+    try:
+        header = parse_json(text.decode())
+        _HEADER.check(header, path)
+    except (ValueError, ArtifactError) as error:
+        raise LogError(f"bad header: {error}", where=path, remedy=REWRITE) from error
+    values: dict[str, Any] = {key: header[key] for key in _TEXTS}
+    values |= {"firmware": header.get("firmware", {}), "given_classes": tuple(header.get("joint_classes", ()))}
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():
         if missing := [name for name in names if name not in table.column_names]:
             raise missing_column("column", missing[0], table.column_names, path, REWRITE)
         columns = [table.column(name).to_numpy() for name in names]
         values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
-    values |= {key: header[key] for key in _TEXTS}
-    values |= {"firmware": header.get("firmware", {}), "given_classes": tuple(header.get("joint_classes", ()))}
-    log = MotorLog(joint_names=tuple(header["joint_names"]), **values)
-    return checked(log, where=path)
+    return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
 
 
 READER = LogReader("motor log", (".parquet",), read=read_parquet)
@@ -107,16 +113,3 @@ def _column_names(present: list[str], joint_names: list[str] | tuple[str, ...]) 
         else:
             names[channel] = [f"{channel}_{JOINT_SERIES[channel]}/{joint}" for joint in joint_names]
     return names
-
-
-def _read_header(metadata: dict[bytes, bytes] | None, path: Path) -> dict[str, Any]:
-    text = (metadata or {}).get(METADATA_KEY)
-    if text is None:
-        problem, remedy = "a Parquet file, but not a motor log: no motorprior header", f"import it {GIVE_COLUMNS}"
-        raise LogError(problem, where=path, remedy=remedy, argument="columns")
-    try:
-        header = parse_json(text.decode())
-        _HEADER.check(header, path)
-    except (ValueError, ArtifactError) as error:
-        raise LogError(f"bad header: {error}", where=path, remedy=REWRITE) from error
-    return header

@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -38,21 +37,15 @@ _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
 _REMEDY = f"give one topic joint_states and one of commands, both {JOINT_STATE}; or read the bag {GIVE_COLUMNS}"
 
 
-def _mcap_file(path: Path) -> Path:
-    """The .mcap file of a bag, also of its folder; raises LogError, with the conversion, for another storage."""
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
+    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
     if path.is_dir():
         path = max(_files(path), key=lambda file: file.suffix == ".mcap")
     if path.suffix != ".mcap":
         remedy = f"`ros2 bag convert -i {path.name} -o mcap.yaml`, with the lines output_bags: and "
         remedy += "- {uri: converted, storage_id: mcap, all_topics: true} in mcap.yaml"
         raise LogError(f"the bag is not stored as MCAP: {path.name}", where=path, remedy=remedy)
-    return path
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
-    """Reader of a .mcap file, or of the one in the folder of a bag; and topic -> type of its messages."""
-    path = _mcap_file(path)
     try:
         from mcap.reader import make_reader  # pyright: ignore[reportMissingImports]
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
@@ -73,12 +66,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
         raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
 
 
-def _messages(reader: Any, topics: Iterable[str]) -> Iterator[tuple[str, int, Any]]:
-    """Topic, recording time [ns] and content of every message of these topics, in order of time."""
-    for found in reader.iter_decoded_messages(topics=list(topics), log_time_order=True):
-        yield found.channel.topic, found.message.log_time, found.decoded_message
-
-
 def _files(folder: Path) -> list[Path]:
     return sorted(entry for entry in folder.iterdir() if entry.suffix in (".mcap", ".db3"))
 
@@ -87,7 +74,8 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
     """Read a bag with one topic of states and one of commands; a robot gives order and motor if it has these joints."""
     with _opened(path) as (reader, types):
         topics = [topic for topic, kind in types.items() if kind == JOINT_STATE]
-        first = {topic: message for each in topics for topic, _, message in islice(_messages(reader, [each]), 1)}
+        heads = {topic: next(reader.iter_decoded_messages(topics=[topic]), None) for topic in topics}
+    first = {topic: found.decoded_message for topic, found in heads.items() if found is not None}
     states = [topic for topic in first if topic.rsplit("/", 1)[-1] == "joint_states"]
     if len(first) != 2 or len(states) != 1:
         has = listed([f"{topic} ({kind})" for topic, kind in sorted(types.items())], 8) or "none"
@@ -115,15 +103,15 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
     Rows begin when every topic has a message.
     """
-    path = _mcap_file(path)
-    parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
-    row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
     times, values, latest = array("q"), array("d"), {}
-    count = dict.fromkeys((topic for topic, _ in parsed.values()), 0)
     with _opened(path) as (reader, types):
+        parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
+        row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
+        count = dict.fromkeys((topic for topic, _ in parsed.values()), 0)
         for topic in count.keys() - types.keys():
             raise missing_column("topic", topic, types, path)
-        for topic, time, message in _messages(reader, count):
+        for found in reader.iter_decoded_messages(topics=list(count)):  # in order of time
+            topic, message = found.channel.topic, found.decoded_message
             for name in (name for name, (of, _) in parsed.items() if of == topic):
                 try:
                     latest[name] = _number(message, parsed[name][1])
@@ -132,13 +120,13 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
                     raise LogError(problem, where=path, remedy=CORRECT) from error
             count[topic] += 1
             if topic == row_topic and len(latest) == len(parsed):
-                times.append(time)
+                times.append(found.message.log_time)
                 values.extend(latest[name] for name in parsed)
     if silent := [topic for topic, messages in count.items() if not messages]:
         raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
     table, clock = np.array(values).reshape(len(times), len(parsed)), np.array(times)
-    found = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
-    return {name: found[name] for name in names}
+    by_name = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
+    return {name: by_name[name] for name in names}
 
 
 def _parsed(name: str, path: Path) -> tuple[str, list[tuple[str, str | None]]]:
@@ -155,17 +143,12 @@ def _number(message: Any, steps: list[tuple[str, str | None]]) -> float:
     value = message
     for attribute, element in steps:
         value = getattr(value, attribute)
-        if element is not None:
-            value = value[_index(message, element)]
+        if element is not None:  # a joint's name, or an index
+            names = [name for field in ("name", "joint_names") for name in getattr(message, field, ())]
+            value = value[names.index(element) if element in names else int(element)]
     if not isinstance(value, (int, float)):
         raise TypeError(f"it is a {type(value).__name__}")
     return float(value)
-
-
-def _index(message: Any, element: str) -> int:
-    """Index of a list element, given by a joint's name or by number."""
-    names = [name for field in ("name", "joint_names") for name in getattr(message, field, ())]
-    return names.index(element) if element in names else int(element)
 
 
 READER = LogReader(

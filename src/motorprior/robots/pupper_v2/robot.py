@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.robots.model_source import GeneratedModel
+from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.urdf import urdf
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.wire import SafetyLimits, Wire
@@ -48,7 +48,6 @@ def _joint(leg: str, kind: str) -> Joint:
         kp=_WIRE.kp * _WIRE.torque_constant,
         kd=_WIRE.kd * _WIRE.torque_constant,
         torque_limit=_WIRE.max_current * _WIRE.torque_constant,
-        encoder="rotor",
     )
 
 
@@ -73,9 +72,10 @@ PUPPER_V2 = Robot(
     motor="DJI M2006 P36 + C610",
     joints=tuple(_joint(leg, kind) for leg in _LEGS for kind in _LIMITS),
     base="free",
-    model=GeneratedModel((_FOLDER / "pupper_v2.xml").read_text, urdf),
+    model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,
     nominal=_NOMINAL,
+    encoder="rotor",
     legs=_MADE_LEGS,
     gait=Gait(frequency=2.1, swing_height=0.03, forward=(-0.2, 0.5)),
     weight=round(GRAVITY * _MASS, 9),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from motor_logs import log_of
 
+from motorprior.evaluation.splits import excited_in_any, split, window
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.splits import excited_in_any, split, window
 
 
 def a_log(rows: int, start: float = 0.0, moving: tuple[int, ...] = (0,), segment: np.ndarray | None = None) -> MotorLog:

@@ -47,13 +47,6 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
     return first, rest.rows(slice(starts[0], None))
 
 
-def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
-    starts = [part.start for part in log.segment_slices()[1:]]
-    row = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
-    return log.rows(slice(0, row)), log.rows(slice(row, None))
-
-
 def long_segments(log: MotorLog) -> MotorLog | None:
     """The log without segments shorter than MIN_SEGMENT; None if all are."""
     keep = np.zeros(log.num_rows, dtype=bool)
