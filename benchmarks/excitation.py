@@ -341,7 +341,7 @@ def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, 
         power = np.mean(np.abs(np.fft.rfft(target * np.hanning(target.shape[1]), axis=1)) ** 2, axis=0)
         axes[2].semilogy(np.fft.rfftfreq(target.shape[1], runs.period), power + 1e-9, color=color, lw=1)
         for place, values in ((3, speed), (4, np.diff(speed, axis=1) / runs.period), (5, torque)):
-            share = np.linspace(0.0, 1.0, 200)
+            share = np.linspace(0.0, 0.995, 200)  # the rest would set the range of the axis
             axes[place].plot(np.quantile(np.abs(values), share), 1.0 - share, color=color, lw=1)
             axes[place].set_yscale("log")
     titles = (
@@ -380,7 +380,8 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
         for loss in settings.losses
     ]
     caption = f"error of the trotting robot after {settings.seconds:g} s of log per motor, mean [95 % interval] [mrad]"
-    sections.append(Section("Excitation or loss", tables=(Table(("loss", *settings.kinds), rows, caption),)))
+    if rows:
+        sections.append(Section("Excitation or loss", tables=(Table(("loss", *settings.kinds), rows, caption),)))
     if settings.budgets:
         figure = new_figure(3.0)
         ((axes,),) = panels(figure, 1)

@@ -24,8 +24,8 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.windows import training_data, with_window_that_fits
 
-CANDIDATES = 64  # windows of each class to choose from
-IDENTIFIED = 0.1  # standard deviation of the logarithm of an identifiable constant
+MAX_WINDOWS = 64  # windows of each class to choose from
+MAX_LOG_STD = 0.1  # standard deviation of the logarithm of an identifiable constant
 _NUDGE = 0.05  # difference in z for the derivatives of constants
 
 
@@ -42,11 +42,11 @@ class Plan:
     @property
     def made_identifiable(self) -> list[str]:
         """Constants that the seconds make identifiable."""
-        return [n for n, after in self.after.items() if after < IDENTIFIED <= self.before[n]]
+        return [n for n, after in self.after.items() if after < MAX_LOG_STD <= self.before[n]]
 
 
 def plan_excitation(
-    excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = CANDIDATES
+    excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = MAX_WINDOWS
 ) -> tuple[LearnedExcitation, list[Plan]]:
     """The chosen windows of every class, played by themselves, and the plans.
 
@@ -99,9 +99,9 @@ def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
     def deviations(total: np.ndarray) -> dict[str, float]:
         return {key: float(np.sqrt(slope @ np.linalg.solve(total, slope))) for key, slope in slopes.items()}
 
-    reachable = [key for key, value in deviations(alone + added.sum(axis=0)).items() if value < IDENTIFIED]
+    reachable = [key for key, value in deviations(alone + added.sum(axis=0)).items() if value < MAX_LOG_STD]
     total, chosen, after = alone, [], deviations(alone)
-    while not chosen or (len(chosen) < len(added) and any(after[key] >= IDENTIFIED for key in reachable)):
+    while not chosen or (len(chosen) < len(added) and any(after[key] >= MAX_LOG_STD for key in reachable)):
         gains = np.linalg.slogdet(total + added)[1]
         gains[chosen] = -np.inf
         chosen.append(int(np.argmax(gains)))
