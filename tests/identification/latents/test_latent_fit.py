@@ -8,7 +8,7 @@ from series import complete
 
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.identification.latents.latent_fit import fit_posterior
-from motorprior.identification.networks.objectives import export, initial_parameters
+from motorprior.identification.networks.objectives import initial_parameters, latent_network
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import POS, TARGET, TORQUE, VEL, TrainingData
 
@@ -21,7 +21,7 @@ Z = np.array([[0.8, -0.5], [-0.4, 1.1]])
 def network() -> LatentNetwork:
     rng = np.random.default_rng(0)
     made = initial_parameters(rng, RECIPE)
-    return export(made | {"v1": 1.5 * made["v1"]}, RECIPE, SCALES)
+    return latent_network(made | {"v1": 1.5 * made["v1"]}, RECIPE, SCALES)
 
 
 def log_of(network: LatentNetwork, rows: int) -> TrainingData:

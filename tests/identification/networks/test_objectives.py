@@ -13,8 +13,8 @@ from motorprior.actuator.latent import NetworkActuator
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.identification.networks.objectives import (
     Parameters,
-    export,
     initial_parameters,
+    latent_network,
     objective_of,
 )
 from motorprior.identification.presets import PRESETS
@@ -45,7 +45,7 @@ def recorded(given: Parameters, preset=NETWORK):
         np.array([0.001, 0.004, 0.02]),
         preset.period,
     )
-    response = run(NetworkActuator(export(given, preset, SCALES), Z), trial)
+    response = run(NetworkActuator(latent_network(given, preset, SCALES), Z), trial)
     load = np.broadcast_to(trial.load_inertia, trial.position_target.shape)
     channels = (
         trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,
@@ -76,7 +76,7 @@ def test_a_perfect_model_rolls_out_its_own_recording(has_torque):
 def test_torque_regression_is_the_mean_square_of_the_newest_row():
     given = parameters()
     rows = np.random.default_rng(2).normal(0.0, 0.4, (MOTORS, TAPS[-1] + 1, 6))
-    net = replace(export(given, TORQUE, SCALES), torque_limit=1e9)
+    net = replace(latent_network(given, TORQUE, SCALES), torque_limit=1e9)
     past = rows[:, [TAPS[-1] - tap for tap in TAPS]]
     inputs = np.concatenate([(past[..., 0] - past[..., 1]) / 0.2, past[..., 2] / 3.0], axis=1)
     rows[:, -1, 3] = net.torque(inputs, Z)
