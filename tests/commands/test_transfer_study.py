@@ -91,6 +91,7 @@ def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
         ({"out_of_family": "pupper_v2"}, "out_of_family"),
         ({"conditions": ("nothing",)}, "conditions"),
         ({"motors": 4}, "motors"),
+        ({"patience": 0}, "patience"),
         ({"pd_range": 1.5}, "pd_range"),
         ({"prior_share": -1.0}, "prior_share"),
         ({"seconds": 0.0}, "seconds"),

@@ -104,6 +104,22 @@ def test_keyframes_keep_their_pose_and_hold_it(prior: MotorPrior, arm: Path, for
 
 
 @DETAILED
+def test_keyframes_keep_the_pose_of_another_body_in_the_frame(prior: MotorPrior, arm: Path):
+    base = '<frame><body name="base" pos="1 0 2"><freejoint/><geom size="0.1"/></body><body name="upper"'
+    text = MODEL.replace('<body name="upper"', base).replace("</worldbody>", "</frame></worldbody>")
+    key = '<keyframe><key qpos="1 0 2 1 0 0 0 0.1 0.2 0.3"/></keyframe>'
+    arm.write_text(text.replace("</actuator>", f"</actuator>{key}"))
+    found = mp.export(prior, "mjcf-detailed", arm.parent / "out", model=arm, joints=("shoulder",))
+    model = mujoco.MjModel.from_xml_path(str(found.files[0]))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    free = model.jnt_qposadr[model.body("base").jntadr[0]]
+    assert data.qpos[free : free + 7].tolist() == [1.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0]
+    assert [data.joint(name).qpos[0] for name in ("shoulder", "elbow", "wrist")] == [0.1, 0.2, 0.3]
+    assert abs(data.joint("shoulder_rotor").qpos[0] - 0.1) < 0.05
+
+
+@DETAILED
 def test_a_rotor_is_beside_its_link_in_frames(prior: MotorPrior, arm: Path):
     text, geom = MODEL, '<geom size="0.01"/></body>'
     for body in ("upper", "hand"):

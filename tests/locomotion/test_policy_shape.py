@@ -101,6 +101,21 @@ def test_a_training_ends_when_its_return_has_not_increased_often_enough(patience
     assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
 
 
+class Rising(Constant):
+    """Walks with returns that rise for 30 iterations."""
+
+    def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
+        self.total = min(len(self.walked), 30.0)
+        return super().map(function, shared, tasks)
+
+
+@pytest.mark.parametrize(("patience", "ends"), [(1, 50), (2, 60)])
+def test_a_training_goes_on_while_its_return_rises(patience, ends):
+    search = PolicySearch(ArsConfig(), shape_of())
+    search.train(Rising(0.0), 100, Constant(1.0), patience)
+    assert search.ars.iteration == ends
+
+
 RIGHT_TO_LEFT = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
 ABDUCTIONS = np.tile([-1.0, 1.0, 1.0], 4)
 

@@ -7,7 +7,7 @@ Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -165,7 +165,7 @@ class MotorPrior(Printable):
             ConfigError: an argument out of range.
         """
         rng = generator_of(seed)
-        if not isinstance(of, int | np.integer | Sequence) and gains is None:
+        if not isinstance(of, int | np.integer | Iterable) and gains is None:
             gains = robot_gains(self, of)
         classes = self._sampled_classes(of, rng)
         require_number("spread", spread)
@@ -188,7 +188,7 @@ class MotorPrior(Printable):
         return replace(self, model=replace(model, center=center, slope=slope))
 
     def _sampled_classes(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
-        if isinstance(of, Sequence):
+        if isinstance(of, Iterable):
             return self._classes_named((of,) if isinstance(of, str) else tuple(of))
         if not isinstance(of, int | np.integer):
             return self.joint_classes(of)

@@ -23,6 +23,7 @@ from functools import partial
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from motorprior.exports.exporter import Exporter
 from motorprior.exports.mjcf import Mjcf, number
@@ -87,9 +88,10 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
         limited="false", stiffness="0",
         actuatorfrclimited="true", actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
     )  # fmt: skip
-    inside = {each.getAttribute("name") for each in moved.getElementsByTagName("joint")} - {""}
-    # the joint before which the rotor stands
-    first = next(index for index in range(model.njnt) if model.joint(index).name in inside)
+    # the joints before which the rotor stands: of its own body, or of the first one in the frame
+    name = next((each.getAttribute("name") for each in moved.getElementsByTagName("body")), "")
+    body_id = model.body(name).id if moved.nodeName == "frame" and name else found.bodyid[0]
+    first = int(np.searchsorted(model.jnt_bodyid, body_id))
     before = sum(other <= first for other in mjcf.rotors)  # rotors of the same body stand in the order of their writing
     angles = [number(angle + values["encoder_zero"]) for angle in model.key_qpos[:, found.qposadr[0]]]
     at_pos, at_vel = (int(each[first]) + before for each in (model.jnt_qposadr, model.jnt_dofadr))

@@ -1,4 +1,7 @@
-"""The commands deploy, record and doctor: checks of the settings, output files, and messages to the user."""
+"""The commands deploy, record and doctor: checks of the settings, output files, and messages to the user.
+
+The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
+"""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ class PolicySearch:
             progress(point)
 
     def plateaued(self, patience: int | None) -> bool:
-        """Whether the training return, a mean over EVALUATION_EVERY iterations, has not increased ``patience`` times.
+        """Whether the training return has not risen ``patience`` times in a row; it is averaged over EVALUATION_EVERY.
 
         Not the return in evaluation: on other motors than in training, it may be largest before the policy walks in its
         own simulation.
@@ -124,11 +124,10 @@ class PolicySearch:
         """Arrays for `restore`."""
         best = {f"best_{name}": value for name, value in self.best._asdict().items()}
         best |= {"best_return": np.array(self.best_return), "best_iteration": np.array(self.best_iteration)}
-        return self.ars.state() | best | {"mean_returns": self.mean_returns}
+        return self.ars.state() | best
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""
         self.ars.restore(state)
         self.best = PolicyArrays(*(state[f"best_{name}"] for name in PolicyArrays._fields))
         self.best_return, self.best_iteration = float(state["best_return"]), int(state["best_iteration"])
-        self.mean_returns = state["mean_returns"]

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from motorprior.artifacts import read_tensors, write_json, write_tensors, write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
@@ -240,6 +242,7 @@ class Training:
                 if header.get("wanted") == wanted:
                     self.search.restore(state)
                     self.curve = header["curve"]
+                    self.search.mean_returns = np.array([point["mean_return"] for point in self.curve])
             except (ArtifactError, KeyError) as error:
                 problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
                 raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error

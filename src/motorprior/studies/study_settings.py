@@ -196,7 +196,9 @@ class Study:
             remedy = f"use some of {', '.join(ENVIRONMENTS)}"
             raise ConfigError(f"no environments {sorted(unknown)}", argument="environments", remedy=remedy)
         robot.require_gait()
-        for name in ("benches", "seeds", "walks", "iterations", "workers"):
+        for name in ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers"):
+            require_count(name, getattr(self, name))
+        for name in (name for name in ("oracle_seeds", "robots", "patience") if getattr(self, name) is not None):
             require_count(name, getattr(self, name))
         require_number("seconds", self.seconds, robot.control_dt)
         for name, maximum in {"pd_range": 0.9, "prior_share": 1.0}.items():

@@ -29,7 +29,7 @@ class Standing:
         return self._world.state()
 
 
-def backend_of(draw_motors, walk: WalkConfig) -> Standing:
+def world_of(draw_motors, walk: WalkConfig) -> Standing:
     if walk.engine == "pybullet":
         pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
     return Standing(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
@@ -39,7 +39,7 @@ EVERYTHING = Randomization(
     armature=(0.0, 0.001), damping=(0.0, 0.01), friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.005, gravity_tilt=0.02,
     encoder_offset=0.01, command_delay=(0.0, 0.015), push=0.05, push_interval=0.1,
 )  # fmt: skip
-BACKENDS = {  # fleet, none for grey boxes, and episode
+WORLDS = {  # fleet, none for grey boxes, and episode
     "mujoco": ("pupper_v2", MUJOCO),
     "mujoco of grey boxes": ("", MUJOCO),
     "mujoco, randomized": ("pupper_v2", replace(MUJOCO, randomization=EVERYTHING)),
@@ -49,30 +49,30 @@ BACKENDS = {  # fleet, none for grey boxes, and episode
 }
 
 
-@pytest.fixture(params=BACKENDS)
-def backend(request: pytest.FixtureRequest):
-    (name, walk), box = BACKENDS[request.param], make_grey_box(spread=0.05)
+@pytest.fixture(params=WORLDS)
+def world(request: pytest.FixtureRequest):
+    (name, walk), box = WORLDS[request.param], make_grey_box(spread=0.05)
 
     def draw_motors(rng: np.random.Generator):
         if not name:
             return GreyBoxActuator(box, rng.standard_normal((PUPPER_V2.num_joints, 3)))
         return load_fleet(name).sample(PUPPER_V2.num_joints, rng).actuator()
 
-    made = backend_of(draw_motors, walk)
+    made = world_of(draw_motors, walk)
     yield made
     made.close()
 
 
-def walked(backend: Standing, seed: int, steps: int = 20) -> list[RobotState]:
+def walked(world: Standing, seed: int, steps: int = 20) -> list[RobotState]:
     """States of a small motion of all joints."""
-    states = [backend.reset(seed)]
+    states = [world.reset(seed)]
     for step in range(steps):
-        states.append(backend.step(PUPPER_V2.nominal_pose + 0.1 * np.sin(0.3 * step)))
+        states.append(world.step(PUPPER_V2.nominal_pose + 0.1 * np.sin(0.3 * step)))
     return states
 
 
-def test_a_state_has_the_stated_shapes_and_types(backend: Standing):
-    for state in (backend.reset(0), backend.step(PUPPER_V2.nominal_pose)):
+def test_a_state_has_the_stated_shapes_and_types(world: Standing):
+    for state in (world.reset(0), world.step(PUPPER_V2.nominal_pose)):
         shapes = [np.shape(value) for value in state]
         assert shapes == [(3,), (4,), (3,), (3,), (12,), (4, 3), (), ()]
         known = state._replace(foot_pos=np.zeros(0)) if np.isnan(state.foot_pos).all() else state
@@ -80,8 +80,8 @@ def test_a_state_has_the_stated_shapes_and_types(backend: Standing):
         assert np.linalg.norm(state.base_quat) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backend: Standing):
-    first, again, other = (walked(backend, seed) for seed in (1, 1, 2))
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(world: Standing):
+    first, again, other = (walked(world, seed) for seed in (1, 1, 2))
     assert all(
         np.array_equal(a, b, equal_nan=True)
         for left, right in zip(first, again, strict=True)
@@ -90,30 +90,30 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(backen
     assert not np.array_equal(first[-1][4], other[-1][4])
 
 
-def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(backend: Standing):
-    backend.reset(0)
-    places = [backend.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
+def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(world: Standing):
+    world.reset(0)
+    places = [world.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
     if np.isnan(places).all():
-        pytest.skip("this backend does not know where the feet are")
+        pytest.skip("this world does not know where the feet are")
     np.testing.assert_allclose(places[:, :2], [leg.rest for leg in PUPPER_V2.legs], atol=0.03)
     np.testing.assert_allclose(places[:, 2], PUPPER_V2.legs[0].foot_radius, atol=0.005)
 
 
-def test_a_robot_commanded_to_stand_stands(backend: Standing):
-    state = backend.reset(0)
+def test_a_robot_commanded_to_stand_stands(world: Standing):
+    state = world.reset(0)
     for _ in range(100):
-        state = backend.step(PUPPER_V2.nominal_pose)
+        state = world.step(PUPPER_V2.nominal_pose)
     # 1 s; motors give way under the weight: 2.135 kg over 8 leg joints is about 0.4 N·m each, over 8.8 N·m/rad.
     assert np.abs(state.measured_joint_pos - PUPPER_V2.nominal_pose).max() < 0.15
     assert 0.13 < state.base_pos[2] < 0.18 and np.abs(state.base_lin_vel).max() < 0.05
     assert state.torque_squared_sum > 0.0
 
 
-def test_a_target_is_followed(backend: Standing):
-    state = backend.reset(0)
+def test_a_target_is_followed(world: Standing):
+    state = world.reset(0)
     target = PUPPER_V2.nominal_pose + np.tile([0.0, 0.2, -0.4], 4)
     for _ in range(100):
-        state = backend.step(target)
+        state = world.step(target)
     assert np.abs(state.measured_joint_pos - target).max() < 0.15
 
 
@@ -131,9 +131,9 @@ TELEPORTING = IdealPd.uniform(12, kp=1e8, kd=0.0, torque_limit=1e9)
 def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(walk: WalkConfig, motors: IdealPd):
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
     queue = [motors, sound]
-    backend = backend_of(lambda rng: queue.pop(0), walk)
-    backend.reset(0)
-    assert [backend.step(PUPPER_V2.nominal_pose + 0.1).fault for _ in range(3)][-1] == 1
-    assert backend.reset(0).fault == 0
-    assert [backend.step(PUPPER_V2.nominal_pose).fault for _ in range(20)] == [0] * 20
-    backend.close()
+    world = world_of(lambda rng: queue.pop(0), walk)
+    world.reset(0)
+    assert [world.step(PUPPER_V2.nominal_pose + 0.1).fault for _ in range(3)][-1] == 1
+    assert world.reset(0).fault == 0
+    assert [world.step(PUPPER_V2.nominal_pose).fault for _ in range(20)] == [0] * 20
+    world.close()
