@@ -17,7 +17,7 @@ from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
 from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, REFERENCE, read_walks, scores
 from motorprior.studies.study_settings import CONDITIONS, Study
-from motorprior.studies.transfer import CHOICES, WALKS
+from motorprior.studies.transfer import CHOICES, WALKS, policy_runs_of
 
 NUM_WALKS = 2
 
@@ -83,6 +83,12 @@ def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
     (done.out / "bench_1" / "policies" / "sampled_prior_0" / "stage.json").unlink()
     run_study(done)
     assert (done.out / WALKS).read_bytes() == before
+
+
+def test_a_short_training_has_fewer_iterations_and_the_sampled_priors_motors(tmp_path: Path):
+    bench = Study(tmp_path, conditions=("sampled_prior", "short_training"), iterations=120)
+    one, short = policy_runs_of(bench, 0)
+    assert (one.bench.iterations, short.bench.iterations) == (120, 40) and one.motors == short.motors
 
 
 @pytest.mark.parametrize(
