@@ -60,6 +60,9 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     assert 0.05 < np.abs(away).max() <= 0.1 + 1e-9
     assert np.abs(np.diff(targets, axis=0)).max() <= 2.0 * PUPPER_V2.control_dt + 1e-9
     assert np.all(targets[[0, -1]] == PUPPER_V2.nominal_pose)
+    slow = hardware_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=0.6, seed=0)
+    assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065  # scaled to the speed it would have 0.06
+    assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
 
 
 def test_a_plan_is_checked_before_the_training_and_leaves_the_file(tmp_path: Path):

@@ -84,8 +84,8 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         out=config.out, finish=finish, progress=progress,
     )  # fmt: skip
     for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
-        limits = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
-        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {limits}")
+        text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
+        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {text}")
     if config.csv_seconds:
         _write_csv(found, config.out.with_suffix(".csv"), config.csv_seconds, config.seed)
     return found
