@@ -2,26 +2,26 @@
 
     python benchmarks/excitation.py --out runs/excitation
 
-Every cell (one excitation, loss, seed and length of log) is a file; the same command continues an interrupted run.
+Every cell (one excitation, loss, seed and length of log) is a file named by its settings; the same command continues
+an interrupted run.
 """
 
 from __future__ import annotations
 
-import json
+import hashlib
 import os
 import shlex
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import numpy as np
-import tyro
 from matplotlib.figure import Figure
 
 from excitation_likeness import FEATURES, KINDS, TRAIN, likeness, windows_of_kind
+from figures import PROGRESS, markdown, run_benchmark
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
@@ -38,7 +38,6 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import PRIOR, fit_recipe
-from motorprior.progress import Lines
 from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import describe, legend_below, new_figure, panels, png_bytes
 from motorprior.report.study import with_interval
@@ -53,15 +52,12 @@ from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import study_walks
 from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
 
-PROGRESS = Lines(sys.stderr)
 PLACES = {"standing": False, "suspended": True}
 COLORS: dict[str, str] = {"runs": "k", **dict(zip(KINDS, ("C7", "C0", "C2", "C1", "C3"), strict=True))}
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
 TESTED = {"fleet": "upright", "hard": "upright_hard"}  # environment of the transfer -> name of its figure
-ROUTES = {  # loss -> recipe; the last two have the same clock and data, so that only the loss differs
-    "paper": "paper", "paper_wide": "paper_wide", "rollout": "rollout",
-}  # fmt: skip
+LOSSES = ("paper", "paper_wide", "rollout")  # recipes; the last two have the same clock and data
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ class Settings:
     motors: int = 32  # on the bench, and as many held-out ones
     seconds: float = 20.0  # of log per motor [s]
     seeds: int = 5
-    losses: tuple[str, ...] = tuple(ROUTES)
+    losses: tuple[str, ...] = LOSSES
     kinds: tuple[str, ...] = KINDS
     rollout_recipe: str = "rollout"  # of identification, for the loss rollout; latent_network has the paper's network
     adam_steps: int | None = None  # of networks; those of their recipes if not given
@@ -92,17 +88,33 @@ class Settings:
     real_robot: str | None = None  # its .toml file, for the loads of suspended robots and fixed arms
 
 
-def cell(settings: Settings, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """The result of a cell, from its file if it is there; ``error`` where the library refuses."""
-    path = settings.out / "cells" / f"{name.replace('/', '_')}.json"
+def cell(settings: Settings, loss: str, kind: str, seed: int, seconds: float) -> dict[str, float]:
+    """What `measure` finds, from its file if it is there; empty, and computed again, where the library refuses."""
+    source = kind if kind in ("sinusoid", "rollout") else str(excitation_file(settings, kind).relative_to(settings.out))
+    recipe = settings.rollout_recipe if loss == "rollout" else loss
+    bench = (settings.robot, settings.fleet, settings.motors)
+    tag = short_hash(bench, source, recipe, settings.adam_steps, settings.adapt_seconds)
+    path = settings.out / "cells" / f"{loss}_{kind}_{seed}_{seconds:g}_{tag}.json"
     if not path.exists():
         try:
-            found = compute()
+            write_json(path, measure(settings, loss, kind, seed, seconds))
         except MotorPriorError as error:
-            found = {"error": str(error)}
-        write_json(path, found)
-        PROGRESS.note(f"{name}: {json.dumps(found)[:200]}")
+            PROGRESS.note(f"{path.stem}: {error}")
+            return {}
+        PROGRESS.note(f"{path.stem}: {path.read_text('utf-8')[:200]}")
     return read_json(path)
+
+
+def short_hash(*given: object) -> str:
+    """Of settings, for the names of files that depend on them."""
+    return hashlib.sha256(repr(given).encode()).hexdigest()[:8]
+
+
+def excitation_file(s: Settings, kind: str) -> Path:
+    """Of a learned kind, or of the held-out walks."""
+    trained = short_hash(s.robot, s.fleet, s.runs, s.held_out_runs, s.run_seconds, s.training_steps)
+    planned = f"_{short_hash(s.motors, s.adam_steps, min(s.budgets))}" if kind == "active" else ""
+    return s.out / f"learned_{trained}" / f"{kind}{planned}.safetensors"
 
 
 def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
@@ -128,51 +140,49 @@ def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
     return with_torque_balance(joined(trots), robot)
 
 
-def learned(settings: Settings, robot: Robot, fleet: Fleet) -> tuple[LearnedExcitation, LearnedExcitation, float]:
+def learned(settings: Settings) -> tuple[LearnedExcitation, LearnedExcitation, float]:
     """The excitation, the windows of held-out walks, and the seconds of the training."""
-    paths = [settings.out / f"{name}.safetensors" for name in ("excitation", "held_out")]
-    held_out = range(1000, 1000 + settings.held_out_runs)
+    paths = [excitation_file(settings, name) for name in ("generated", "held_out")]
+    timing, held_out = paths[0].with_name("training.json"), range(1000, 1000 + settings.held_out_runs)
     if not all(path.exists() for path in paths):
+        robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
         logs = [walk(robot, fleet, seed, settings.run_seconds) for seed in (*range(settings.runs), *held_out)]
         started = monotonic()
-        steps = settings.training_steps
-        fit_excitation(logs[: settings.runs], steps=steps, out=paths[0], progress=PROGRESS)
-        write_json(settings.out / "training.json", {"seconds": monotonic() - started})
+        fit_excitation(logs[: settings.runs], steps=settings.training_steps, out=paths[0], progress=PROGRESS)
+        write_json(timing, {"seconds": monotonic() - started})
         fit_excitation(logs[settings.runs :], "recorded", out=paths[1], progress=PROGRESS)
-    seconds = float(read_json(settings.out / "training.json")["seconds"])
     found, test = (LearnedExcitation.load(path) for path in paths)
-    for method in ("generated", "surrogate", "recorded"):
-        found.with_method(method).save(settings.out / f"{method}.safetensors")
-    return found, test, seconds
+    for method in ("surrogate", "recorded"):
+        found.with_method(method).save(excitation_file(settings, method))
+    return found, test, float(read_json(timing)["seconds"])
 
 
-def bench_of(settings: Settings, robot: Robot, loss: str, kind: str) -> BenchPreset:
+def bench_of(settings: Settings, loss: str, kind: str) -> BenchPreset:
     """Clock of the loss; excitation and loads of the kind."""
-    base = bench_preset("narrow" if kind == "sinusoid" else "rollout").for_robot(robot)
+    base = bench_preset("narrow" if kind == "sinusoid" else "rollout").for_robot(load_robot(settings.robot))
     if kind not in ("sinusoid", "rollout"):
-        base = replace(base, kinds=(str(settings.out / f"{kind}.safetensors"),))
+        base = replace(base, kinds=(str(excitation_file(settings, kind)),))
     if loss == "paper":
         slow = BENCH_PRESETS["paper"].period
         base = replace(base, period=slow, segment_steps=round(base.segment_steps * base.period / slow), hold_steps=1)
     return base
 
 
-def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seed: int, seconds: float) -> dict:
+def measure(settings: Settings, loss: str, kind: str, seed: int, seconds: float) -> dict[str, float]:
     """Errors in the robot of motors that were learned from so many seconds [s] of bench log."""
-    prior, log = _prior(settings, robot, fleet, loss, kind, seed, seconds)
+    robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
+    prior, log, _ = _prior(settings, loss, kind, seed, seconds)
     motors, z = training_motors(fleet, settings.motors, seed), prior.mean
     if settings.adapt_seconds:
         rng = np.random.default_rng([seed, HELD_OUT_STREAM])
-        motors, preset = fleet.sample(settings.motors, rng), bench_of(settings, robot, loss, kind)
+        motors, preset = fleet.sample(settings.motors, rng), bench_of(settings, loss, kind)
         rows = round(settings.adapt_seconds / preset.period)
         z = adapt_to(prior, record(motors, preset, rows, 10_000 + seed, fleet)).mean
-    found: dict[str, Any] = {}
+    found: dict[str, float] = {}
     for place, suspended in PLACES.items():
         errors = robot_fidelity(robot, motors, {"model": lambda index: prior.model.motors(z[index])}, suspended, seed)
         found[f"{place}_rmse"] = float(np.median(errors["model"][0]))
-        ratio = np.median(errors["model"][1]) / np.median(errors["physical"][1])
-        found[f"{place}_torque_hf"] = float(ratio)
-        found[f"{place}_floor"] = float(np.median(errors["physical"][0]))
+        found[f"{place}_torque_hf"] = float(np.median(errors["model"][1]) / np.median(errors["physical"][1]))
     if isinstance(prior.model, LatentNetwork):
         armature = prior.model.armature(prior.mean) if prior.model.has_armature else np.zeros(len(prior.mean))
         own = Learned(prior.model, prior.mean, armature, np.zeros_like(armature))
@@ -181,33 +191,27 @@ def measure(settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str
     return found
 
 
-def _prior(
-    settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seed: int, seconds: float
-) -> tuple[MotorPrior, MotorLog]:
-    preset = bench_of(settings, robot, loss, kind)
+def _prior(settings: Settings, loss: str, kind: str, seed: int, seconds: float) -> tuple[MotorPrior, MotorLog, Path]:
+    """The prior of a bench, its log and its folder."""
+    preset, fleet = bench_of(settings, loss, kind), load_fleet(settings.fleet)
     motors = training_motors(fleet, settings.motors, seed)
-    log = replace(record(motors, preset, round(seconds / preset.period), seed, fleet), robot=robot.name)
-    name = settings.rollout_recipe if loss == "rollout" else ROUTES[loss]
+    log = record(motors, preset, round(seconds / preset.period), seed, fleet)
+    log = replace(log, robot=load_robot(settings.robot).name)
+    name = settings.rollout_recipe if loss == "rollout" else loss
     recipe = identification_preset(name, network_steps(name, settings.adam_steps))
-    return fit_recipe(log, name, recipe, seed, _folder(settings, name, kind, seed, seconds), PROGRESS), log
+    folder = settings.out / "priors" / f"{name}_{kind}_{seed}_{seconds:g}"
+    return fit_recipe(log, name, recipe, seed, folder, PROGRESS), log, folder
 
 
-def _folder(settings: Settings, recipe: str, kind: str, seed: int, seconds: float) -> Path:
-    """Of a prior."""
-    return settings.out / "priors" / f"{recipe}_{kind}_{seed}_{seconds:g}"
-
-
-def transfer(settings: Settings, robot: Robot, fleet: Fleet) -> dict[str, float]:
+def transfer(settings: Settings) -> dict[str, float]:
     """Time upright of policies that are trained on samples of the prior of each kind, in the environments TESTED.
 
     The priors are those of the loss rollout and seed 0; each of two benches has its own robots and disturbances.
     """
     if not settings.policies:
         return {}
-    kind_of = {}
-    for kind in settings.kinds:
-        _prior(settings, robot, fleet, "rollout", kind, 0, settings.seconds)
-        kind_of[f"prior:{_folder(settings, settings.rollout_recipe, kind, 0, settings.seconds) / PRIOR}"] = kind
+    folders = {kind: _prior(settings, "rollout", kind, 0, settings.seconds)[2] for kind in settings.kinds}
+    kind_of = {f"prior:{folder / PRIOR}": kind for kind, folder in folders.items()}
     study = Study(
         settings.out / "transfer", settings.fleet, conditions=tuple(kind_of), environments=tuple(TESTED), benches=2,
         seeds=settings.policies, walks=16, iterations=settings.iterations, robot=settings.robot,
@@ -225,50 +229,41 @@ def with_ends(name: str, found: Estimate) -> dict[str, float]:
     return {name: found.value, **ends}
 
 
-def cells_of(
-    settings: Settings, robot: Robot, fleet: Fleet, loss: str, kind: str, seconds: float
-) -> dict[str, Estimate]:
+def cells_of(settings: Settings, loss: str, kind: str, seconds: float) -> dict[str, Estimate]:
     """Means over the seeds, with 95 % intervals, of everything that `measure` finds."""
-    cells = [
-        cell(
-            settings, f"{loss}/{kind}/{seed}/{seconds:g}",
-            lambda seed=seed: measure(settings, robot, fleet, loss, kind, seed, seconds),
-        )
-        for seed in range(settings.seeds)
-    ]  # fmt: skip
+    cells = [cell(settings, loss, kind, seed, seconds) for seed in range(settings.seeds)]
     return {
         quantity: estimate(np.array([found[quantity] for found in cells if quantity in found])[:, None, None], means)
-        for quantity in sorted({key for found in cells for key in found} - {"error"})
+        for quantity in sorted({key for found in cells for key in found})
     }
 
 
 def run(settings: Settings) -> dict[str, float]:
-    """All figures; those of real logs alone if no walks are to be learned from."""
-    figures = real_likeness(settings)
-    if not settings.runs:
-        write_json(settings.out / "figures.json", figures)
-        return figures
-    robot, fleet = load_robot(settings.robot), load_fleet(settings.fleet)
-    excitation, held_out, train_seconds = learned(settings, robot, fleet)
-    figures["train_seconds"] = train_seconds
+    """All figures; those of real logs alone if no walks are to be learned from. Writes tables, pictures and report."""
+    figures = real_likeness(settings) | (of_walks(settings) if settings.runs else {})
+    write_text(settings.out / "table.md", table(figures, settings))
+    write_text(settings.out / "report.html", report(settings, figures))
+    return figures
+
+
+def of_walks(settings: Settings) -> dict[str, float]:
+    """Figures of an excitation of simulated walks, and of motors that are learned with it."""
+    excitation, held_out, train_seconds = learned(settings)
     alike = likeness(excitation, held_out, seed=0)
-    figures |= likeness_figures(alike, "likeness")
+    figures = {"train_seconds": train_seconds} | likeness_figures(alike, "likeness")
     for name in excitation.classes:
         write_picture(settings.out / f"likeness_{name}.png", excitation, held_out, name)
     write_text(settings.out / "likeness.md", likeness_table(alike, excitation.classes))
-    for loss in settings.losses:
-        for kind in settings.kinds:
-            for quantity, found in cells_of(settings, robot, fleet, loss, kind, settings.seconds).items():
-                name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
-                figures |= with_ends(f"{name}/{loss}/{kind}", found)
-    figures |= budgets(settings, robot, fleet, excitation) | transfer(settings, robot, fleet)
-    write_json(settings.out / "figures.json", figures)
-    return figures
+    for loss, kind in product(settings.losses, settings.kinds):
+        for quantity, found in cells_of(settings, loss, kind, settings.seconds).items():
+            name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
+            figures |= with_ends(f"{name}/{loss}/{kind}", found)
+    return figures | budgets(settings, excitation) | transfer(settings)
 
 
 def likeness_figures(alike: Results, name: str) -> dict[str, float]:
     """Means over joint classes."""
-    rows = [(kind, each) for kind in KINDS for each in ("auc", "coverage", "nearest", "nearest_signal")]
+    rows = [(kind, each) for kind in KINDS for each in ("auc", "coverage", "nearest_signal")]
     rows += [(TRAIN, each) for each in ("auc", "coverage")]
     return {f"{name}/{kind}/{each}": alike.mean(model=kind, quantity=each) for kind, each in rows}
 
@@ -287,7 +282,7 @@ def real_likeness(settings: Settings) -> dict[str, float]:
     return likeness_figures(alike, "likeness_real")
 
 
-def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedExcitation) -> dict[str, float]:
+def budgets(settings: Settings, excitation: LearnedExcitation) -> dict[str, float]:
     """Walking error against seconds of log, and the seconds that reach the error of ``rollout`` at the most seconds.
 
     Kind active: windows of the generator chosen by a prior that was fitted to the shortest log of the kind generated.
@@ -296,13 +291,13 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
         return {}
     figures, curves = {}, {}
     for kind in (*settings.kinds, "active"):
-        if kind == "active" and not (settings.out / "active.safetensors").exists():
+        if kind == "active" and not (path := excitation_file(settings, kind)).exists():
             physics = replace(settings, rollout_recipe="rollout")  # a network has no constants to identify
-            prior, _ = _prior(physics, robot, fleet, "rollout", "generated", 0, min(settings.budgets))
-            plan_excitation(excitation.with_method("generated"), prior)[0].save(settings.out / "active.safetensors")
+            prior = _prior(physics, "rollout", "generated", 0, min(settings.budgets))[0]
+            plan_excitation(excitation, prior)[0].save(path)
         curves[kind] = []
         for seconds in settings.budgets:
-            found = cells_of(settings, robot, fleet, "rollout", kind, seconds)
+            found = cells_of(settings, "rollout", kind, seconds)
             curves[kind].append(found["standing_rmse"].value if "standing_rmse" in found else np.inf)
             figures[f"budget/{kind}/{seconds:g}"] = curves[kind][-1]
     goal = curves["rollout"][-1]
@@ -315,14 +310,12 @@ def budgets(settings: Settings, robot: Robot, fleet: Fleet, excitation: LearnedE
 
 def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
     """Markdown: a row per class and kind."""
-    columns = ("auc", "coverage", "nearest", "nearest_signal", *FEATURES)
-    lines = [f"| class | excitation | {' | '.join(columns)} |", "|" + "---|" * (len(columns) + 2)]
+    columns, lines = ("auc", "coverage", "nearest_signal", *FEATURES), []
     for name in classes:
         for kind in ("runs", TRAIN, *KINDS):
             rows = {row.quantity: row.value for row in alike.where(part=name, model=kind)}
-            cells = [f"{rows[column]:.3g}" if column in rows else "" for column in columns]
-            lines.append(f"| {name} | {kind} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+            lines.append((name, kind, *(f"{rows[column]:.3g}" if column in rows else "" for column in columns)))
+    return markdown(("class", "excitation", *columns), lines) + "\n"
 
 
 def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, name: str) -> None:
@@ -333,7 +326,7 @@ def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, 
         rng = np.random.default_rng(5)
         windows = test.windows[test.window_class == test.classes.index(name)]
         if kind != "runs":
-            windows = windows_of_kind(runs, kind, name, 200, rng)
+            windows = windows_of_kind(runs, kind, name, rng)
         target, torque, color = windows[..., 0], windows[..., 1:].reshape(len(windows), -1), COLORS[kind]
         speed = np.diff(target, axis=1) / runs.period
         axes[0].plot(runs.period * np.arange(target.shape[1]), target[0], color=color, lw=1, label=kind)
@@ -408,26 +401,14 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
 def table(figures: dict[str, float], settings: Settings) -> str:
     """Markdown: a row per loss and excitation."""
     columns = ("walking_error", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf", "growth")
-    lines = ["| loss | excitation | " + " | ".join(columns) + " |", "|---|---|" + "---|" * len(columns)]
-    for loss in settings.losses:
-        for kind in settings.kinds:
-            values = [figures.get(f"{column}/{loss}/{kind}") for column in columns]
-            factors = (1e3, 1e3, 1.0, 1.0, 1.0)
-            cells = ["" if v is None else f"{f * v:.3g}" for v, f in zip(values, factors, strict=True)]
-            lines.append(f"| {loss} | {kind} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
-
-
-def main() -> None:
-    """Measure; write figures.json, tables and pictures; print the tables."""
-    settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    figures = run(settings)
-    write_text(settings.out / "table.md", table(figures, settings))
-    write_text(settings.out / "report.html", report(settings, figures))
-    pages = [path.read_text("utf-8") for path in sorted(settings.out.glob("likeness*.md"))]
-    print(*pages, table(figures, settings), sep="\n")
+    factors, lines = (1e3, 1e3, 1.0, 1.0, 1.0), []
+    for loss, kind in product(settings.losses, settings.kinds):
+        values = [figures.get(f"{column}/{loss}/{kind}") for column in columns]
+        cells = ("" if v is None else f"{f * v:.3g}" for v, f in zip(values, factors, strict=True))
+        lines.append((loss, kind, *cells))
+    return markdown(("loss", "excitation", *columns), lines) + "\n"
 
 
 if __name__ == "__main__":
-    main()
+    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    run_benchmark(Settings, run, __doc__)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +21,7 @@ FEATURES = (
 LINEAR = ("impacts", "reversals")  # features [1/s]; of the others the logarithm is taken
 IMPACT = 4.0  # torque rate of an impact over the root mean square of the runs'
 NEIGHBOURS = 5  # of `coverage`
+COUNT = 200  # windows of each kind and class
 STREAMS = 8  # from which windows are cut
 SHIFTS = 16  # frames by which a window may be shifted, either way, against one that it copies
 CLOSE = 0.1  # share of windows that are nearest to the training windows: a copy with a seam is not near
@@ -55,13 +55,11 @@ def features(windows: np.ndarray, period: float, impact_rate: float) -> np.ndarr
     return np.stack([*(np.log(np.maximum(size, 1e-6)) for size in sizes), *counts], axis=1)
 
 
-def windows_of_kind(
-    runs: LearnedExcitation, kind: str, joint_class: str, count: int, rng: np.random.Generator
-) -> np.ndarray:
-    """(count, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
+def windows_of_kind(runs: LearnedExcitation, kind: str, joint_class: str, rng: np.random.Generator) -> np.ndarray:
+    """(COUNT, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
     names = {"sinusoid": ("sine",), "rollout": BENCH_PRESETS["rollout"].kinds}.get(kind)
     sources = [EXCITATIONS[n] for n in names] if names else [runs.with_method(kind)]
-    frames, each = runs.windows.shape[1], -(-count // (STREAMS * len(sources)))
+    frames, each = runs.windows.shape[1], -(-COUNT // (STREAMS * len(sources)))
     parts = []
     for source in sources:
         made = source.streams(rng, each * frames * SUB, runs.period / SUB, [joint_class] * STREAMS)
@@ -69,7 +67,7 @@ def windows_of_kind(
         target = target - target.mean(axis=1, keepdims=True)
         torque = made.external_torque.T.reshape(STREAMS, each * frames, SUB)
         parts.append(np.concatenate([target, torque], axis=2).reshape(STREAMS * each, frames, 1 + SUB))
-    return rng.permutation(np.concatenate(parts))[:count]
+    return rng.permutation(np.concatenate(parts))[:COUNT]
 
 
 def coverage(made: np.ndarray, real: np.ndarray) -> float:
@@ -94,46 +92,35 @@ def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.linalg.norm(one[:, None] - other[None], axis=2)
 
 
-def likeness(
-    runs: LearnedExcitation, test: LearnedExcitation, seed: int, kinds: tuple[str, ...] = KINDS, count: int = 200
-) -> Results:
+def likeness(runs: LearnedExcitation, test: LearnedExcitation, seed: int) -> Results:
     """Every kind of excitation against windows ``test`` of other runs, by joint class (the column ``part``).
 
     Returns:
-        ``auc`` of a classifier (0.5 is perfect), ``coverage`` of the test windows, ``nearest``: distance to the
-        training windows over that of the test windows in the space of FEATURES, ``nearest_signal``: the same in that of
-        the signals, for the CLOSE nearest windows (1: like new data, far below 1: copies), and the median of each of
-        FEATURES; kind "runs" are the test windows themselves, TRAIN the training windows, without both distances.
+        ``auc`` of a classifier (0.5 is perfect), ``coverage`` of the test windows, ``nearest_signal``: distance of the
+        signals to the training windows over that of the test windows, for the CLOSE nearest windows (1: like new data,
+        far below 1: copies), and the median of each of FEATURES; kind "runs" are the test windows themselves, TRAIN the
+        training windows, without distance.
     """
-    return Results(_rows(runs, test, seed, kinds, count))
-
-
-def _rows(
-    runs: LearnedExcitation, test: LearnedExcitation, seed: int, kinds: tuple[str, ...], count: int
-) -> Iterator[Result]:
+    found: list[Result] = []
     for name in (each for each in runs.classes if each in test.classes):
         train, real = (own.windows[own.window_class == own.classes.index(name)] for own in (runs, test))
         rate = np.diff(real[..., 1:].reshape(len(real), -1), axis=1) * SUB / runs.period
         limit = IMPACT * float(np.sqrt(np.mean(rate**2))) + 1e-9
         known, wanted = (features(windows, runs.period, limit) for windows in (train, real))
-        for kind in ("runs", TRAIN, *kinds):
-            rng = np.random.default_rng([seed, 61, KINDS.index(kind) if kind in KINDS else 99])
-            if kind in ("runs", TRAIN):
-                made = wanted if kind == "runs" else known
-            else:
-                windows = windows_of_kind(runs, kind, name, count, rng)
+        for kind in ("runs", TRAIN, *KINDS):
+            made = {"runs": wanted, TRAIN: known}.get(kind)
+            if made is None:
+                rng = np.random.default_rng([seed, 61, KINDS.index(kind)])
+                windows = windows_of_kind(runs, kind, name, rng)
                 made = features(windows, runs.period, limit)
                 apart = [np.quantile(nearest_signal(each, train), CLOSE) for each in (windows, real)]
-                yield Result("nearest_signal", "1", float(apart[0] / apart[1]), kind, part=name)
+                found.append(Result("nearest_signal", "1", float(apart[0] / apart[1]), kind, part=name))
             if kind != "runs":
-                yield Result("auc", "1", two_sample_auc(made, wanted, seed), kind, part=name)
+                found.append(Result("auc", "1", two_sample_auc(made, wanted, seed), kind, part=name))
                 scaled, given = standardise(made, np.concatenate([wanted, known]))
-                of_test, of_train = given[: len(wanted)], given[len(wanted) :]
-                yield Result("coverage", "1", coverage(scaled, of_test), kind, part=name)
-                if kind != TRAIN:
-                    apart = [np.median(_distances(each, of_train).min(axis=1)) for each in (scaled, of_test)]
-                    yield Result("nearest", "1", float(apart[0] / max(apart[1], 1e-9)), kind, part=name)
+                found.append(Result("coverage", "1", coverage(scaled, given[: len(wanted)]), kind, part=name))
             middle = np.median(made, axis=0)
             for index, feature in enumerate(FEATURES):
                 value = middle[index] if feature in LINEAR else np.exp(middle[index])
-                yield Result(feature, "SI", float(value), kind, part=name)
+                found.append(Result(feature, "SI", float(value), kind, part=name))
+    return Results(found)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from motor_logs import joints_of, log_of
 
+from motorprior.actuator.motor_prior import CARD_PRIOR, LIBRARY
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.hardware.motions import hardware_targets
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
@@ -59,3 +60,20 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     assert 0.05 < np.abs(away).max() <= 0.1 + 1e-9
     assert np.abs(np.diff(targets, axis=0)).max() <= 2.0 * PUPPER_V2.control_dt + 1e-9
     assert np.all(targets[[0, -1]] == PUPPER_V2.nominal_pose)
+    slow = hardware_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=0.6, seed=0)
+    assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065  # scaled to the speed it would have 0.06
+    assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
+
+
+def test_a_plan_is_checked_before_the_training_and_leaves_the_file(tmp_path: Path):
+    write_log(tmp_path / "run.parquet", suspended_run())
+    without = Excite((tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2")
+    run_excite(without)
+    before = without.out.read_bytes()
+    plan = replace(without, method="generated", plan_prior=Path(str(LIBRARY / "go2" / CARD_PRIOR)))
+    with pytest.raises(ConfigError, match="joint classes hip, thigh, calf, the runs also knee"):
+        run_excite(plan)
+    write_log(tmp_path / "run.parquet", replace(suspended_run(), joint_torque=None))
+    with pytest.raises(ConfigError, match="loads of the runs are unknown"):
+        run_excite(replace(plan, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR))))
+    assert without.out.read_bytes() == before and not without.out.with_suffix(".checkpoint").exists()

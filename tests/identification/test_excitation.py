@@ -91,8 +91,8 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     assert whole.read_bytes() == parts.read_bytes()
     with mock.patch.object(Task, "advance") as advance:
         fit_excitation(runs, steps=50, out=whole, progress=SILENT)
-    advance.assert_called_once_with(50, "continued")
-    assert whole.read_bytes() == parts.read_bytes()
+    advance.assert_not_called()
+    assert whole.read_bytes() == parts.read_bytes() and not whole.with_suffix(".checkpoint").exists()
     found = LearnedExcitation.load(whole)
     assert [run["source"] for run in found.provenance["trained_on"]] == ["run 0", "run 1"]
     target, _ = found.frames(np.random.default_rng(0), 600, np.array([0, 1]))

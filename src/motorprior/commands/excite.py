@@ -16,7 +16,7 @@ from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.fit_excitation import STEPS, fit_excitation
-from motorprior.excitation.plan import plan_excitation
+from motorprior.excitation.plan import check_plan, plan_excitation
 from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
@@ -70,26 +70,36 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     logs = [_with_loads(config, path, progress) for path in config.runs]
     period = (robot.control_dt if robot else 0.01) if config.period is None else config.period
     prior = None if config.plan_prior is None else MotorPrior.load(config.plan_prior)
+    speed = robot.wire.safety.target_speed if robot and robot.wire else inf
+    limits = Bounds(inf, min(speed, config.max_speed), inf, config.max_torque)
+    if prior is not None:  # before the training
+        check_plan(fit_excitation(logs, "recorded", period=period, commands=config.commands), prior)
+
+    def finish(found: LearnedExcitation) -> LearnedExcitation:
+        found = found.within(limits)
+        return found if prior is None else _planned(found, prior, config.seed, progress)
+
     found = fit_excitation(
         logs, config.method, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
-        out=config.out, progress=progress,
+        out=config.out, finish=finish, progress=progress,
     )  # fmt: skip
-    speed = robot.wire.safety.target_speed if robot and robot.wire else inf
-    found = found.within(Bounds(inf, min(speed, config.max_speed), inf, config.max_torque))
-    if prior is not None:
-        found, plans = plan_excitation(found, prior, config.seed)
-        for plan in plans:
-            shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
-            progress.note(
-                f"{plan.joint_class}: play {plan.seconds:.1f} s; makes identifiable: "
-                f"{', '.join(plan.made_identifiable) or 'nothing more'} (1 σ of the logarithm: {shrunk})"
-            )
-    found.save(config.out)
     for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
-        limits = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
-        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {limits}")
+        text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
+        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {text}")
     if config.csv_seconds:
         _write_csv(found, config.out.with_suffix(".csv"), config.csv_seconds, config.seed)
+    return found
+
+
+def _planned(found: LearnedExcitation, prior: MotorPrior, seed: int, progress: Progress) -> LearnedExcitation:
+    """The windows that shrink the prior's posterior most; reports what they identify."""
+    found, plans = plan_excitation(found, prior, seed)
+    for plan in plans:
+        shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
+        progress.note(
+            f"{plan.joint_class}: play {plan.seconds:.1f} s; makes identifiable: "
+            f"{', '.join(plan.made_identifiable) or 'nothing more'} (1 σ of the logarithm: {shrunk})"
+        )
     return found
 
 

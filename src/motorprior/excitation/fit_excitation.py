@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,7 @@ def fit_excitation(
     steps: int = STEPS,
     seed: int = 0,
     out: Path | str | None = None,
+    finish: Callable[[LearnedExcitation], LearnedExcitation] = lambda found: found,
     progress: Progress = WARNED,
 ) -> LearnedExcitation:
     """Learn position targets and external torques of joints, by joint class, from what a robot did.
@@ -55,7 +57,9 @@ def fit_excitation(
         commands: commanded speed of each run [m/s]; unknown if not given.
         steps: training steps of the network.
         seed: of the training, which is deterministic.
-        out: .safetensors file to write; training continues from the .checkpoint next to it, also if it is finished.
+        out: .safetensors file to write; training continues from the .checkpoint next to it. The generator of a finished
+            file of the same runs and settings is used again.
+        finish: applied to the excitation before it is written, such as narrower bounds.
         progress: where to report to.
 
     Raises:
@@ -78,19 +82,35 @@ def fit_excitation(
     ]
     digest = hashlib.sha256(found.windows.tobytes()).hexdigest()
     origin = {"trained_on": trained_on, "commands": list(commands), "period": period, "windows_sha256": digest}
+    checkpoint = None if out is None else Path(out).with_suffix(".checkpoint")
     if method == "generated":
         os.environ.setdefault("JAX_PLATFORMS", "cpu")
         from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
         origin |= {"steps": steps, "seed": seed}
-        started, checkpoint = monotonic(), None if out is None else Path(out).with_suffix(".checkpoint")
-        with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
-            found = replace(found, weights=train_generator(found, steps, seed, checkpoint, origin, task.advance))
-        progress.note(f"trained in {monotonic() - started:.1f} s")
-    found = replace(found.with_method(method), provenance=origin)
+        weights = {} if out is None else _finished_weights(Path(out), origin, progress)
+        if not weights:
+            started = monotonic()
+            with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
+                weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
+            progress.note(f"trained in {monotonic() - started:.1f} s")
+        found = replace(found, weights=weights)
+    found = finish(replace(found.with_method(method), provenance=origin))
     if out is not None:
         found.save(Path(out))
+    if checkpoint is not None and found.weights:  # else it is needed, as in a plan
+        checkpoint.unlink(missing_ok=True)
     return found
+
+
+def _finished_weights(out: Path, origin: dict[str, Any], progress: Progress) -> Mapping[str, np.ndarray]:
+    """The generator in a file of the same provenance; empty if there is none."""
+    with suppress(ArtifactError):  # no file, or a damaged one, which is written again
+        found = LearnedExcitation.load(out)
+        if found.weights and found.provenance == origin:
+            progress.note(f"{out} exists already, from the same runs and settings")
+            return found.weights
+    return {}
 
 
 def _require_excitation(out: Path) -> None:

@@ -45,20 +45,34 @@ class Plan:
         return [n for n, after in self.after.items() if after < MAX_LOG_STD <= self.before[n]]
 
 
+def check_plan(excitation: LearnedExcitation, prior: MotorPrior) -> GreyBox:
+    """The model of a prior that can choose windows of an excitation.
+
+    Raises ConfigError for a prior that is no grey box, since it has no constants, or that has several joint classes but
+    not those of the excitation, and for runs without loads.
+    """
+    if not isinstance(prior.model, GreyBox):
+        problem = f"the prior (preset {prior.preset}) has no physical constants"
+        raise ConfigError(problem, remedy="identify one with preset rollout", argument="plan_prior")
+    known, of_class = prior.classes.names, zip(excitation.classes, prior.joint_classes(excitation.classes), strict=True)
+    unknown = [name for name, found in of_class if found not in known and len(known) > 1]  # a single class serves all
+    if unknown:
+        problem = f"the prior has the joint classes {', '.join(known)}, the runs also {', '.join(unknown)}"
+        raise ConfigError(problem, remedy="give a prior of the robot of the runs", argument="plan_prior")
+    if np.any(excitation.load_inertia == UNKNOWN_LOAD):
+        remedy = "give the robot, and suspended where it was, when the excitation is fitted"
+        raise ConfigError("the loads of the runs are unknown", remedy=remedy, argument="plan_prior")
+    return prior.model
+
+
 def plan_excitation(
     excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = MAX_WINDOWS
 ) -> tuple[LearnedExcitation, list[Plan]]:
     """The chosen windows of every class, played by themselves, and the plans.
 
-    Raises ConfigError for a prior that is no grey box, since it has no constants, and for runs without loads.
+    Raises as `check_plan`.
     """
-    model, rng = prior.model, np.random.default_rng([seed, 59])
-    if not isinstance(model, GreyBox):
-        problem = f"the prior (preset {prior.preset}) has no physical constants"
-        raise ConfigError(problem, remedy="identify one with preset rollout", argument="plan_prior")
-    if np.any(excitation.load_inertia == UNKNOWN_LOAD):
-        remedy = "give the robot, and suspended where it was, when the excitation is fitted"
-        raise ConfigError("the loads of the runs are unknown", remedy=remedy, argument="plan_prior")
+    model, rng = check_plan(excitation, prior), np.random.default_rng([seed, 59])
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))
@@ -88,7 +102,7 @@ def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: st
         log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
     search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
-    z = prior.classes.mean_and_std((joint_class,) * count)[0]
+    z = prior.classes.mean_and_std(prior.joint_classes((joint_class,)) * count)[0]
     return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
 
 

@@ -8,7 +8,8 @@ from contextlib import AbstractContextManager
 
 import numpy as np
 
-from motorprior.bench.learned_excitation import excitation_of
+from motorprior.bench.bounded_stream import Bounds, bounded
+from motorprior.bench.learned_excitation import LearnedExcitation, excitation_of
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import ControlLoop, Motion
 from motorprior.hardware.health import Measurement
@@ -199,7 +200,7 @@ def _away(
     robot: Robot, kind: str, joints: Sequence[int], steps: int, amplitude: float, speed: float, rng: np.random.Generator
 ) -> np.ndarray:
     """(steps, joints) differences between the targets and the nominal pose [rad], scaled and faded; 0 for others."""
-    over, jumps, min_range = 0, False, 1e-9  # signals are scaled joint by joint
+    over, jumps, min_range, limits = 0, False, 1e-9, None  # signals are scaled joint by joint
     if kind == "trot":
         over, body = None, body_of(robot)  # it keeps its shape
         forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
@@ -208,6 +209,8 @@ def _away(
     else:
         excitation = excitation_of(kind, OF_ROBOTS)
         jumps, min_range = excitation.jumps, amplitude if excitation.is_bounded else min_range
+        if isinstance(excitation, LearnedExcitation):
+            limits = Bounds(amplitude, speed, excitation.bounds[:, 2].max(), 0.0)
         away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
@@ -216,6 +219,8 @@ def _away(
         raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
     time = np.arange(steps) * robot.control_dt
     away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=over))
+    if limits is not None:  # only steps that are too fast are slowed; the stream keeps its size
+        away = bounded(np.concatenate([away[:1], away]), limits, robot.control_dt)
     away *= np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
     if not jumps:
         fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / robot.control_dt
