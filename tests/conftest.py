@@ -87,7 +87,7 @@ def small_search(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def limit(*terms: str) -> None:
         servo = tuple(name for name in terms if name in term_selection.SERVO)
-        limits = ((term_selection, "CANDIDATES", terms), (term_selection, "SERVO", servo))
+        limits = ((term_selection, "SELECTABLE_TERMS", terms), (term_selection, "SERVO", servo))
         for module, name, value in (*limits, (response_fit, "RESTARTS", 4), (load_fit, "MAX_ROUNDS", 1)):
             monkeypatch.setattr(module, name, value)
 
