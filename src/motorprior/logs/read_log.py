@@ -1,4 +1,4 @@
-"""Read a log in any format, or every log of a folder; `load_log` also prepares it.
+"""Read a log in any format, or every log of a folder. `load_log.load_log` also prepares it.
 
 A new format is a file in `logs.readers` with its `LogReader` as READER.
 """
