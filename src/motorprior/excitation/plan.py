@@ -24,7 +24,7 @@ from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.windows import training_data, with_window_that_fits
 
-MAX_WINDOWS = 64  # windows of each class to choose from
+NUM_CANDIDATES = 64  # windows of each class to choose from
 MAX_LOG_STD = 0.1  # standard deviation of the logarithm of an identifiable constant
 _NUDGE = 0.05  # difference in z for the derivatives of constants
 
@@ -66,7 +66,7 @@ def check_plan(excitation: LearnedExcitation, prior: MotorPrior) -> GreyBox:
 
 
 def plan_excitation(
-    excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = MAX_WINDOWS
+    excitation: LearnedExcitation, prior: MotorPrior, seed: int = 0, candidates: int = NUM_CANDIDATES
 ) -> tuple[LearnedExcitation, list[Plan]]:
     """The chosen windows of every class, played by themselves, and the plans.
 

@@ -109,7 +109,7 @@ class PolicySearch:
             progress(point)
 
     def plateaued(self, patience: int | None) -> bool:
-        """Whether the training return has not risen ``patience`` times in a row; it is averaged over EVALUATION_EVERY.
+        """Whether the best mean training return of EVALUATION_EVERY iterations is ``patience`` or more means ago.
 
         Not the return in evaluation: on other motors than in training, it may be largest before the policy walks in its
         own simulation.

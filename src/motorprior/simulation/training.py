@@ -46,7 +46,7 @@ class WalkSettings(WalkConfig):
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """Stop once the mean training return of 10 iterations has not increased so many times in a row; never if not
+    """Stop once the mean training return of 10 iterations was no new maximum so many times in a row; never if not
     given."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the best; the motors of

@@ -101,7 +101,7 @@ class Study:
     iterations: int = 120
     """Largest number of ARS iterations per policy."""
     patience: int | None = 3
-    """End a training once the mean training return of 10 iterations has not increased so many times in a row."""
+    """End a training once the mean training return of 10 iterations was no new maximum so many times in a row."""
     directions: int = 14
     """Directions per iteration; the better half of them is used."""
     validation: str | None = None
