@@ -69,6 +69,7 @@ class Settings:
     logs: int | None = None  # number of logs per robot; all if not given
     folds: int | None = None  # number of folds; all if not given
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
+    baselines: bool = True  # whether to fit the models that the prior is compared with
     seed: int = 0  # seed of trainings and searches
 
 
@@ -88,7 +89,9 @@ def measure(settings: Settings, robot: str, fold: str, train: Sequence[Path], te
         PROGRESS.note(f"{robot}: {', '.join(path.stem for path in test)} left out")
         log = spread_windows([read_parquet(path) for path in train], FACTOR.get(robot, 1.0) * settings.seconds)
         prior = mp.fit_prior(log, PRIOR_PRESET, settings.seed, out=folder / "prior", progress=PROGRESS)
-        fitted = fitted_baselines(log, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS)
+        fitted: dict[str, MotorModel | None] = {}
+        if settings.baselines:
+            fitted = fitted_baselines(log, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS)
         models = {name: motors for name, motors in fitted.items() if motors is not None}
         return _means([tested(prior, read_parquet(path), models) for path in test])
 
@@ -97,7 +100,7 @@ def measure(settings: Settings, robot: str, fold: str, train: Sequence[Path], te
 
 def stage(settings: Settings, folder: Path, inputs: Sequence[Path], compute: Callable[[], Figures]) -> Figures:
     """Figures that depend on these files and on some settings; computed if ``folder`` does not have them."""
-    used = {"seconds": settings.seconds, "adam_steps": settings.adam_steps, "seed": settings.seed}
+    used = {name: getattr(settings, name) for name in ("seconds", "adam_steps", "baselines", "seed")}
     wanted = description("validate", used, inputs)
     if not is_finished(folder, wanted):
         with working(folder, wanted):
