@@ -17,14 +17,9 @@ PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)  # where
 
 
 def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
-    """Check a log.
+    """Findings about a log, errors first; raises LogError if it does not pass `checked`.
 
-    Args:
-        log: it must pass `checked`, else LogError is raised.
-        robot: of the log; gives limits of the joints, and gravity if its base was suspended or is fixed.
-
-    Returns:
-        The findings, errors first.
+    ``robot`` gives limits of the joints, and gravity if its base was suspended or is fixed.
     """
     log, found = checked(log), []
     stages = (  # jumps need a correct clock and correct units, checks of motion need angles without jumps
