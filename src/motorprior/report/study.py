@@ -116,7 +116,8 @@ def forest_plot(summary: StudyStatistics) -> Figure:
     upright = {(env, name): each for (env, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [env for env in ENVIRONMENTS if env in {env for env, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
-    for axes, environment in zip(panels(figure, 1, len(environments), sharey=True)[0], environments, strict=True):
+    of_environments = panels(figure, 1, len(environments), sharex=True, sharey=True)[0]
+    for axes, environment in zip(of_environments, environments, strict=True):
         for row, condition in enumerate(conditions):
             color = model_color(condition)
             benches = summary.by_bench.get((environment, condition, "upright"), np.empty(0))
@@ -127,8 +128,9 @@ def forest_plot(summary: StudyStatistics) -> Figure:
                 axes.plot([other.low, other.high], [row, row], color=color, linewidth=1.8)
                 axes.plot([other.value], [row], "o", markersize=5, color=color)
         axes.set_yticks(range(len(conditions)), [model_label(condition) for condition in conditions])
-        axes.set(xlim=(-0.05, 1.05), ylim=(len(conditions) - 0.5, -0.5))
+        axes.set_ylim(len(conditions) - 0.5, -0.5)
         describe(axes, x="time upright [-]", title=environment)
+    of_environments[0].set_xlim(min(0.5, of_environments[0].get_xlim()[0]), 1.03)
     return figure
 
 
