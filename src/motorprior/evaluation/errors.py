@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from textwrap import shorten
 
 import numpy as np
 
@@ -102,7 +103,8 @@ class LogErrors:
     def warnings(self, model: str) -> list[str]:
         """Warnings of simpler models with less error, and of joints where too much of the tuned PD's error remains."""
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
-        logs, remedy = ", ".join(self.logs), "try preset long_runs, another seed or longer logs"
+        logs = shorten(", ".join(self.logs), 200, placeholder=" …")
+        remedy = "try preset long_runs, another seed or longer logs"
         lines = [
             f"warning: {name} replays {logs} better than {model}: {mean[name]:.2f} instead of {mean[model]:.2f} mrad "
             f"-> do not use this model; {remedy}"
