@@ -219,7 +219,7 @@ class TransferCommand(Transfer, Study):
     policies: tyro.conf.Positional[tuple[Path, ...]] = ()
     study: bool = False
     """Train policies on each model of a bench's motors, and evaluate them in their training simulation and in four
-    environments: about four hours on two cores; a rerun resumes. Study options require it."""
+    environments: three to four hours on two cores; a rerun resumes. Study options require it."""
 
 
 def transfer(config: TransferCommand) -> None:
