@@ -19,7 +19,7 @@ parser.add_argument("--suspended", action="store_true", help="the robot was susp
 parser.add_argument("--robot", default="pupper_v2", help="a shipped robot, or a .toml file")
 parser.add_argument("--motors", type=int, default=32, help="motors of the virtual bench")
 parser.add_argument("--samples", type=int, default=10_000, help="samples per motor of the virtual bench")
-parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick run")
+parser.add_argument("--preset", default="rollout", help="rollout, or paper for a quick run on logs with torques")
 parser.add_argument("--steps", type=int, help="Adam steps; those of the preset if not given")
 parser.add_argument("--out", default="runs/example_prior", help="folder of the prior; a rerun resumes there")
 args = parser.parse_args()

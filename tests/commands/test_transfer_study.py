@@ -16,8 +16,8 @@ from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
 from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, REFERENCE, read_walks, scores
-from motorprior.studies.study_settings import CONDITIONS, Study
-from motorprior.studies.transfer import CHOICES, WALKS, policy_runs_of
+from motorprior.studies.study_settings import CONDITIONS, PDS, Study
+from motorprior.studies.transfer import CHOICES, FIT, WALKS, policy_runs_of
 
 NUM_WALKS = 2
 
@@ -67,7 +67,7 @@ def test_figures_have_intervals_and_p_values(done: Study):
             assert low <= value <= high
             if condition != REFERENCE:
                 assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
-    fits = read_json(done.out / "bench_0" / "fits" / "fits.json")
+    fits = {kind: read_json(done.out / "bench_0" / "fits" / kind / FIT) for kind in PDS}
     assert fits["gains"]["error"] >= fits["rotor"]["error"] >= 0.9 * fits["friction"]["error"]
     for setting, choices in CHOICES.items():
         selection = read_json(done.out / "selection" / f"{setting}.json")

@@ -59,14 +59,10 @@ def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(fr
     assert gait_frequency(target, 0.01) == pytest.approx(frequency, rel=0.01)
 
 
-def test_commands_are_one_per_run():
-    with pytest.raises(ConfigError, match="commands"):
-        fit_excitation(run_of(), "recorded", commands=(0.1, 0.2))
-
-
-def test_a_period_too_long_for_a_generator_is_refused():
-    with pytest.raises(ConfigError, match=r"period 0\.05"):
-        fit_excitation(run_of(), "recorded", period=0.05)
+@pytest.mark.parametrize("given", [{"commands": (0.1, 0.2)}, {"period": 0.05}], ids=["one per run", "too long"])
+def test_wrong_commands_and_periods_are_refused(given):
+    with pytest.raises(ConfigError, match=next(iter(given))):
+        fit_excitation(run_of(), "recorded", **given)
 
 
 def test_an_artifact_of_another_kind_is_not_overwritten(tmp_path: Path):

@@ -405,7 +405,8 @@ def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
 
 def limit_text(name: str, value: float) -> str:
     """For example "torque limit of 20 N·m"."""
-    return f"{name.replace('_', ' ')} of {value:.3g} {'N·m' if name == 'torque_limit' else 'rad/s'}"
+    unit = {"torque_limit": "N·m", "profile_acceleration": "rad/s²"}.get(name, "rad/s")
+    return f"{name.replace('_', ' ')} of {value:.3g} {unit}"
 
 
 def with_model_error(posterior: np.ndarray, prior: np.ndarray | float) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from motorprior.artifacts import write_text
+from motorprior.artifacts import read_json, write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
@@ -22,7 +22,7 @@ from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
 from motorprior.studies.statistics import StudyStatistics, summarise
 from motorprior.studies.study_settings import Study
-from motorprior.studies.transfer import study_walks
+from motorprior.studies.transfer import SELECTION, study_walks
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
         found = summarise(study_walks(config, progress))
         write_results(config.out, found.as_results())
         validation = config.validation_fleet(load_robot(config.robot))
-        settings = asdict(config) | {"speed": config.commanded, "validation": validation}
+        selected = {name: read_json(config.out / SELECTION / f"{name}.json")["chosen"] for name in config.to_select()}
+        settings = asdict(config) | {"speed": config.commanded, "validation": validation} | selected
         for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
             del settings[name]
         write_text(config.out / PAGE, page("Transfer study", study_sections(found), settings, command))

@@ -18,7 +18,7 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
-from motorprior.identification.latents.standardise import assumed_std, standard_posterior
+from motorprior.identification.latents.standardise import LIMIT_STD, assumed_std, standard_posterior
 from motorprior.identification.physics import motor_fit, motor_problem, term_selection
 from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, MotorFits, unsaved
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
@@ -63,24 +63,26 @@ def identify(
 
     ``checkpoint`` saves searches and fitted motors of grey boxes for a run that continues this one.
     """
-    assumed = None
+    assumed, least_std = None, 0.0
     if preset.grey_boxes:
-        found, assumed = _grey_boxes(data, preset, seed, report, checkpoint)
+        found, assumed, least_std = _grey_boxes(data, preset, seed, report, checkpoint)
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
         model, mean, log_var, losses = train_network(data, preset, seed, report)
         found = TrainingResult(model, mean, log_var, preset, losses, {}, ())
     if preset.standardise:
-        model, mean, log_var, classes = standard_posterior(found.model, data, found.preset, found.mean, assumed)
+        model, mean, log_var, classes = standard_posterior(
+            found.model, data, found.preset, found.mean, assumed, least_std
+        )
         found = replace(found, model=model, mean=mean, log_var=log_var, classes=classes)
     return found
 
 
 def _grey_boxes(
     data: TrainingData, preset: Preset, seed: int, report: ReportProgress, checkpoint: Checkpoint
-) -> tuple[TrainingResult, np.ndarray]:
-    """The fitted motors, and the assumed standard deviations (Z,) of their latents."""
+) -> tuple[TrainingResult, np.ndarray, np.ndarray]:
+    """The fitted motors, and the assumed and the minimum standard deviations (Z,) of their latents."""
     runs = WindowRuns(data, preset)
     chosen = _selected(data, preset, seed, report, checkpoint)
     found = _fitted(data, preset, runs, chosen.terms, seed, report, checkpoint)
@@ -97,7 +99,11 @@ def _grey_boxes(
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, motor_problem.fixed_constants(found.terms, runs))
-    return TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes)), assumed
+    unseen = [
+        name in motor_problem.LIMITS and not metrics[f"{IDENTIFIED}{name}"] for name in parameters_of(found.terms)
+    ]
+    result = TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes))
+    return result, assumed, np.where((assumed > 0.0) & unseen, LIMIT_STD, 0.0)
 
 
 def _selected(

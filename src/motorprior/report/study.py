@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_style import TEXT, describe, model_color, model_label, new_figure, panels
 from motorprior.studies.compare import FRICTIONS, PUSHES
-from motorprior.studies.environments import ENVIRONMENTS
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.statistics import (
     ALL_ENVIRONMENTS,
     CONVERGED,
@@ -32,8 +32,8 @@ _EQUAL_UPRIGHT = 0.02  # a baseline whose time upright is less by no more is cal
 def study_sections(summary: StudyStatistics) -> list[Section]:
     """Own simulations, speed and time upright of all conditions, and their differences from the sampled prior."""
     text = (
-        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots: means over benches "
-        "with 95 % intervals."
+        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots, an adapted one on "
+        "its own: means over benches with 95 % intervals."
     )
     drawn = picture(
         forest_plot(summary),
@@ -116,13 +116,16 @@ def forest_plot(summary: StudyStatistics) -> Figure:
     upright = {(env, name): each for (env, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [env for env in ENVIRONMENTS if env in {env for env, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
+    owns = {OWN: OWN} | {
+        env: OWN_OUT_OF_FAMILY if each.population == OUT_OF_FAMILY else OWN for env, each in ENVIRONMENTS.items()
+    }
     of_environments = panels(figure, 1, len(environments), sharex=True, sharey=True)[0]
     for axes, environment in zip(of_environments, environments, strict=True):
         for row, condition in enumerate(conditions):
             color = model_color(condition)
             benches = summary.by_bench.get((environment, condition, "upright"), np.empty(0))
             axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
-            if (own := upright.get((OWN, condition))) is not None:
+            if (own := upright.get((owns[environment], condition), upright.get((OWN, condition)))) is not None:
                 axes.plot([own.value], [row], "o", markersize=5, markerfacecolor="white", markeredgecolor=color)
             if (other := upright.get((environment, condition))) is not None:
                 axes.plot([other.low, other.high], [row, row], color=color, linewidth=1.8)

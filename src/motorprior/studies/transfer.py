@@ -58,7 +58,8 @@ from motorprior.studies.gait_quality import walk_measures
 from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, WalkRow, read_walks, write_walks
 from motorprior.studies.study_settings import CONDITIONS, OTHER_MOTORS, PDS, TRAINING, VALIDATION, Study
 
-WALKS, FITS, LOG, POSTERIOR = "walks.csv", "fits.json", "log.parquet", "posterior.safetensors"
+WALKS, FIT, LOG, POSTERIOR = "walks.csv", "fit.json", "log.parquet", "posterior.safetensors"
+SELECTION = "selection"  # folder of the policies that select settings, and of the selected settings
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # random stream of these logs
 
@@ -127,15 +128,15 @@ def prior_path(bench: Study, preset: str) -> Path:
 
 
 def _fit_pds(bench: Study, log: MotorLog, folder: Path, kinds: set[str], progress: Progress) -> None:
-    """Fit these kinds of PD to a log with known loads; FITS has constants and error."""
+    """Fit these kinds of PD to a log with known loads; the FIT of each has constants and error."""
     robot = load_robot(bench.robot)
     nominal = nominal_pd(load_robot_fleet(robot, bench.fleet), 1)
     start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
-    wanted = description("study", {"start": start, "kinds": sorted(kinds), "log": log_digest(log)}, robot.files)
-    if is_finished(folder, wanted):
-        return
-    with working(folder, wanted), progress.start("fit the PDs", len(kinds) * RESTARTS) as task:
-        write_json(folder / FITS, {kind: asdict(fit_pd(log, PDS[kind], start, task.advance)) for kind in sorted(kinds)})
+    for out in (folder / kind for kind in sorted(kinds)):
+        wanted = description("study", {"start": start, "kind": out.name, "log": log_digest(log)}, robot.files)
+        if not is_finished(out, wanted):
+            with working(out, wanted), progress.start(f"fit the PD {out.name}", RESTARTS) as task:
+                write_json(out / FIT, asdict(fit_pd(log, PDS[out.name], start, task.advance)))
 
 
 # 2. Settings selected on the validation fleet
@@ -147,7 +148,7 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     They are selected once for all benches, with the models of the first.
     """
     first, fleet = config.of_benches()[0], config.validation_fleet(load_robot(config.robot))
-    bench = replace(first, out=config.out / "selection", out_of_family=str(fleet), validation=fleet)
+    bench = replace(first, out=config.out / SELECTION, out_of_family=str(fleet), validation=fleet)
     chosen = {}
     for setting, name in config.to_select().items():
         if CONDITIONS[name].adapted:
@@ -251,9 +252,9 @@ def motors_text(bench: Study, name: str, population: str, number: int) -> str:
         return name
     condition, robot = CONDITIONS[name], _robot_folder(bench, population, number)
     if condition.pd:
-        fits = read_json((robot if condition.adapted else bench.out) / "fits" / FITS)
+        fit = read_json((robot if condition.adapted else bench.out) / "fits" / condition.pd / FIT)
         pd_range = bench.pd_range if name == "random_pd" else None
-        return motor_text("pd", spread=pd_range, **fits[condition.pd]["constants"])
+        return motor_text("pd", spread=pd_range, **fit["constants"])
     if not condition.prior:
         return motor_text("fleet", fleet=bench.fleet_of(population))
     prior = prior_path(bench, condition.prior)

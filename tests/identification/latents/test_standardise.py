@@ -1,6 +1,7 @@
 """New latents, the same motors: what they are together becomes N(0, I), and draws are like them."""
 
 import numpy as np
+import pytest
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.latents.standardise import shrunk_correlation, standardised, with_scaled_spread
@@ -64,6 +65,16 @@ def test_equal_classes_share_their_mean(grey_box):
     means = box.decoder_latents(classes.mean)
     raw = np.stack([outputs[each::3].mean(axis=0) for each in range(3)])
     assert np.ptp(means[:, 0]) < 0.5 * np.ptp(raw[:, 0]) and np.ptp(means[:, 2]) > 0.5 * np.ptp(raw[:, 2])
+
+
+@pytest.mark.parametrize("motors", [4, 40])
+def test_a_limit_that_no_log_shows_is_wide_in_samples(grey_box, motors: int):
+    rng = np.random.default_rng(0)
+    outputs, least = rng.standard_normal((motors, 3)), np.array([0.0, 0.7, 0.0])
+    outputs[:, 1] = 2.0
+    box, mean, _ = standardised(grey_box(latents=3), outputs, np.full(3, 0.1), least_std=least)
+    assert np.std(box.decoder_latents(rng.standard_normal((4000, 3)))[:, 1]) == pytest.approx(0.7, rel=0.05)
+    np.testing.assert_allclose(box.decoder_latents(mean), outputs)
 
 
 def test_a_scaled_prior_has_the_same_motors_and_a_larger_standard_deviation(grey_box):

@@ -171,12 +171,12 @@ def _offsets(runs: Sequence[WindowRuns]) -> np.ndarray:
 
 
 def at_bounds(motors: ResponseMotors) -> dict[str, np.ndarray]:
-    """Masks (M,) by name of the constants at a bound of the search, which are not the joint's."""
+    """Masks (M,) by name of the constants at a bound of the search or beyond, which are not the joint's."""
     found = {}
     for name, values in zip(RESPONSE_CONSTANTS, motors.constants.T, strict=True):
         if name in BOUNDS:
             share = np.log(np.maximum(values, 1e-12) / BOUNDS[name][0]) / np.log(BOUNDS[name][1] / BOUNDS[name][0])
-            found[name] = (np.abs(share) < _NEAR) | (np.abs(share - 1.0) < _NEAR)
+            found[name] = (values != RESPONSE_CONSTANTS[name]) & ((share < _NEAR) | (share > 1.0 - _NEAR))
         elif name != "offset":  # it has no absolute bounds
             found[name] = np.abs(values - RESPONSE_CONSTANTS[name]) > (1.0 - _NEAR) * REACHABLE * UNITS[name]
     return found

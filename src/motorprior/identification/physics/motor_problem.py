@@ -44,6 +44,10 @@ TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     *(name for name, constant in CONSTANTS.items() if constant.unit.startswith("N·m")),
 )  # fmt: skip
+MAX_SPREAD = (
+    0.7  # standard deviation of the logarithm of kp in a class; of motors of one make it is 0.1 (`standardise`)
+)
+LIMITS = ("torque_limit", *SPEED_LIMITS, "profile_acceleration")
 THRESHOLD = 1.02  # a constant is identifiable if half and double of it both raise the loss by more than this factor
 
 
@@ -210,18 +214,23 @@ def identifiable_constants(model: GreyBox, runs: WindowRuns, z: np.ndarray, name
 
 
 def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
-    """Fitted limits of torque and speed -> (M,) motors whose own logs do not identify them; arguments as above."""
+    """Fitted LIMITS -> (M,) motors whose own logs do not identify them; arguments as above."""
     rows, fixed = parameters_of(model.terms), fixed_constants(model.terms, runs)
-    limits = [(name,) for name in ("torque_limit", *SPEED_LIMITS) if name in rows and not fixed[rows.index(name)]]
+    limits = [(name,) for name in LIMITS if name in rows and not fixed[rows.index(name)]]
     found = {name: ratio.min(axis=0) <= THRESHOLD for (name,), ratio in _loss_ratios(model, runs, z, limits).items()}
     return {name: hidden for name, hidden in found.items() if hidden.any()}
 
 
 def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
-    """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad."""
+    """(M,) whether a motor's log does not identify the scale of its torques; False if gains are logged in N·m/rad.
+
+    Nor do the logs of a class whose motors' kp differ by more than MAX_SPREAD: their loads are wrong, or too small.
+    """
     if runs.preset.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
-    return _loss_ratios(model, runs, z, [TORQUES])[TORQUES].min(axis=0) <= THRESHOLD
+    hidden = _loss_ratios(model, runs, z, [TORQUES])[TORQUES].min(axis=0) <= THRESHOLD
+    kp, of_class = z[:, PARAMETERS.index("kp")], runs.classes[:, None] == runs.classes
+    return hidden | np.array([kp[row].std() > MAX_SPREAD for row in of_class])
 
 
 def _loss_ratios(
