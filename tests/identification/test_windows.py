@@ -56,7 +56,7 @@ def test_a_missing_channel_is_named(objective, missing):
     gone: dict[str, Any] = {missing: None}
     with pytest.raises(LogError, match=f"my.parquet: no {missing}") as refusal:
         training_data(a_log(**gone), replace(PRESET, objective=objective), "my.parquet")
-    assert all(way in str(refusal.value.remedy) for way in ("`suspended`", "`fit_load`")) == (objective == "rollout")
+    assert all(way in str(refusal.value.remedy) for way in ("`suspended`", "--fit-load")) == (objective == "rollout")
 
 
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
