@@ -116,16 +116,15 @@ def forest_plot(summary: StudyStatistics) -> Figure:
     upright = {(env, name): each for (env, name, kind), each in summary.estimates.items() if kind == "upright"}
     environments = [env for env in ENVIRONMENTS if env in {env for env, _ in upright}] or [OWN]
     figure = new_figure(0.28 * len(conditions) + 0.9)
-    owns = {OWN: OWN} | {
-        env: OWN_OUT_OF_FAMILY if each.population == OUT_OF_FAMILY else OWN for env, each in ENVIRONMENTS.items()
-    }
+    of_other_motors = {env for env, each in ENVIRONMENTS.items() if each.population == OUT_OF_FAMILY}
     of_environments = panels(figure, 1, len(environments), sharex=True, sharey=True)[0]
     for axes, environment in zip(of_environments, environments, strict=True):
+        trained_in = OWN_OUT_OF_FAMILY if environment in of_other_motors else OWN
         for row, condition in enumerate(conditions):
             color = model_color(condition)
             benches = summary.by_bench.get((environment, condition, "upright"), np.empty(0))
             axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
-            if (own := upright.get((owns[environment], condition), upright.get((OWN, condition)))) is not None:
+            if (own := upright.get((trained_in, condition), upright.get((OWN, condition)))) is not None:
                 axes.plot([own.value], [row], "o", markersize=5, markerfacecolor="white", markeredgecolor=color)
             if (other := upright.get((environment, condition))) is not None:
                 axes.plot([other.low, other.high], [row, row], color=color, linewidth=1.8)

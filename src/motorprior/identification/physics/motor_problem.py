@@ -44,9 +44,7 @@ TORQUES = (
     "kp", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping", "gear_stiffness", "gear_damping",
     *(name for name, constant in CONSTANTS.items() if constant.unit.startswith("N·m")),
 )  # fmt: skip
-MAX_SPREAD = (
-    0.7  # standard deviation of the logarithm of kp in a class; of motors of one make it is 0.1 (`standardise`)
-)
+MAX_SPREAD = 0.7  # standard deviation of the logarithm of kp in a class; that of motors of one make is 0.1
 LIMITS = ("torque_limit", *SPEED_LIMITS, "profile_acceleration")
 THRESHOLD = 1.02  # a constant is identifiable if half and double of it both raise the loss by more than this factor
 
