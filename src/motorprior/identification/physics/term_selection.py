@@ -52,7 +52,8 @@ MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
 MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
-MIN_SEGMENTS, NUM_PARTS = 4, 32  # logs with fewer segments are cut into NUM_PARTS parts
+# logs with fewer segments are cut into NUM_PARTS parts: half of a few segments does not show every load and motion
+MIN_SEGMENTS, NUM_PARTS = 16, 32
 # terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the minimum difference
 # between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
