@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from motorprior.exports.bam import read_motor as read_motor
     from motorprior.exports.cards import from_pretrained as from_pretrained
     from motorprior.exports.registry import export as export
+    from motorprior.identification.load_fit import with_fitted_loads as with_fitted_loads
     from motorprior.locomotion.policy import Policy as Policy
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.load_log import load_log as load_log

@@ -81,8 +81,8 @@ def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, mo
         np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
     assert rows == [sum(log.num_rows for log in logs)], "both tables together"
     left, right = (line for line in lines if line.startswith("joint "))
-    assert "left" in left and "0.005 kg·m² (×/÷ 1.11" in left and "0.4 ± 0.01" in left
-    assert "right" in right and "factor of 2.0" in right and "factor" not in left
+    assert "left" in left and "0.005 kg·m² (1 σ ×/÷ 1.11, of the armature 1.11)" in left and "0.4 ± 0.01" in left
+    assert "right" in right and "of the armature 2.01" in right
 
 
 def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):

@@ -6,22 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from motorprior.exceptions import ConfigError
 from motorprior.logs.load_log import PERIOD, load_log
-from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import joined, smooth_on_grid
 from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import locked
-
-if TYPE_CHECKING:  # importing it compiles
-    from motorprior.identification.load_fit import FittedLoad
 
 
 @dataclass(frozen=True)
@@ -79,8 +71,12 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         return config.robot or (DEFAULT_ROBOT if lacks_robot and not config.columns else None)
 
     with locked(config.out):
-        logs = ((target, load(path, robot=robot_of(path))) for target, path in targets.items())
-        for target, log in _with_fitted_loads(dict(logs), progress).items() if config.fit_load else logs:
+        logs = (load(path, robot=robot_of(path)) for path in targets.values())
+        if config.fit_load:
+            from motorprior.identification.load_fit import with_fitted_loads  # here: importing it compiles
+
+            logs = with_fitted_loads(list(logs), progress)
+        for target, log in zip(targets, logs, strict=True):
             write_log(target, log)
             progress.note(f"{target}: {log if len(targets) == 1 else repr(log)}")
 
@@ -97,36 +93,3 @@ def _targets(paths: Sequence[Path], out: Path) -> dict[Path, Path]:
             raise ConfigError(problem, where=target, remedy="give another folder", argument="out")
         targets[target] = path
     return targets
-
-
-def _with_fitted_loads(logs: Mapping[Path, MotorLog], progress: Progress) -> dict[Path, MotorLog]:
-    """The logs of the same motors and loads on a grid, with one load per joint that is fitted to all of them."""
-    from motorprior.identification import load_fit
-
-    for log in logs.values():
-        load_fit.require_physical_kp(log)
-    smooth = {target: smooth_on_grid(log, PERIOD) for target, log in logs.items()}
-    log = joined(list(smooth.values()))
-    with progress.start(f"fit the loads of {log.num_joints} joints", load_fit.MAX_ROUNDS * log.num_joints) as task:
-        loads = load_fit.fit_loads(log, task.advance)
-    for name, load, motion in zip(log.joint_names, loads, np.std(log.joint_pos, axis=0).tolist(), strict=True):
-        progress.note(_load_text(name, load, motion))
-    return {target: load_fit.with_fitted_loads(each, loads) for target, each in smooth.items()}
-
-
-def _load_text(name: str, load: FittedLoad, motion: float) -> str:
-    """The result for a joint whose angle has a standard deviation of ``motion`` [rad].
-
-    Gravity is W·sin(q - h) = s·sin q + c·cos q with W = √(s² + c²); its deviation is that along (s, c).
-    """
-    weight = float(np.hypot(*load.gravity))
-    along = load.gravity / max(weight, 1e-12)
-    std = float(np.sqrt(along @ load.gravity_covariance @ along))
-    gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
-    text = (
-        f"joint {name}: inertia {load.inertia:.2g} kg·m² (×/÷ {np.exp(load.inertia_deviation):.2f}, 1 σ); "
-        f"weight {gravity}; residual {1e3 * load.error:.1f} of {1e3 * motion:.0f} mrad of its motion"
-    )
-    if load.armature_deviation > 0.3:
-        text += f"; the armature identified with it may be off by a factor of {np.exp(load.armature_deviation):.1f}"
-    return text

@@ -31,7 +31,8 @@ from motorprior.identification.physics.window_runs import POSITION_SCALE, Segmen
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, threads
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
-from motorprior.logs.operations import static_joints
+from motorprior.logs.operations import joined, smooth_on_grid, static_joints
+from motorprior.progress import WARNED, Progress
 from motorprior.signals import rms
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
@@ -56,6 +57,15 @@ class FittedLoad:
     gravity: np.ndarray  # (2,) s and c [N·m]
     gravity_covariance: np.ndarray  # (2, 2) theirs [N²·m²]
     error: float  # root mean square of the residual position error [rad]
+
+    def __str__(self) -> str:
+        # W·sin(q - h) = s·sin q + c·cos q with W = √(s² + c²), whose deviation is that along (s, c)
+        weight = float(np.hypot(*self.gravity))
+        along = self.gravity / max(weight, 1e-12)
+        std = float(np.sqrt(along @ self.gravity_covariance @ along))
+        gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
+        factors = f"1 σ ×/÷ {np.exp(self.inertia_deviation):.2f}, of the armature {np.exp(self.armature_deviation):.2f}"
+        return f"inertia {self.inertia:.2g} kg·m² ({factors}); weight {gravity}; residual {1e3 * self.error:.1f} mrad"
 
 
 class _LoadProblem(MotorProblem):
@@ -108,7 +118,7 @@ def _regression(runs: WindowRuns) -> np.ndarray:
     return np.array([np.clip(found[0], lower, 1e4 * lower), *found[1:]])
 
 
-def require_physical_kp(log: MotorLog) -> None:
+def _require_physical_kp(log: MotorLog) -> None:
     """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
     if log.logged_kp is None or log.gain_unit != PHYSICAL_GAINS:
         has = "no kp" if log.logged_kp is None else "kp in firmware units"
@@ -118,13 +128,37 @@ def require_physical_kp(log: MotorLog) -> None:
         )  # fmt: skip
 
 
+def with_fitted_loads(logs: Sequence[MotorLog], progress: Progress = WARNED) -> list[MotorLog]:
+    """Logs of the same motors and loads, with one rigid body per joint that is fitted to all of them.
+
+    Inertia and weight, with their standard deviations, are reported to ``progress``.
+
+    Args:
+        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with ``period=None``. Their own loads and
+            torques are replaced.
+        progress: where to report to.
+
+    Raises:
+        LogError: gains in another unit, logs that are too short or do not fit together, a joint that does not move.
+    """
+    for log in logs:
+        _require_physical_kp(log)
+    smooth = [smooth_on_grid(log, RECIPE.period) for log in logs]
+    log = joined(smooth)
+    with progress.start(f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints) as task:
+        loads = fit_loads(log, task.advance)
+    for name, load, motion in zip(log.joint_names, loads, np.std(log.joint_pos, axis=0).tolist(), strict=True):
+        progress.note(f"joint {name}: {load}, of {1e3 * motion:.0f} mrad of its motion")
+    return [_with_loads(each, loads) for each in smooth]
+
+
 def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple[FittedLoad, ...]:
     """Fit the load of every joint of a log with gains in N·m/rad; its own loads and torques are ignored.
 
     ``report`` is called MAX_ROUNDS times per joint at most. Raises LogError for no such gains, another period than
     RECIPE's, a log that is too short, a static joint, or if all simulations diverge.
     """
-    require_physical_kp(log)
+    _require_physical_kp(log)
     if static := static_joints(log):
         raise LogError(f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map")
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
@@ -181,7 +215,7 @@ def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: C
     return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
 
 
-def with_fitted_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
+def _with_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
     """The log with these loads, and without a torque computed from currents."""
     torque, stiffness = _gravity_torque(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
     for part in log.segment_slices():

@@ -34,7 +34,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import constants_of
+from motorprior.actuator.optional_terms import NEGLIGIBLE, constants_of
 from motorprior.identification.physics.motor_problem import (
     OFF,
     WEAK,
@@ -332,12 +332,14 @@ def _without_unidentified_limits(
 ) -> np.ndarray:
     """(M, K) unknowns whose limits are off, OFF times the largest request or speed, where they save less than SAVING.
 
-    With lower limits the motor could saturate in other motions.
+    With lower limits the motor could saturate in other motions. A profile without a limit of acceleration has that of
+    `NEGLIGIBLE`.
     """
     x, names = np.clip(found.x, -LOG_REACH, LOG_REACH), parameters_of(terms)
     kp = names.index("kp")
     requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request
     reached = {"torque_limit": requested_torque} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
+    reached["profile_acceleration"] = np.full(len(x), NEGLIGIBLE["profile_acceleration"] / OFF)
     for name, largest in reached.items():
         if name in names and largest.max():
             row = names.index(name)
