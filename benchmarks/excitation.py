@@ -289,23 +289,20 @@ def budgets(settings: Settings, excitation: LearnedExcitation) -> dict[str, floa
     """
     if not settings.budgets:
         return {}
-    figures, curves = {}, {}
+    figures: dict[str, float] = {}
     for kind in (*settings.kinds, "active"):
         if kind == "active" and not (path := excitation_file(settings, kind)).exists():
             physics = replace(settings, rollout_recipe="rollout")  # a network has no constants to identify
             prior = _prior(physics, "rollout", "generated", 0, min(settings.budgets))[0]
             plan_excitation(excitation, prior)[0].save(path)
-        curves[kind] = []
         for seconds in settings.budgets:
-            found = cells_of(settings, "rollout", kind, seconds)
-            curves[kind].append(found["standing_rmse"].value if "standing_rmse" in found else np.inf)
-            figures[f"budget/{kind}/{seconds:g}"] = curves[kind][-1]
-    goal = curves["rollout"][-1]
-    for kind, curve in curves.items():
-        reached = [seconds for seconds, error in zip(settings.budgets, curve, strict=True) if error <= 1.02 * goal]
-        if reached:
-            figures[f"seconds_needed/{kind}"] = min(reached)
-    return {name: value for name, value in figures.items() if np.isfinite(value)}
+            found = cells_of(settings, "rollout", kind, seconds).get("standing_rmse")
+            figures |= with_ends(f"budget/{kind}/{seconds:g}", found) if found else {}
+    goal = 1.02 * figures[f"budget/rollout/{settings.budgets[-1]:g}"]
+    for kind in (*settings.kinds, "active"):
+        reached = [s for s in settings.budgets if figures.get(f"budget/{kind}/{s:g}", np.inf) <= goal]
+        figures |= {f"seconds_needed/{kind}": min(reached)} if reached else {}
+    return figures
 
 
 def likeness_table(alike: Results, classes: tuple[str, ...]) -> str:
@@ -380,14 +377,16 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
         ((axes,),) = panels(figure, 1)
         for kind in (*settings.kinds, "active"):
             known = [seconds for seconds in settings.budgets if f"budget/{kind}/{seconds:g}" in figures]
-            errors = [1e3 * figures[f"budget/{kind}/{seconds:g}"] for seconds in known]
-            if known:
-                axes.semilogx(known, errors, "o-", ms=3, color=COLORS.get(kind, "C4"), label=kind)
+            names, color = [f"budget/{kind}/{seconds:g}" for seconds in known], COLORS.get(kind, "C4")
+            low, high = ([1e3 * figures.get(f"{n}{end}", figures[n]) for n in names] for end in ("/low", "/high"))
+            axes.vlines(known, low, high, color=color, lw=0.7)
+            axes.semilogx(known, [1e3 * figures[n] for n in names], "o-", ms=3, color=color, label=kind)
         axes.set_xticks(settings.budgets, [f"{seconds:g}" for seconds in settings.budgets])
         axes.set_xticks([], minor=True)
         describe(axes, "log per motor [s]", "error of the trotting robot [mrad]")
         legend_below(figure, axes, columns=6)
-        sections.append(Section("Seconds of log", pictures=(picture(figure, "Closed-loop training, mean over seeds"),)))
+        shown = (picture(figure, "Closed-loop training, means over seeds with 95 % intervals"),)
+        sections.append(Section("Seconds of log", pictures=shown))
     rows = [
         (kind, *(cells(f"transfer/{kind}/{name}", 100.0, ".0f") for name in TESTED.values())) for kind in settings.kinds
     ]

@@ -8,7 +8,7 @@ import pytest
 
 from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics.motor_problem import encoded, grey_box, initial_center
-from motorprior.identification.physics.term_selection import select_terms
+from motorprior.identification.physics.term_selection import parts_of, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import POS, TORQUE, VEL, TrainingData
@@ -54,6 +54,11 @@ def test_a_term_is_selected_if_motors_have_it(
 def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data, small_search: Callable[..., None]):
     small_search("profile")
     assert select_terms(logs(decoder_data, ("profile",), 4, 700, 1), 0).terms == ("profile",)
+
+
+def test_few_segments_are_all_trained_and_tested_on(decoder_data: Data):
+    runs = logs(decoder_data, ())
+    assert all(set(parts_of(runs)[runs.groups() == segment] % 2) == {0, 1} for segment in range(6))
 
 
 @pytest.mark.slow
