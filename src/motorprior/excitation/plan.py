@@ -44,6 +44,12 @@ class Plan:
         """Constants that the seconds make identifiable."""
         return [n for n, after in self.after.items() if after < MAX_LOG_STD <= self.before[n]]
 
+    def __str__(self) -> str:
+        shrunk = ", ".join(f"{n} {self.before[n]:.2f} to {after:.2f}" for n, after in self.after.items())
+        identifiable = ", ".join(self.made_identifiable) or "nothing more"
+        play = f"{self.joint_class}: play {self.seconds:.1f} s; makes identifiable: {identifiable}"
+        return f"{play} (1 σ of the logarithm: {shrunk})"
+
 
 def check_plan(excitation: LearnedExcitation, prior: MotorPrior) -> GreyBox:
     """The model of a prior that can choose windows of an excitation.
@@ -94,16 +100,15 @@ def plan_excitation(
 
 def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: str) -> np.ndarray:
     """(n, K, K) information about z of the mean motor of a class of joints from each joint of a bench trial."""
-    count = len(trial.load_inertia)
-    motors = prior.sample((joint_class,) * count, 0, spread=0.0)
+    motors = prior.sample((joint_class,) * len(trial.load_inertia), 0, spread=0.0)
+    assert isinstance(motors, GreyBoxActuator)
     log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
-    if isinstance(motors, GreyBoxActuator) and motors.gains is not None:
+    if motors.gains is not None:
         kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
         log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
     search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
-    z = prior.classes.mean_and_std(prior.joint_classes((joint_class,)) * count)[0]
-    return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
+    return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(motors.z)
 
 
 def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:
