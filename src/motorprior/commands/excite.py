@@ -72,19 +72,22 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     prior = None if config.plan_prior is None else MotorPrior.load(config.plan_prior)
     if prior is not None:  # before the training
         check_plan(windows_of(logs, period, config.commands), prior)
-    found, out = fit_excitation(
+    found = fit_excitation(
         logs, config.method, period=period, commands=config.commands, max_speed=min(config.max_speed, speed),
         max_torque=config.max_torque, steps=config.steps, seed=config.seed, out=config.out, progress=progress,
-    ), config.out  # fmt: skip
+    )  # fmt: skip
+    out = config.out
     if prior is not None:
         found, plans = plan_excitation(found, prior, config.seed)
         out = out.with_suffix(".plan.safetensors")
         found.save(out)
-        for text in (*map(str, plans), f"the windows to play are in {out}"):
-            progress.note(text)
-    for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
+        for plan in plans:
+            progress.note(str(plan))
+        progress.note(f"the windows to play are in {out}")
+    counts = np.bincount(found.window_class)
+    for name, count, bounds in zip(found.classes, counts, found.bounds.tolist(), strict=True):
         text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
-        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {text}")
+        progress.note(f"{name}: {count} windows; {text}")
     if config.csv_seconds:
         _write_csv(found, out.with_suffix(".csv"), config.csv_seconds, config.seed)
     return found
@@ -92,10 +95,11 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
 
 def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progress) -> MotorLog:
     log = load_log(path, columns=config.columns, robot=robot, suspended=config.suspended, progress=progress)
-    if log.external_torque is None and log.joint_torque is not None and robot:
+    if log.external_torque is not None:
+        return log
+    if log.joint_torque is not None and robot is not None:
         return with_torque_balance(log, robot)
-    if log.external_torque is None:
-        progress.note(f"{path}: no loads; only position targets are learned from it")
+    progress.note(f"{path}: no loads; only position targets are learned from it")
     return log
 
 

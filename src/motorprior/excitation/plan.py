@@ -19,8 +19,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.learned_excitation import SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bench.recording import as_log
 from motorprior.exceptions import ConfigError
-from motorprior.identification.physics.motor_problem import motor_search
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.latents.latent_fit import latent_search
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.windows import training_data, with_window_that_fits
 
@@ -84,7 +83,7 @@ def plan_excitation(
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))
         inertia = np.exp(rng.uniform(*np.log(excitation.load_inertia[index]), candidates))
         trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
-        plans.append(_plan(name, model, information(prior, model, trial, name), frames * excitation.period))
+        plans.append(_plan(name, model, information(prior, trial, name), frames * excitation.period))
         windows = np.concatenate([target.T[..., None], torque.T.reshape(candidates, frames, SUB)], axis=2)
         kept.append(windows[plans[-1].windows])
     chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
@@ -97,16 +96,16 @@ def plan_excitation(
     return made, plans
 
 
-def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: str) -> np.ndarray:
+def information(prior: MotorPrior, trial: Trial, joint_class: str) -> np.ndarray:
     """(n, K, K) information about z of the mean motor of a class of joints from each joint of a bench trial."""
     motors = prior.sample((joint_class,) * len(trial.load_inertia), 0, spread=0.0)
     assert isinstance(motors, GreyBoxActuator)
     log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
     if motors.gains is not None:
         kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
-        log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=model.gain_unit)
+        log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=prior.model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
-    search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
+    search = latent_search(prior.model, training_data(log, preset, log.source), preset)
     return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(motors.z)
 
 
