@@ -81,7 +81,7 @@ def plan_excitation(
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))
-        inertia = np.exp(rng.uniform(*np.log(excitation.load_inertia[index]), candidates))
+        inertia = np.exp(rng.uniform(*np.log(excitation.load_inertia[index]), size=candidates))
         trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
         plans.append(_plan(name, model, information(prior, trial, name), frames * excitation.period))
         windows = np.concatenate([target.T[..., None], torque.T.reshape(candidates, frames, SUB)], axis=2)

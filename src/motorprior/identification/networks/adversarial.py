@@ -114,7 +114,7 @@ def _data(runs: LearnedExcitation) -> Weights:
     return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()}
 
 
-def _initial(num_classes: int, seed: int) -> dict[str, Weights]:
+def _initial(num_classes: int, seed: int) -> dict[str, Any]:
     """Random weights of generator and critic, with variance 1 / inputs of a layer; zeros for biases."""
     critic: dict[str, tuple[int, ...]] = {"w_out": (4 * CRITIC_WIDTH,)}
     for layer in range(CRITIC_LAYERS):
