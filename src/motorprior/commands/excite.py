@@ -61,7 +61,7 @@ class Excite:
 
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
-    """Fit, plan, write; returns the plan's excitation if there is one. Errors for a setting or file not usable."""
+    """Fit, plan, write; the plan's excitation if there is one. Errors for a setting or file that cannot be used."""
     if config.out.suffix != ".safetensors":
         raise ConfigError(f"out {str(config.out)!r} is not a .safetensors file", remedy="name it so", argument="out")
     require_number("csv_seconds", config.csv_seconds)

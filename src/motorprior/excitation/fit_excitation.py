@@ -122,6 +122,7 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
         problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
         raise ConfigError(problem, remedy=remedy, argument="commands")
     frames = round(SECONDS / period)
+    # class -> window, target around it, command, load inertia (0: unknown)
     by_class: dict[str, list[tuple[np.ndarray, np.ndarray, float, float]]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
         names = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
