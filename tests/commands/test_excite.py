@@ -8,6 +8,7 @@ import pytest
 from motor_logs import joints_of, log_of
 
 from motorprior.actuator.motor_prior import CARD_PRIOR, LIBRARY
+from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
 from motorprior.exceptions import ConfigError, LogError
@@ -63,6 +64,18 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     slow = hardware_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=0.6, seed=0)
     assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065  # scaled to the speed it would have 0.06
     assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
+
+
+def test_a_plan_is_a_second_file(tmp_path: Path):
+    write_log(tmp_path / "run.parquet", suspended_run())
+    config = Excite((tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2")
+    found = run_excite(config)
+    before = config.out.read_bytes()
+    plan = replace(config, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR)), csv_seconds=1.0)
+    planned = run_excite(plan)
+    assert config.out.read_bytes() == before and planned.provenance != found.provenance
+    assert 0 < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows) < len(found.windows)
+    assert (tmp_path / "walk.plan.csv").exists() and not (tmp_path / "walk.csv").exists()
 
 
 def test_a_plan_is_checked_before_the_training_and_leaves_the_file(tmp_path: Path):

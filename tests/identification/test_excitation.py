@@ -59,7 +59,18 @@ def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(fr
     assert gait_frequency(target, 0.01) == pytest.approx(frequency, rel=0.01)
 
 
-@pytest.mark.parametrize("given", [{"commands": (0.1, 0.2)}, {"period": 0.05}], ids=["one per run", "too long"])
+def test_bounds_are_the_smaller_of_the_given_ones_and_the_runs():
+    free = fit_excitation(run_of(), "recorded").bounds
+    found = fit_excitation(run_of(), "recorded", max_speed=2.0, max_torque=0.5).bounds
+    assert found[1].tolist() == [free[1, 0], 2.0, free[1, 2], 0.5]  # knees
+    assert found[0].tolist() == free[0].tolist()  # hips are slower and carry nothing
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"commands": (0.1, 0.2)}, {"period": 0.05}, {"max_speed": 0.0}, {"max_torque": np.nan}],
+    ids=["one per run", "too long", "no speed", "not a number"],
+)
 def test_wrong_commands_and_periods_are_refused(given):
     with pytest.raises(ConfigError, match=next(iter(given))):
         fit_excitation(run_of(), "recorded", **given)

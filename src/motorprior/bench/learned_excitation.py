@@ -196,10 +196,6 @@ class LearnedExcitation:
             raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="method")
         return replace(self, method=method)
 
-    def within(self, limits: Bounds) -> LearnedExcitation:
-        """The same with bounds that are at most these limits, each a number."""
-        return replace(self, bounds=np.minimum(self.bounds, np.array(limits, float)))
-
     def streams(self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0) -> Streams:
         """See `Excitation.streams`; torques do not scale with ``unit``. Joints of no class get a random one.
 

@@ -10,18 +10,18 @@ import numpy as np
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import atomic_path
-from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.excitation import Streams
 from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError
-from motorprior.excitation.fit_excitation import STEPS, fit_excitation
+from motorprior.excitation.fit_excitation import STEPS, fit_excitation, windows_of
 from motorprior.excitation.plan import check_plan, plan_excitation
 from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Excite:
     runs: tuple[Path, ...]
     """Logs in any format of docs/logs.md: recordings of `deploy` and `record`, logs of `simulate`, imported logs."""
     out: Path
-    """File to write (.safetensors)."""
+    """File to write (.safetensors); a plan is written next to it."""
     method: str = "generated"
     """generated (adversarial network), surrogate (Gaussian process with the runs' spectrum and marginals) or recorded
     (windows of the runs)."""
@@ -52,7 +52,8 @@ class Excite:
     steps: int = STEPS
     """Training steps of the network."""
     plan_prior: Path | None = None
-    """Prior (.safetensors): keep the windows that shrink its posterior most, and report what they identify."""
+    """Prior (.safetensors): also write the windows that shrink its posterior most, as OUT with .plan.safetensors, and
+    report what they identify."""
     csv_seconds: float = 0.0
     """Duration of targets and external torques of every joint class that are also written as .csv [s]."""
     seed: int = 0
@@ -60,55 +61,45 @@ class Excite:
 
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
-    """Fit, plan, write; errors for a setting or file that cannot be used."""
+    """Fit, plan, write; the plan's excitation if there is one. Errors for a setting or file that cannot be used."""
     if config.out.suffix != ".safetensors":
         raise ConfigError(f"out {str(config.out)!r} is not a .safetensors file", remedy="name it so", argument="out")
     require_number("csv_seconds", config.csv_seconds)
-    for name in ("max_speed", "max_torque"):
-        require_number(name, getattr(config, name), positive=True, maximum=inf)
     robot = load_robot(config.robot) if config.robot else None
-    logs = [_with_loads(config, path, progress) for path in config.runs]
+    logs = [_with_loads(config, robot, path, progress) for path in config.runs]
     period = (robot.control_dt if robot else 0.01) if config.period is None else config.period
-    prior = None if config.plan_prior is None else MotorPrior.load(config.plan_prior)
     speed = robot.wire.safety.target_speed if robot and robot.wire else inf
-    limits = Bounds(inf, min(speed, config.max_speed), inf, config.max_torque)
+    prior = None if config.plan_prior is None else MotorPrior.load(config.plan_prior)
     if prior is not None:  # before the training
-        check_plan(fit_excitation(logs, "recorded", period=period, commands=config.commands), prior)
-
-    def finish(found: LearnedExcitation) -> LearnedExcitation:
-        found = found.within(limits)
-        return found if prior is None else _planned(found, prior, config.seed, progress)
-
+        check_plan(windows_of(logs, period, config.commands), prior)
     found = fit_excitation(
-        logs, config.method, period=period, commands=config.commands, steps=config.steps, seed=config.seed,
-        out=config.out, finish=finish, progress=progress,
+        logs, config.method, period=period, commands=config.commands, max_speed=min(config.max_speed, speed),
+        max_torque=config.max_torque, steps=config.steps, seed=config.seed, out=config.out, progress=progress,
     )  # fmt: skip
-    for name, bounds in zip(found.classes, found.bounds.tolist(), strict=True):
+    out = config.out
+    if prior is not None:
+        found, plans = plan_excitation(found, prior, config.seed)
+        out = out.with_suffix(".plan.safetensors")
+        found.save(out)
+        for plan in plans:
+            progress.note(str(plan))
+        progress.note(f"the windows to play are in {out}")
+    counts = np.bincount(found.window_class)
+    for name, count, bounds in zip(found.classes, counts, found.bounds.tolist(), strict=True):
         text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
-        progress.note(f"{name}: {np.sum(found.window_class == found.classes.index(name))} windows; {text}")
+        progress.note(f"{name}: {count} windows; {text}")
     if config.csv_seconds:
-        _write_csv(found, config.out.with_suffix(".csv"), config.csv_seconds, config.seed)
+        _write_csv(found, out.with_suffix(".csv"), config.csv_seconds, config.seed)
     return found
 
 
-def _planned(found: LearnedExcitation, prior: MotorPrior, seed: int, progress: Progress) -> LearnedExcitation:
-    """The windows that shrink the prior's posterior most; reports what they identify."""
-    found, plans = plan_excitation(found, prior, seed)
-    for plan in plans:
-        shrunk = ", ".join(f"{n} {plan.before[n]:.2f} to {plan.after[n]:.2f}" for n in plan.after)
-        progress.note(
-            f"{plan.joint_class}: play {plan.seconds:.1f} s; makes identifiable: "
-            f"{', '.join(plan.made_identifiable) or 'nothing more'} (1 σ of the logarithm: {shrunk})"
-        )
-    return found
-
-
-def _with_loads(config: Excite, path: Path, progress: Progress) -> MotorLog:
-    log = load_log(path, columns=config.columns, robot=config.robot, suspended=config.suspended, progress=progress)
-    if log.external_torque is None and log.joint_torque is not None and config.robot:
-        return with_torque_balance(log, load_robot(config.robot))
-    if log.external_torque is None:
-        progress.note(f"{path}: no loads; only position targets are learned from it")
+def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progress) -> MotorLog:
+    log = load_log(path, columns=config.columns, robot=robot, suspended=config.suspended, progress=progress)
+    if log.external_torque is not None:
+        return log
+    if log.joint_torque is not None and robot is not None:
+        return with_torque_balance(log, robot)
+    progress.note(f"{path}: no loads; only position targets are learned from it")
     return log
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
-from time import monotonic
-from typing import Any
 
 import numpy as np
 
@@ -41,10 +40,11 @@ def fit_excitation(
     *,
     period: float = 0.01,
     commands: Sequence[float] = (),
+    max_speed: float = inf,
+    max_torque: float = inf,
     steps: int = STEPS,
     seed: int = 0,
     out: Path | str | None = None,
-    finish: Callable[[LearnedExcitation], LearnedExcitation] = lambda found: found,
     progress: Progress = WARNED,
 ) -> LearnedExcitation:
     """Learn position targets and external torques of joints, by joint class, from what a robot did.
@@ -55,27 +55,25 @@ def fit_excitation(
             spectrum and marginals, recorded plays windows of the runs.
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
+        max_speed: bound of the targets' speed [rad/s], which is at most 1.25 times the runs'.
+        max_torque: bound of external torques [N·m], likewise.
         steps: training steps of the network.
         seed: of the training, which is deterministic.
         out: .safetensors file to write; training continues from the .checkpoint next to it. The generator of a finished
             file of the same runs and settings is used again.
-        finish: applied to the excitation before it is written, such as narrower bounds.
         progress: where to report to.
 
     Raises:
-        ConfigError: a number out of range, or commands that are not one per run.
+        ConfigError: a number out of range, or commands that are not one per run; ``out`` is another kind of artifact.
         LogError: no run is long enough, or none moves.
     """
     logs = [runs] if isinstance(runs, MotorLog) else list(runs)
     require_argument("method", method, one_of(*MAKERS))
-    require_number("period", period, 1e-4, MAX_CONTROL_PERIOD)
+    require_number("max_speed", max_speed, positive=True, maximum=inf)
+    require_number("max_torque", max_torque, positive=True, maximum=inf)
     require_count("steps", steps)
     require_seed(seed)
-    if not logs or len(commands) not in (0, len(logs)):
-        problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
-        raise ConfigError(problem, remedy=remedy, argument="commands")
-    if out is not None:
-        _require_excitation(Path(out))
+    earlier = None if out is None else _earlier(Path(out))
     found = windows_of(logs, period, commands)
     trained_on = [
         {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
@@ -84,77 +82,75 @@ def fit_excitation(
     origin = {"trained_on": trained_on, "commands": list(commands), "period": period, "windows_sha256": digest}
     checkpoint = None if out is None else Path(out).with_suffix(".checkpoint")
     if method == "generated":
-        os.environ.setdefault("JAX_PLATFORMS", "cpu")
-        from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
-
         origin |= {"steps": steps, "seed": seed}
-        weights = {} if out is None else _finished_weights(Path(out), origin, progress)
-        if not weights:
-            started = monotonic()
+        if earlier is not None and earlier.weights and earlier.provenance == origin:
+            progress.note(f"{out} exists already, from the same runs and settings")
+            weights = earlier.weights
+        else:
+            os.environ.setdefault("JAX_PLATFORMS", "cpu")
+            from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
+
             with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
                 weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
-            progress.note(f"trained in {monotonic() - started:.1f} s")
         found = replace(found, weights=weights)
-    found = finish(replace(found.with_method(method), provenance=origin))
+    bounds = np.minimum(found.bounds, Bounds(inf, max_speed, inf, max_torque))
+    found = replace(found, method=method, bounds=bounds, provenance=origin)
     if out is not None:
         found.save(Path(out))
-    if checkpoint is not None and found.weights:  # else it is needed, as in a plan
+    if checkpoint is not None:
         checkpoint.unlink(missing_ok=True)
     return found
 
 
-def _finished_weights(out: Path, origin: dict[str, Any], progress: Progress) -> Mapping[str, np.ndarray]:
-    """The generator in a file of the same provenance; empty if there is none."""
-    with suppress(ArtifactError):  # no file, or a damaged one, which is written again
-        found = LearnedExcitation.load(out)
-        if found.weights and found.provenance == origin:
-            progress.note(f"{out} exists already, from the same runs and settings")
-            return found.weights
-    return {}
-
-
-def _require_excitation(out: Path) -> None:
-    """Raise ConfigError if a file is an artifact of another kind, which would be overwritten."""
+def _earlier(out: Path) -> LearnedExcitation | None:
+    """The excitation in a file; None if there is none or it is damaged. ConfigError for another kind of artifact."""
     with suppress(ArtifactError):
         kind = read_tensors(out)[1].get("kind")
         if kind != "excitation":
             raise ConfigError(f"{out} is a {kind}", remedy="give another file", argument="out")
+        return LearnedExcitation.load(out)
+    return None
 
 
 def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float] = ()) -> LearnedExcitation:
     """The windows of runs with a control period of ``period`` [s] and commanded speeds [m/s], played by themselves.
 
-    Windows with a static target are left out. Raises `LogError` if no window is left.
+    Windows with a static target are left out. Raises ConfigError and LogError as `fit_excitation`.
     """
+    require_number("period", period, 1e-4, MAX_CONTROL_PERIOD)
+    if not logs or len(commands) not in (0, len(logs)):
+        problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
+        raise ConfigError(problem, remedy=remedy, argument="commands")
     frames = round(SECONDS / period)
-    by_class: dict[str, list[tuple[np.ndarray, ...]]] = {}  # class -> window, target around it, command, load inertia
+    # class -> window, target around it, command, load inertia (0: unknown)
+    by_class: dict[str, list[tuple[np.ndarray, np.ndarray, float, float]]] = {}
     for log, command in zip(logs, commands or [0.0] * len(logs), strict=True):
         names = classes_by_name(log.joint_names)  # places on the robot, whatever the motors
         for segment in (each for each in log.segments() if each.duration > SECONDS):
             grid = resample(segment, period / SUB)
-            loads = np.full_like(grid.position_target, np.nan) if grid.load_inertia is None else grid.load_inertia
             for joint, kind in enumerate(names if any(names) else log.joint_names):
-                whole, load = _frames(grid, joint), np.median(loads[:, joint])
+                whole = _frames(grid, joint)
+                load = 0.0 if grid.load_inertia is None else float(np.median(grid.load_inertia[:, joint]))
                 for first in range(0, len(whole) - frames + 1, frames // OVERLAP):
-                    window, around = (
-                        whole[first : first + frames],
-                        whole[max(0, first - frames) : first + 2 * frames, 0],
-                    )
+                    window = whole[first : first + frames]
+                    around = whole[max(0, first - frames) : first + 2 * frames, 0]
                     if window[:, 0].std() > EXCITED_STD:
-                        by_class.setdefault(kind, []).append((window, around, np.array(command), load))
+                        by_class.setdefault(kind, []).append((window, around, command, load))
     if not by_class:
         remedy = "record longer runs, or runs that move"
         raise LogError(f"no window of {SECONDS:g} s with a moving joint", where=logs[0].source, remedy=remedy)
+    loads = [[each[3] for each in own if each[3] > 0.0] or [UNKNOWN_LOAD] for own in by_class.values()]
     places = [np.unique(np.linspace(0, len(own) - 1, MAX_WINDOWS).astype(int)) for own in by_class.values()]
-    kept = [own[place] for own, chosen in zip(by_class.values(), places, strict=True) for place in chosen]
-    windows, which = np.stack([each[0] for each in kept]), np.repeat(np.arange(len(places)), [len(p) for p in places])
-    of_class = [windows[which == kind] for kind in range(len(places))]
-    known = [[each[3] for each in own if each[3] > 0.0] or [UNKNOWN_LOAD] for own in by_class.values()]
+    kept = [[own[place] for place in chosen] for own, chosen in zip(by_class.values(), places, strict=True)]
+    windows = [np.stack([each[0] for each in own]) for own in kept]
     return LearnedExcitation(
-        "recorded", tuple(by_class), period, windows, which,
-        np.array([each[2] for each in kept], float), np.array([gait_frequency(each[1], period) for each in kept]),
-        np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in of_class]),
-        np.array([_bounds(own, period) for own in of_class]), np.array([(min(own), max(own)) for own in known]),
+        "recorded", tuple(by_class), period, np.concatenate(windows),
+        window_class=np.repeat(np.arange(len(kept)), [len(own) for own in kept]),
+        commands=np.array([each[2] for own in kept for each in own], float),
+        frequency=np.array([gait_frequency(each[1], period) for own in kept for each in own]),
+        scales=np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in windows]),
+        bounds=np.array([_bounds(own, period) for own in windows]),
+        load_inertia=np.array([(min(own), max(own)) for own in loads]),
     )  # fmt: skip
 
 
@@ -162,10 +158,9 @@ def _frames(grid: MotorLog, joint: int) -> np.ndarray:
     """(frames, CHANNELS) of a joint of one segment on the grid of external torques."""
     count = grid.num_rows // SUB
     target = grid.position_target[: count * SUB, joint].reshape(count, SUB).mean(axis=1)
-    torque = np.zeros((count, SUB))
-    if grid.external_torque is not None:
-        torque = grid.external_torque[: count * SUB, joint].reshape(count, SUB)
-    return np.concatenate([target[:, None] - target.mean(), torque], axis=1)
+    external = np.zeros_like(grid.position_target) if grid.external_torque is None else grid.external_torque
+    torque = external[: count * SUB, joint].reshape(count, SUB)
+    return np.column_stack([target - target.mean(), torque])
 
 
 def _bounds(windows: np.ndarray, period: float) -> Bounds:

@@ -19,8 +19,7 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.learned_excitation import SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bench.recording import as_log
 from motorprior.exceptions import ConfigError
-from motorprior.identification.physics.motor_problem import motor_search
-from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.latents.latent_fit import latent_search
 from motorprior.identification.presets import recipe_of
 from motorprior.identification.windows import training_data, with_window_that_fits
 
@@ -43,6 +42,12 @@ class Plan:
     def made_identifiable(self) -> list[str]:
         """Constants that the seconds make identifiable."""
         return [n for n, after in self.after.items() if after < MAX_LOG_STD <= self.before[n]]
+
+    def __str__(self) -> str:
+        shrunk = ", ".join(f"{n} {self.before[n]:.2f} to {after:.2f}" for n, after in self.after.items())
+        identifiable = ", ".join(self.made_identifiable) or "nothing more"
+        play = f"{self.joint_class}: play {self.seconds:.1f} s; makes identifiable: {identifiable}"
+        return f"{play} (1 σ of the logarithm: {shrunk})"
 
 
 def check_plan(excitation: LearnedExcitation, prior: MotorPrior) -> GreyBox:
@@ -76,10 +81,9 @@ def plan_excitation(
     frames, plans, kept = excitation.windows.shape[1], [], []
     for index, name in enumerate(excitation.classes):
         target, torque = excitation.frames(rng, frames, np.full(candidates, index))
-        low, high = np.log(excitation.load_inertia[index])
-        inertia = np.exp(rng.uniform(low, high, candidates))
+        inertia = np.exp(rng.uniform(*np.log(excitation.load_inertia[index]), size=candidates))
         trial = Trial(np.repeat(target, SUB, axis=0), torque, inertia, excitation.period / SUB)
-        plans.append(_plan(name, model, information(prior, model, trial, name), frames * excitation.period))
+        plans.append(_plan(name, model, information(prior, trial, name), frames * excitation.period))
         windows = np.concatenate([target.T[..., None], torque.T.reshape(candidates, frames, SUB)], axis=2)
         kept.append(windows[plans[-1].windows])
     chosen, of_class = np.concatenate(kept), np.repeat(np.arange(len(kept)), [len(windows) for windows in kept])
@@ -92,18 +96,17 @@ def plan_excitation(
     return made, plans
 
 
-def information(prior: MotorPrior, model: GreyBox, trial: Trial, joint_class: str) -> np.ndarray:
+def information(prior: MotorPrior, trial: Trial, joint_class: str) -> np.ndarray:
     """(n, K, K) information about z of the mean motor of a class of joints from each joint of a bench trial."""
-    count = len(trial.load_inertia)
-    motors = prior.sample((joint_class,) * count, 0, spread=0.0)
+    motors = prior.sample((joint_class,) * len(trial.load_inertia), 0, spread=0.0)
+    assert isinstance(motors, GreyBoxActuator)
     log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
-    if isinstance(motors, GreyBoxActuator) and motors.gains is not None:
+    if motors.gains is not None:
         kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
-        log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=model.gain_unit)
+        log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=prior.model.gain_unit)
     preset = with_window_that_fits(recipe_of(prior), log)
-    search = motor_search(model, WindowRuns(training_data(log, preset, log.source), preset))
-    z = prior.classes.mean_and_std(prior.joint_classes((joint_class,)) * count)[0]
-    return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(z)
+    search = latent_search(prior.model, training_data(log, preset, log.source), preset)
+    return search.problem.observations / prior.metrics["final_loss"] * search.curvatures(motors.z)
 
 
 def _plan(name: str, model: GreyBox, added: np.ndarray, seconds: float) -> Plan:

@@ -68,7 +68,7 @@ def train_generator(
         state, losses = jax.lax.scan(step, state, keys)
         return state, losses.mean(axis=0)
 
-    networks = _initial(runs, seed, data)
+    networks = _initial(len(runs.classes), seed) | {"codes": data["codes"]}
     state, first = (networks, optimiser.init(networks)), 0
     leaves, structure = jax.tree.flatten(state)
     identity = {"settings": identity, "shapes": [list(leaf.shape) for leaf in leaves]}
@@ -114,23 +114,18 @@ def _data(runs: LearnedExcitation) -> Weights:
     return {name: jnp.asarray(value, jnp.float32) for name, value in found.items()}
 
 
-def _initial(runs: LearnedExcitation, seed: int, data: Weights) -> dict[str, Any]:
-    """Codes, and random weights of generator and critic."""
-    rng = np.random.default_rng([seed, 53])
+def _initial(num_classes: int, seed: int) -> dict[str, Any]:
+    """Random weights of generator and critic, with variance 1 / inputs of a layer; zeros for biases."""
     critic: dict[str, tuple[int, ...]] = {"w_out": (4 * CRITIC_WIDTH,)}
     for layer in range(CRITIC_LAYERS):
-        given = CRITIC_WIDTH if layer else CHANNELS + 2 + SUB + len(runs.classes) + 1
+        given = CRITIC_WIDTH if layer else CHANNELS + 2 + SUB + num_classes + 1
         critic |= {f"w{layer}": (CRITIC_TAPS, given, CRITIC_WIDTH), f"b{layer}": (CRITIC_WIDTH,)}
-
-    def weights(shapes: Mapping[str, tuple[int, ...]]) -> Weights:
+    rng, found = np.random.default_rng([seed, 53]), {}
+    for network, shapes in {"generator": learned_excitation.weight_shapes(num_classes), "critic": critic}.items():
         scales = {n: (n[0] not in "bc") / np.sqrt(max(1, np.prod(shape[:-1]))) for n, shape in shapes.items()}
-        return {n: jnp.asarray(scales[n] * rng.standard_normal(s), jnp.float32) for n, s in shapes.items()}
-
-    return {
-        "codes": data["codes"],
-        "generator": weights(learned_excitation.weight_shapes(len(runs.classes))),
-        "critic": weights(critic),
-    }
+        weights = {n: jnp.asarray(scales[n] * rng.standard_normal(s), jnp.float32) for n, s in shapes.items()}
+        found[network] = weights
+    return found
 
 
 def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
@@ -148,7 +143,8 @@ def _seen(windows: Any, own: Weights) -> Any:
     """
     sizes = own["sizes"][:, :, None, None]
     parts = [jnp.arcsinh(part / sizes[:, index]) for index, part in enumerate(_derivatives(windows))]
-    return jnp.concatenate([windows[:, 2:], *parts, _at_frames(own["conditions"], windows.shape[1] - 2)], axis=2)
+    conditions = jnp.repeat(own["conditions"][:, None], windows.shape[1] - 2, axis=1)
+    return jnp.concatenate([windows[:, 2:], *parts, conditions], axis=2)
 
 
 def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
@@ -167,11 +163,6 @@ def _scores(critic: Weights, signals: Any) -> tuple[Any, list[Any]]:
     return pooled[-1] @ critic["w_out"] / jnp.linalg.norm(critic["w_out"]), pooled
 
 
-def _at_frames(values: Any, frames: int) -> Any:
-    """(B, frames, K) of values (B, K)."""
-    return jnp.broadcast_to(values[:, None], (len(values), frames, values.shape[1]))
-
-
 def _loss(networks: dict[str, Any], data: Weights, key: Any) -> tuple[Any, Any]:
     """Sum of the losses of all networks for a random batch; loss of the reconstruction, and the critic's gap."""
     batch_key, code_key, noise_key = jax.random.split(key, 3)
@@ -179,7 +170,7 @@ def _loss(networks: dict[str, Any], data: Weights, key: Any) -> tuple[Any, Any]:
     own = {name: value[chosen] for name, value in data.items()}
     codes, phases = networks["codes"][chosen, :CODE], own["phases"] + PHASE_UNIT * networks["codes"][chosen, CODE:]
     codes = codes + CODE_NOISE * jax.random.normal(code_key, codes.shape)
-    conditions = _at_frames(jnp.concatenate([codes, own["conditions"]], axis=1), phases.shape[1])
+    conditions = jnp.repeat(jnp.concatenate([codes, own["conditions"]], axis=1)[:, None], phases.shape[1], axis=1)
     noise = jax.random.normal(noise_key, (*phases.shape, NOISE))
     made = learned_excitation.generator(networks["generator"], phases, conditions, noise, jnp)
     real, fake = _seen(own["windows"], own), _seen(made, own)
