@@ -18,6 +18,7 @@ from motorprior.actuator.optional_terms import SIGNED
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.learned_excitation import SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bench.recording import as_log
+from motorprior.evaluation.reference import WITHOUT_TORQUE
 from motorprior.exceptions import ConfigError
 from motorprior.identification.latents.latent_fit import latent_search
 from motorprior.identification.presets import recipe_of
@@ -101,6 +102,8 @@ def information(prior: MotorPrior, trial: Trial, joint_class: str) -> np.ndarray
     motors = prior.sample((joint_class,) * len(trial.load_inertia), 0, spread=0.0)
     assert isinstance(motors, GreyBoxActuator)
     log = as_log([(trial, run(motors, trial))], prior.motor, "candidates")
+    if f"loss_mean{WITHOUT_TORQUE}" not in prior.metrics:  # the robot's logs have no torques
+        log = replace(log, joint_torque=None)
     if motors.gains is not None:
         kp, kd = np.repeat(motors.gains[:, None], log.num_rows, axis=1)
         log = replace(log, logged_kp=kp, logged_kd=kd, gain_unit=prior.model.gain_unit)
