@@ -1,7 +1,5 @@
 """Files: read with one clear error, written whole or not at all, as JSON or safetensors with a JSON header."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import math

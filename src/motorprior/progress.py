@@ -1,7 +1,5 @@
 """Progress and notes of stages, and stages in parallel."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -4,8 +4,6 @@
 command continues where it stopped. The description excludes paths: a folder that was moved or copied is still finished.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence

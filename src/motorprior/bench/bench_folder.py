@@ -1,7 +1,5 @@
 """Benches, and their folders: the motor log, and bench.json with the settings that reproduce its motors."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Virtual dynamometer: joints with known loads, driven by physical or learned motors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

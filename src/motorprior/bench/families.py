@@ -1,7 +1,5 @@
 """Families of physical motors: their parameters with units and bounds, and the constructors of the motors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property

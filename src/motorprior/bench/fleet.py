@@ -1,7 +1,5 @@
 """A fleet: a population of physical motors, as distributions of their constants in a TOML file with sources."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Identify motors from logs, train walking policies on them, evaluate and deploy."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Commands with their tables on the terminal."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Sequence

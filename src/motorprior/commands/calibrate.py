@@ -1,7 +1,5 @@
 """A fleet of physical motors fitted to logs of a real robot, by replaying their commands."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

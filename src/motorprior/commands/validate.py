@@ -1,7 +1,5 @@
 """Closed-loop fidelity of motor priors, compared with the physical motors that they learned from."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

@@ -6,8 +6,6 @@ from a start FLOOR_OFFSET away. A sample of a band is a motor with z from the po
 a residual of the prior (`sample_residuals`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 

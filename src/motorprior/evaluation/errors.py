@@ -8,8 +8,6 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
     replay      starts from the first row of a segment with a static rotor (`dynamometer.run`)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

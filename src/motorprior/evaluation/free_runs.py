@@ -1,7 +1,5 @@
 """Evaluation of models in free runs over logs: errors with their tables, warnings, and traces of two joints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

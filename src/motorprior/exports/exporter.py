@@ -1,7 +1,5 @@
 """The interface of an export format, and the sample of motors that it writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -3,8 +3,6 @@
 The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Motions, control steps at absolute times on the monotonic clock, their timing and protection from other processes."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import math

@@ -4,8 +4,6 @@ Each check is called once per measurement or control step and yields or raises a
 `robots.wire.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What an armed robot plays: a walk with a trained policy, or an excitation of its motors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager

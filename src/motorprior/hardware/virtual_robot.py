@@ -5,8 +5,6 @@ the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "
 switched off. It has no watchdog. As in some versions, it ignores all other keys of a command with ``pos``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty

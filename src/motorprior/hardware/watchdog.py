@@ -1,7 +1,5 @@
 """The host's side of the watchdog: starts the process, sends heartbeats, and reads whether it has tripped."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

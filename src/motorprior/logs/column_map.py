@@ -5,8 +5,6 @@ with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a ch
 that overrides [units].
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections import ChainMap

@@ -1,7 +1,5 @@
 """How formats are read: the interface of a format, and logs from the columns that a `ColumnMap` names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain

@@ -3,8 +3,6 @@
 A new format is a file in `logs.readers` with its `LogReader` as READER.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from importlib import import_module

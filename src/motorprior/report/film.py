@@ -1,7 +1,5 @@
 """Films of walks, one under the other: rendered by MuJoCo where OpenGL works, else stick figures; GIF or MP4."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Pictures: commands and response of motors, simulated and recorded angles, errors by joint, learning curves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 

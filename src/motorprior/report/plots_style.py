@@ -3,8 +3,6 @@
 Styles are set on the artists, not in matplotlib's global settings, so that two threads may draw at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from io import BytesIO
 from typing import Any

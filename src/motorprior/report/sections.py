@@ -1,7 +1,5 @@
 """Sections of the pages, from the files of their stages, and the page of trained policies."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

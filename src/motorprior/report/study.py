@@ -1,7 +1,5 @@
 """Sections of the pages of the transfer study and of the demo: tables, a forest plot, robustness."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 

@@ -6,8 +6,6 @@ model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """Constants of a robot's protocol, and the safety limits of its host."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

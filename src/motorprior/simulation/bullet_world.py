@@ -11,8 +11,6 @@ which is MuJoCo's Euler step with implicit damping.
 
 # pyright: reportMissingModuleSource=false, reportMissingImports=false
 # PyBullet is an extra.
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,7 +1,5 @@
 """The motors of a simulated robot, chosen by a text (`actuator.registry`) or given as objects."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Train a walking policy: settings, the loop, its files, and its provenance."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

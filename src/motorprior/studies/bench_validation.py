@@ -1,7 +1,5 @@
 """Closed-loop fidelity of the priors of a bench, compared with the physical motors that they learned from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Replay the commands of a real robot's log on a simulated robot, to compare joint angles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Literal, TypeAlias, TypeVar

@@ -1,7 +1,5 @@
 """Training conditions and settings of the transfer study."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

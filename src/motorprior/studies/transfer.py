@@ -8,8 +8,6 @@
 `statistics` summarises the walks.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext

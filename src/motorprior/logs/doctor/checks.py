@@ -1,7 +1,5 @@
 """The log doctor: checks whether motors can be identified from a log. A check is a function that yields findings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

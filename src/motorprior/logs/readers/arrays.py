@@ -5,8 +5,6 @@ dots, such as ``run.0.joint_pos``; the last part is enough where it is the only 
 per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path

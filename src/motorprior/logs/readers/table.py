@@ -5,8 +5,6 @@ or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``
 first row.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

@@ -5,8 +5,6 @@ Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from 
 differences (1.5 mm) are averaged. The chassis' box is an assumption, for pictures and contacts of a fallen robot.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
