@@ -1,7 +1,5 @@
 """Tidy table of measurements; the names in figures.json are made from its columns."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ class Results(tuple[Result, ...]):
 
     __slots__ = ()
 
-    def __add__(self, other: tuple[Any, ...]) -> Results:
+    def __add__(self, other: tuple[Any, ...]) -> "Results":
         return Results((*self, *other))
 
     def __str__(self) -> str:
@@ -48,7 +46,7 @@ class Results(tuple[Result, ...]):
         cells = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
         return text_table(named, cells)
 
-    def where(self, **columns: Any) -> Results:
+    def where(self, **columns: Any) -> "Results":
         """Rows with these values; a tuple stands for any of its values, None for no value."""
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
         return Results(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
@@ -91,7 +89,7 @@ class Results(tuple[Result, ...]):
         write_json(path, {"rows": rows})
 
     @classmethod
-    def load(cls, path: Path) -> Results:
+    def load(cls, path: Path) -> "Results":
         """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
         try:
             return cls(Result(**row) for row in read_json(path)["rows"])

@@ -1,7 +1,5 @@
 """Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -30,7 +28,7 @@ class BenchPreset:
     hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
 
-    def for_robot(self, robot: Robot) -> BenchPreset:
+    def for_robot(self, robot: Robot) -> "BenchPreset":
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
         low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
         loads = low * self.load_inertia[0], high * self.load_inertia[1]

@@ -1,7 +1,5 @@
 """The paper's experiment in minutes: motor logs, models of the motors, walking policies, held-out robots, a page."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -96,7 +94,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     study.require_valid()
     own: list[Section] = []
 
-    def write_page(sections: list[Section], complete: bool = False) -> Path:
+    def write_page(sections: "list[Section]", complete: bool = False) -> Path:
         title = "motorprior: do policies walk on robots they have never seen?"
         settings = asdict(given) | {"speed": study.commanded}
         write_text(out / stage.PAGE, page(title, [*own, *sections], settings, command or repr(given), complete))
@@ -172,7 +170,7 @@ def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
     return found
 
 
-def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
+def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
     """A film of one robot of the environment hard on policies of FILMED."""
     from motorprior.report.film import comparison_gif
     from motorprior.report.page import Picture

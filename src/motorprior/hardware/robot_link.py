@@ -1,7 +1,5 @@
 """The host's link to a robot at a serial port: receives, checks, records, and sends through the safety gate."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections import deque
@@ -37,7 +35,7 @@ class RobotLink:
     """
 
     def __init__(
-        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None
+        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: "Recorder | None" = None
     ):
         self.robot, self.port, self._recorder = robot, port, recorder
         self._signs = robot.require_wire().joint_signs
@@ -51,7 +49,7 @@ class RobotLink:
         self._error_line: str | None = None
         self._ignored: set[str] = set()
 
-    def __enter__(self) -> RobotLink:
+    def __enter__(self) -> "RobotLink":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -4,8 +4,6 @@ A target that is too far or too fast is clipped and counted; an invalid one ends
 only idle pass and, if the fault leaves time for it, the motion into the crouch.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -28,7 +26,7 @@ class Gains:
     @classmethod
     def of(
         cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
-    ) -> Gains:
+    ) -> "Gains":
         """The given gains, and the robot's own in place of None; raises ConfigError as `check`."""
         given = {"kp": kp, "kd": kd, "max_current": max_current}
         gains = cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})

@@ -13,8 +13,6 @@ these functions in the same order, so simulations agree bit for bit:
            complete_observation        sensor errors; command, heading and phase join the observation
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, astuple, dataclass
 from typing import NamedTuple
@@ -118,7 +116,7 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 
 @njit(cache=True)
 def complete_observation(
-    body: Body, gait: GaitState, sensors: SensorErrors, schedule: np.ndarray, step: int, base_quat: np.ndarray
+    body: Body, gait: GaitState, sensors: "SensorErrors", schedule: np.ndarray, step: int, base_quat: np.ndarray
 ) -> None:
     """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
 

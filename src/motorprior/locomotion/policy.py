@@ -5,8 +5,6 @@ swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018
 the turn.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -149,7 +147,7 @@ class Policy(Printable):
         kp: np.ndarray,
         kd: np.ndarray,
         provenance: Mapping[str, Any] = MappingProxyType({}),
-    ) -> Policy:
+    ) -> "Policy":
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_gait().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)
@@ -191,7 +189,7 @@ class Policy(Printable):
         write_tensors(Path(path), tensors, header)
 
     @classmethod
-    def load(cls, path: str | Path) -> Policy:
+    def load(cls, path: str | Path) -> "Policy":
         """Read what `save` wrote; ArtifactError for another file, a wrong shape, or a value that is not finite."""
         path = Path(path)
         tensors, header = _HEADER.read(path)

@@ -1,7 +1,5 @@
 """The description of a robot: joints, legs, poses, model, clocks and wire."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -73,7 +71,7 @@ class Gait:
     residual: float = 0.3  # maximum correction of a joint target by the policy [rad]
 
     @classmethod
-    def of_size(cls, hip_height: float) -> Gait:
+    def of_size(cls, hip_height: float) -> "Gait":
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
         frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of
@@ -187,7 +185,7 @@ class Robot(Printable):
             raise ConfigError(f"robot {self.name!r} cannot walk: {problem}", remedy=remedy)
         return self.gait
 
-    def with_speed_range(self, forward: tuple[float, float]) -> Robot:
+    def with_speed_range(self, forward: tuple[float, float]) -> "Robot":
         """The same robot with another range of commanded speeds [m/s]; raises as `require_gait`."""
         return replace(self, gait=replace(self.require_gait(), forward=forward))
 

@@ -3,8 +3,6 @@
 `WalkEnv` and that call have the same compiled functions in the same order, so the results are the same bit for bit.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -250,7 +248,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         }
 
 
-def simulator_of(scene: Scene) -> WalkSimulator | EnvSimulator:
+def simulator_of(scene: Scene) -> "WalkSimulator | EnvSimulator":
     """Simulator of whole episodes of a scene, compiled with MuJoCo."""
     return WalkSimulator(scene) if scene.walk.engine == "mujoco" else EnvSimulator(scene)
 

@@ -11,8 +11,6 @@ by leave-one-log-out cross-validation of the replay error. The fitted spread is 
 expectation maximisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -53,7 +51,7 @@ class Parameter:
     minimum: float  # of the constant
 
     @classmethod
-    def of(cls, name: str, unit: str, distribution: Distribution) -> Parameter:
+    def of(cls, name: str, unit: str, distribution: Distribution) -> "Parameter":
         """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
         values, is_log, center = distribution.values, distribution.kind == "lognormal", distribution.center
         if distribution.kind == "uniform":
@@ -128,7 +126,7 @@ class FleetProblem:
         """Mean RMSE over the excited joints of a log [rad]."""
         return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
 
-    def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
+    def with_residual_deviation(self, x: np.ndarray) -> "FleetProblem":
         """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
         errors = [self.error(name, x) for name in self.replayers]
         deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))

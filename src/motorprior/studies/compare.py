@@ -1,7 +1,5 @@
 """How policies walk: numbered walks in a simulated environment, and a tidy table over policies and sets of motors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -105,7 +103,7 @@ class TrainedPolicy:
     policy: Policy
 
     @classmethod
-    def load(cls, path: Path, robot: Robot) -> TrainedPolicy:
+    def load(cls, path: Path, robot: Robot) -> "TrainedPolicy":
         """Read a policy; ArtifactError or ConfigError for a damaged one, or another robot or control period."""
         policy = Policy.load(path)
         policy.require_robot(robot, path)
