@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,14 +139,7 @@ class Policy(Printable):
     provenance: Mapping[str, Any]  # settings of its training; JSON values only
 
     @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        arrays: PolicyArrays,
-        kp: np.ndarray,
-        kd: np.ndarray,
-        provenance: Mapping[str, Any] = MappingProxyType({}),
-    ) -> "Policy":
+    def of(cls, robot: Robot, arrays: PolicyArrays, kp: np.ndarray, kd: np.ndarray, **provenance: Any) -> "Policy":
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_gait().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)

@@ -264,4 +264,4 @@ class Training:
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "best_return": search.best_return}
         found |= {ROBOT_WEIGHT: self.robot.weight}
-        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, settings | found | provenance)
+        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, **(settings | found | provenance))
