@@ -97,7 +97,6 @@ def _covered(
 
 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
-    """Source of each constant, for the fleet's file."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"

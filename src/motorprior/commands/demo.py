@@ -150,7 +150,6 @@ def study_of(config: Demo) -> Study:
 
 
 def _folders(bench: Study, name: str) -> list[Path]:
-    """Trainings of a condition, one per seed."""
     return [bench.out / "policies" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
@@ -160,7 +159,6 @@ def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
 
 
 def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
-    """Condition -> robustness map of its policies on held-out robots."""
     found = {}
     with progress.start("robustness on held-out robots", len(MAPPED)) as task:
         fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)

@@ -141,8 +141,6 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
 
 
 def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callable[[int, Measurement], None]:
-    """A function of the number of steps that calls ``status`` with a line now and then."""
-
     def show(count: int, measurement: Measurement) -> None:
         if count % _STATUS_PERIOD:
             return

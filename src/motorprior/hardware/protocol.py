@@ -73,8 +73,6 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    """Frame of a message."""
-
     max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian

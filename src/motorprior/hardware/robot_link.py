@@ -53,7 +53,6 @@ class RobotLink:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Idle, and close port and recording."""
         try:
             self.idle()
         finally:

@@ -121,7 +121,6 @@ class VirtualRobot:
             os.close(self._master)
 
     def _step(self, started: float) -> None:
-        """Wait for bytes or the next telemetry, and advance the robot to the present."""
         firmware = self.firmware
         next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
         timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())

@@ -152,7 +152,6 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
 
 
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
-    """In a worker: run the tasks one after the other."""
     if name not in _SIMULATORS:
         while len(_SIMULATORS) >= 2:
             _SIMULATORS.pop(next(iter(_SIMULATORS))).close()

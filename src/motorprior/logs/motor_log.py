@@ -322,7 +322,6 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:
-    """Rows, times and gains within segments."""
     if log.logged_kp is None and log.logged_kd is not None:
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
     for part in log.segment_slices():

@@ -138,7 +138,6 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _label(picture: Image.Image, title: str, note: str) -> None:
-    """Write two lines at the top, in the font that comes with matplotlib."""
     pen, path = ImageDraw.Draw(picture), Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     pen.rectangle((0, 0, picture.width, 58), fill="white")
     for text, top, size, color in ((title, 11, 18, INK), (note, 36, 15, MUTED)):

@@ -157,7 +157,6 @@ def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
 
 
 def _median(seeds: Sequence[LearningCurve]) -> LearningCurve:
-    """Median over the seeds where all of them have values."""
     start = max(iteration[0] for iteration, _ in seeds)
     stop = min(iteration[-1] for iteration, _ in seeds)
     grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))

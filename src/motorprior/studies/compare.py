@@ -57,8 +57,6 @@ def run_walks(
 
 
 class _Walks:
-    """Simulator of numbered walks; one per thread."""
-
     def __init__(self, scene: Scene, seed_of: Callable[[int], int], motors: Callable[[int], Actuator] | None):
         self._number, self._seed_of = 0, seed_of
         if motors is not None:

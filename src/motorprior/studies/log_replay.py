@@ -135,7 +135,6 @@ def _before_fall(part: MotorLog) -> np.ndarray:
 
 
 def _is_suspended(part: MotorLog, robot: Robot) -> bool:
-    """Whether the base of a free robot was suspended in this segment."""
     if part.posture is None or robot.base == "fixed":
         return False
     postures = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]

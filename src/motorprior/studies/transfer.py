@@ -279,7 +279,6 @@ def walk_table(config: Study, policies: Sequence[PolicyRun], progress: Progress 
 
 
 def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progress: Progress) -> list[WalkRow]:
-    """Train and evaluate one policy."""
     bench, robot = run.bench, load_robot(run.bench.robot)
     policy, folder = _train(robot, run, progress), bench.out / "walks" / run.folder
     tested = tuple(each for each in run.environments if each in environments)
@@ -301,7 +300,6 @@ def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progres
 
 
 def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
-    """The policy's file."""
     bench, name = run.bench, run.folder
     # standing earns a little. With the default, walking badly earns less than falling, so the search learns to fall
     task = TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
@@ -320,7 +318,6 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
 
 
 def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, ...]) -> list[WalkRow]:
-    """Walks of a policy in its training simulation and in environments."""
     bench, robot, policy, numbers = run.bench, trained.robot, trained.policy.arrays, range(run.bench.walks)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
     walk = WalkConfig(steps, commands=bench.commands)

@@ -34,7 +34,6 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
-    """Findings of PER_JOINT, with their rows in the log."""
     windows: dict[int, tuple[slice, MotorLog]] = {}
     found: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():

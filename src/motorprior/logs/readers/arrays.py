@@ -48,7 +48,6 @@ def _unmapped(path: Path) -> str:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers with one dimension or more, by name."""
     require_file(path, LogError)
     try:
         content = _CONTENT[path.suffix](path)
