@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants, plot_response
+from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import read_toml, write_text
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import TABLE, TEXT, Field, exactly, generator_of, number, one_of, require, require_count
@@ -85,11 +84,6 @@ class Fleet(Printable):
     parameters: dict[str, Distribution]
     family: str = GEARED.name
 
-    @property
-    def kind(self) -> ActuatorKind:
-        """Actuator kind of its motors."""
-        return FAMILIES[self.family].kind
-
     def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:
         """Sample ``count`` motors with a seed, or with a generator to continue.
 
@@ -111,13 +105,6 @@ class Fleet(Printable):
     def constants(self) -> Constants:
         """Constants with units and ranges between motors."""
         return Constants.of(self._values(np.random.default_rng(0), NUM_SAMPLES), FAMILIES[self.family].units, {})
-
-    def plot(self) -> Any:
-        """A matplotlib figure of the responses of 40 motors to a step of the command."""
-        motors = self.sample(40, 0).actuator()
-        return plot_response(
-            motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
-        )
 
     def overview(self) -> Overview:
         """For people: robot and constants."""
