@@ -113,7 +113,8 @@ def train_policy(
     run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
     if out is None:
         run(ray_address)
-        return training.policy(motors=_described(motors))
+        described = motors.overview().headline if isinstance(motors, Printable) else type(motors).__name__
+        return training.policy(motors=motors if isinstance(motors, str) else described)
     out = Path(out)
     if not isinstance(motors, str) or isinstance(start, Policy):
         raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
@@ -140,12 +141,6 @@ def train_policy(
 MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
 POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
-
-
-def _described(motors: object) -> str:
-    if isinstance(motors, Printable):
-        return motors.overview().headline
-    return motors if isinstance(motors, str) else type(motors).__name__
 
 
 def weight_warning(policy: Policy, robot: Robot) -> str:

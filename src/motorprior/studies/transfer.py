@@ -87,9 +87,6 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
     return walks
 
 
-# 1. Benches, and the models fitted to them
-
-
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
     """Record the motors of a bench; excitation -> log, the paper's only if a condition needs it."""
     fitted = {each.prior or each.pd for each in bench.fitted}
@@ -137,9 +134,6 @@ def _fit_pds(bench: Study, log: MotorLog, folder: Path, kinds: set[str], progres
                 write_json(out / FIT, asdict(fit_pd(log, PDS[out.name], start, task.advance)))
 
 
-# 2. Settings selected on the validation fleet
-
-
 def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     """The study with the settings whose policies are upright for longest on robots of the validation fleet, and fast.
 
@@ -168,9 +162,6 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
         write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
         progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")
     return replace(config, **chosen)
-
-
-# 3. Robots, and the models adapted to their logs
 
 
 def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progress: Progress) -> None:
@@ -205,9 +196,6 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
                 adapt(MotorPrior.load(path), log, allow_outliers=True, progress=SILENT).save(folder / POSTERIOR)
     if "adapted_pd" in bench.conditions and population != VALIDATION:
         _fit_pds(bench, read_parquet(folder / LOG), folder / "fits", {CONDITIONS["adapted_pd"].pd}, progress)
-
-
-# 4. Policies
 
 
 @dataclass(frozen=True)
