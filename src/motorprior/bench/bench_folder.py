@@ -83,10 +83,9 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
     log = read_parquet(folder / LOG)
     bench = bench_from_json(read_json(folder / BENCH_JSON), str(folder / BENCH_JSON))
     if (log.num_joints, log.num_rows) != (bench.motors, bench.steps):
-        raise LogError(
-            f"{log.num_joints} motors x {log.num_rows} rows; {BENCH_JSON} states {bench.motors} x {bench.steps}",
-            where=folder / LOG, remedy=_REMEDY,
-        )  # fmt: skip
+        stated = f"{BENCH_JSON} states {bench.motors} x {bench.steps}"
+        problem = f"{log.num_joints} motors x {log.num_rows} rows; {stated}"
+        raise LogError(problem, where=folder / LOG, remedy=_REMEDY)
     return replace(log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor), bench
 
 

@@ -214,14 +214,11 @@ def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None, argu
     try:
         found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
     except ArtifactError as error:
-        raise ArtifactError(
-            f"{argument}: {error.problem}", where=error.where, remedy=error.remedy, argument=argument
-        ) from error
+        problem = f"{argument}: {error.problem}"
+        raise ArtifactError(problem, where=error.where, remedy=error.remedy, argument=argument) from error
     if found.robot != robot.name:
-        raise ConfigError(
-            f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}",
-            remedy=f"use a fleet of {robot.name}", argument=argument,
-        )  # fmt: skip
+        problem = f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}"
+        raise ConfigError(problem, remedy=f"use a fleet of {robot.name}", argument=argument)
     return found
 
 

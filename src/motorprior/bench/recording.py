@@ -120,13 +120,10 @@ def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Respons
     diverged = np.flatnonzero(~(np.abs(response.joint_vel) < MAX_SPEED).all(axis=0))  # includes NaN
     if diverged.size:
         motor = int(diverged[0])
-        raise ConfigError(
-            f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
-            f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff "
-            "or too damped",
-            remedy="give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]",
-            argument="fleet",
-        )
+        gear = f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad"
+        problem = f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, {gear}, is "
+        remedy = "give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]"
+        raise ConfigError(f"{problem}too stiff or too damped", remedy=remedy, argument="fleet")
     return response
 
 

@@ -84,10 +84,8 @@ def logs_check(config: LogsCheck) -> None:
     for path in config.paths:
         log = read_log(path, given, config.columns)
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
-        rows = [
-            [found.severity, found.check, str(found.row), found.message, found.remedy]
-            for found in grouped(report.findings)
-        ]
+        found = grouped(report.findings)
+        rows = [[each.severity, each.check, str(each.row), each.message, each.remedy] for each in found]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:

@@ -133,7 +133,6 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
             "spread": (share, fleet.parameters[parameter.name].values["spread"]),
             "identified": ("1", parameter.is_identifiable(error)),
         }
-        rows += [
-            Result(f"calibrate_{key}", unit, float(value), part=parameter.name) for key, (unit, value) in values.items()
-        ]
+        for key, (unit, value) in values.items():
+            rows.append(Result(f"calibrate_{key}", unit, float(value), part=parameter.name))
     return rows

@@ -186,9 +186,8 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
         trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
         scene = twin_scene(trained.robot, fleet, walk)
-        (episodes[f"trained on: {model_label(name)}"],) = run_walks(
-            scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
-        )
+        (episode,) = run_walks(scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors)
+        episodes[f"trained on: {model_label(name)}"] = episode
     caption = (
         f"One held-out robot in the environment hard, on both policies: walk {number} of seed {seed}, whose times "
         "upright are the closest to the means of both."

@@ -190,8 +190,6 @@ class Policy(Printable):
         check_tensors(tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1})
         weights, *others, kp, kd = (tensors[name] for name in _TENSORS)
         arrays = PolicyArrays(np.asfortranarray(weights), *others)  # the inner loop of `act` runs over the actions
-        forward = float(header["slowest"]), float(header["fastest"])
-        return cls(
-            arrays, kp, kd, float(header["control_dt"]), header["robot"], tuple(header["joint_names"]), forward,
-            header["provenance"],
-        )  # fmt: skip
+        forward, control_dt = (float(header["slowest"]), float(header["fastest"])), float(header["control_dt"])
+        robot, names = header["robot"], tuple(header["joint_names"])
+        return cls(arrays, kp, kd, control_dt, robot, names, forward, header["provenance"])

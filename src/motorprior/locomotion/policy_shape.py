@@ -81,9 +81,8 @@ class PolicyShape:
         if self.mirror is None:
             return observations
         swap = self.mirror.inputs[:-1, :-1]
-        return observations.merge(
-            RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
-        )
+        mirrored = RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
+        return observations.merge(mirrored)
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`. ConfigError for a policy of another shape."""

@@ -153,10 +153,8 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
 def _gaps(summary: StudyStatistics) -> str:
     """Time upright lost between the training simulation and held-out robots of the fleet, by condition."""
     upright = {key[:2]: each.value for key, each in summary.estimates.items() if key[2] == "upright"}
-    gaps = [
-        f"{model_label(name)} {100 * (upright[OWN, name] - upright['fleet', name]):+.0f}"
-        for name in conditions_in(summary)
-    ]
+    lost = {name: upright[OWN, name] - upright["fleet", name] for name in conditions_in(summary)}
+    gaps = [f"{model_label(name)} {100 * value:+.0f}" for name, value in lost.items()]
     return f"Transfer gap, own simulation minus fleet, in percentage points upright: {', '.join(gaps)}."
 
 
@@ -167,9 +165,8 @@ def headline(summary: StudyStatistics) -> str:
         return np.array([summary.estimates[env, name, "upright"].value for env in _EXPLAINED])
 
     def percent(name: str) -> str:
-        return " and ".join(
-            f"{100 * value:.0f} % ({env})" for env, value in zip(_EXPLAINED, upright(name), strict=True)
-        )
+        values = zip(_EXPLAINED, upright(name), strict=True)
+        return " and ".join(f"{100 * value:.0f} % ({env})" for env, value in values)
 
     best = max(BASELINES, key=lambda name: upright(name).sum())
     equal = np.all(upright(best) > upright(REFERENCE) - _EQUAL_UPRIGHT)

@@ -223,9 +223,8 @@ def motors_from_json(data: Any, policy: Path) -> str:
         paths = policy.parent / record["path"], policy.parent / file
         found = [path for path in paths if path.is_file() and digest(path) == record["sha256"]]
         if not found:
-            problem = (
-                f"the {name} it was trained on, {file} with SHA-256 {record['sha256'][:16]}…, is missing or changed"
-            )
+            stated = f"{file} with SHA-256 {record['sha256'][:16]}…"
+            problem = f"the {name} it was trained on, {stated}, is missing or changed"
             remedy = "put it back, or into the policy's folder, or train the policy again"
             raise ConfigError(problem, where=policy, remedy=remedy)
         options[name] = found[0]

@@ -149,9 +149,8 @@ def weight_warning(policy: Policy, robot: Robot) -> str:
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
-    return (
-        f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
-    )
+    remedy = "train it again, or give the robot's earlier model"
+    return f"{WARNING}the policy was trained on a robot of {masses} -> {remedy}"
 
 
 class Training:
@@ -195,10 +194,8 @@ class Training:
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings
         with ExitStack() as stack:
-            train, *evaluate = (
-                stack.enter_context(closing(make_executor(simulator, workers, executor, ray_address)))
-                for simulator in self._simulators
-            )
+            executors = (make_executor(each, workers, executor, ray_address) for each in self._simulators)
+            train, *evaluate = (stack.enter_context(closing(each)) for each in executors)
             if files is not None:
                 self._resume(*files)
             if self.curve:

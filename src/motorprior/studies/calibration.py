@@ -87,11 +87,9 @@ class FleetProblem:
         found = [Parameter.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
         self.parameters = tuple(parameter for parameter in found if parameter.deviation > 0.0)
         if not self.parameters:
-            raise ConfigError(
-                f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
-                remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
-                "(docs/calibrate.md)",
-            )  # fmt: skip
+            problem = f"none of the constants {', '.join(names)} is uncertain"
+            remedy = "give one of them a center_uncertainty above 0, or a uniform distribution (docs/calibrate.md)"
+            raise ConfigError(problem, where=fleet.name, remedy=remedy)
         self.mean = np.array([each.mean for each in self.parameters])  # of the prior of the centre
         self.prior_std = np.array([each.deviation for each in self.parameters])
         # indices of the parameters that differ between motors, and of the excited joints of all logs

@@ -152,9 +152,8 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
             for seed in SELECTION_SEEDS:
                 motors = motors_text(replace(first, **{setting: value}), name, VALIDATION, seed)
                 number, shown = seed if CONDITIONS[name].adapted else None, f"{name}_{value:g}"
-                policies.append(
-                    PolicyRun(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot_number=number)
-                )
+                tested = OUT_OF_FAMILY, "hard"
+                policies.append(PolicyRun(bench, shown, seed, motors, environments=tested, robot_number=number))
             walks = [walk for walk in walk_table(config, policies, progress) if walk["environment"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
         max_needed = max(upright for upright, _ in found.values()) - _EQUAL_SETTING
