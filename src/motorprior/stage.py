@@ -84,8 +84,7 @@ def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
 def locked(folder: Path) -> Iterator[None]:
     """Create and lock a folder; the same thread may lock it again. A new folder that stays empty is removed.
 
-    Raises:
-        ArtifactError: another process or thread writes there, or it cannot be created.
+    Raises ArtifactError if another process or thread writes there, or it cannot be created.
     """
     is_new = not folder.exists()
     try:

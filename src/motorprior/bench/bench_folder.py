@@ -62,11 +62,7 @@ class BenchSettings:
 
 
 def bench_from_json(data: Any, where: str) -> BenchSettings:
-    """Read what `BenchSettings.as_json` wrote.
-
-    Raises:
-        ArtifactError: unknown or missing keys, or a value out of range.
-    """
+    """Read what `BenchSettings.as_json` wrote; ArtifactError for other keys, or a value out of range."""
     _SCHEMA.check(data, where)
     family = FAMILIES[data.get("family", GEARED.name)]
     distributions = distributions_of(data["parameters"], family, where, _REMEDY)
@@ -75,10 +71,9 @@ def bench_from_json(data: Any, where: str) -> BenchSettings:
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
-    """The log, with robot and motor of the fleet, and the settings of a bench folder.
+    """The log and the settings of a bench folder; LogError or ArtifactError for missing or inconsistent files.
 
-    Raises:
-        LogError, ArtifactError: missing, truncated or inconsistent files.
+    Robot and motor of the log are those of the fleet.
     """
     log = read_parquet(folder / LOG)
     bench = bench_from_json(read_json(folder / BENCH_JSON), str(folder / BENCH_JSON))

@@ -88,10 +88,8 @@ class Fleet(Printable):
         """Sample ``count`` motors with a seed, or with a generator to continue.
 
         Motors ``of_one_robot`` share the uncertainty of the fleet's center, and the shared part of a uniform range;
-        otherwise both are sampled per motor.
-
-        Raises:
-            ConfigError: an argument out of range, or a motor that cannot be simulated.
+        otherwise both are sampled per motor. Raises ConfigError for an argument out of range, or a motor that cannot be
+        simulated.
         """
         require_count("count", count)
         family, values = FAMILIES[self.family], self._values(generator_of(seed), count, of_one_robot)
@@ -157,8 +155,7 @@ def distributions_of(
 ) -> dict[str, Distribution]:
     """Distributions by parameter, from tables as in `Fleet.summary` or, ``with_sources``, of a fleet file.
 
-    Raises:
-        ArtifactError: unknown or missing keys, wrong unit, or a value out of range.
+    Raises ArtifactError for unknown or missing keys, a wrong unit, or a value out of range.
     """
     units, kind_key, found = family.units, "distribution" if with_sources else "kind", {}
     Schema(dict.fromkeys(units, TABLE), remedy, family.optional, "parameters").check(tables, where)

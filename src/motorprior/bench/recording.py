@@ -81,10 +81,7 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
 
     Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that have been warming
     since the start of the log. An external torque that causes a position error above MAX_DEVIATION is halved, up to
-    four times.
-
-    Raises:
-        ConfigError: a simulation diverges, since the gear is too stiff for the load.
+    four times. Raises ConfigError if a simulation diverges, since the gear is too stiff for the load.
     """
     parts, count = [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]

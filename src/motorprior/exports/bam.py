@@ -66,8 +66,7 @@ class BamMotor:
     ) -> "BamMotor":
         """The servo of a table of parameters from the file ``where``; kp and vin as in `read_motor`.
 
-        Raises:
-            ArtifactError: no table, an unknown model or actuator, or a value that is not a number.
+        Raises ArtifactError for no table, an unknown model or actuator, or a value that is not a number.
         """
         require("content", table, TABLE, where, _REMEDY)
         v = defaultdict(float, table)

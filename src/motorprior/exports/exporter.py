@@ -75,8 +75,7 @@ def sampled(
 ) -> GreyBoxActuator:
     """Motors at these J joints of K = ``motors`` robots, robot after robot; gains (2,) or (2, J) as of `export`.
 
-    Raises:
-        ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
+    Raises ConfigError for motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
     rng = generator_of(seed)
     of: Any = len(joint_names)
