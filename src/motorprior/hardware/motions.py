@@ -1,7 +1,7 @@
 """What an armed robot plays: a walk with a trained policy, or an excitation of its motors."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.bench.bounded_stream import Bounds, bounded
 from motorprior.bench.learned_excitation import LearnedExcitation, excitation_of
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion
+from motorprior.hardware.control_loop import AfterStep, ControlLoop, Motion
 from motorprior.hardware.health import Measurement
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
@@ -140,7 +140,7 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
     return steps
 
 
-def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callable[[int, Measurement], None]:
+def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> AfterStep:
     def show(count: int, measurement: Measurement) -> None:
         if count % _STATUS_PERIOD:
             return
