@@ -16,7 +16,7 @@ import numpy as np
 from motorprior.hardware.health import Measurement, SlowHost
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.logs.readers.deploy_recording import Mode
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import SafetyLimits
 
 # Function of the latest measurement: the (joints,) position targets [rad] of this control step, or None at the end.
 Motion = Callable[[Measurement], np.ndarray | None]

@@ -15,8 +15,7 @@ from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.watchdog import Watchdog
 from motorprior.logs.readers.deploy_recording import Mode, run_columns
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import Robot, SafetyLimits
 
 # Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)

@@ -11,8 +11,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import IDLE, Command
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits, Wire
+from motorprior.robots.robot import Robot, SafetyLimits, Wire
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import MotorCommand, SensorReadings
+from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
 HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"

@@ -11,8 +11,7 @@ import numpy as np
 
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
-from motorprior.robots.wire import SafetyLimits, Wire
+from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot, SafetyLimits, Wire
 
 _FOLDER = Path(__file__).parent
 _FLEETS = ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
