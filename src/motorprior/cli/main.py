@@ -161,7 +161,3 @@ def main() -> None:
 def _fail(message: str) -> NoReturn:
     Console(stderr=True, highlight=False).print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
     raise SystemExit(2) from None
-
-
-if __name__ == "__main__":
-    main()
