@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from motorprior.results import Result, Results
+from motorprior.results import Result, Results, read_results, write_results
 
 WALKS = Results(
     Result("speed", "m/s", value, model, motors, seed=seed)
@@ -62,5 +62,5 @@ def test_names_of_figures_are_made_from_the_columns():
 
 def test_what_is_saved_is_loaded(tmp_path: Path):
     table = WALKS + ERRORS + OTHERS
-    table.save(tmp_path / "results.json")
-    assert Results.load(tmp_path / "results.json") == table
+    write_results(tmp_path, table)
+    assert read_results(tmp_path) == table

@@ -1,7 +1,5 @@
 """The command ``motorprior``; with the extra ``robot`` alone, only the commands for the robot's computer."""
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """Files: read with one clear error, written whole or not at all, as JSON or safetensors with a JSON header."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import math
@@ -38,10 +36,7 @@ def require_size(size: int, path: Path, error: type[MotorPriorError] = ArtifactE
 
 
 def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> bytes:
-    """Content of a file of at most MAX_BYTES, unpacked if its name ends in ``.gz``.
-
-    Raises an ``error`` if it is missing, damaged or larger.
-    """
+    """Content of a file, unpacked if it is a ``.gz``; an ``error`` if missing, damaged or larger than MAX_BYTES."""
     require_file(path, error)
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
@@ -137,11 +132,7 @@ def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping
 
 
 def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and header that `write_tensors` wrote.
-
-    Raises:
-        ArtifactError: missing, not such a file, truncated, or with a number in header or arrays that is not finite.
-    """
+    """Arrays and header of `write_tensors`; ArtifactError if missing, damaged, or with a number that is not finite."""
     from safetensors import SafetensorError, safe_open
 
     require_file(path)

@@ -1,7 +1,5 @@
 """Which values arguments and entries of files may have, and the error for a value that is out of bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf

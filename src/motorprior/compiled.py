@@ -1,7 +1,5 @@
 """``njit`` with this library's own cache folder; without numba, as on the robot, the functions run as plain Python."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

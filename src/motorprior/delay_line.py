@@ -4,8 +4,6 @@ Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the wh
 `interpolated` and `held`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ ones of the robot's fleet, and nothing else is randomized. A fatal error of MuJo
 the process, since compiled code cannot raise: save your training from time to time.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

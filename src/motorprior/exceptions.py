@@ -1,7 +1,5 @@
 """Errors that a user can correct. The command line prints them in one line and exits with code 2."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

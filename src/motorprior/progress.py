@@ -1,7 +1,5 @@
 """Progress and notes of stages, and stages in parallel."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -79,8 +77,7 @@ def usable_threads(workers: int, progress: Progress) -> int:
 def in_parallel(works: Sequence[Callable[[Progress], T]], threads: int, progress: Progress) -> list[T]:
     """Results of functions of a `Progress`, in order, ``threads`` at a time.
 
-    Raises:
-        BaseException: the first that a function raises. Functions that already run continue, no other starts.
+    Raises the first error of a function. Functions that already run continue, no other starts.
     """
     if threads == 1:
         return [work(progress) for work in works]

@@ -1,7 +1,5 @@
 """Tidy table of measurements; the names in figures.json are made from its columns."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ class Results(tuple[Result, ...]):
 
     __slots__ = ()
 
-    def __add__(self, other: tuple[Any, ...]) -> Results:
+    def __add__(self, other: tuple[Any, ...]) -> "Results":
         return Results((*self, *other))
 
     def __str__(self) -> str:
@@ -48,7 +46,7 @@ class Results(tuple[Result, ...]):
         cells = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row] for row in rows]
         return text_table(named, cells)
 
-    def where(self, **columns: Any) -> Results:
+    def where(self, **columns: Any) -> "Results":
         """Rows with these values; a tuple stands for any of its values, None for no value."""
         wanted = {name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()}
         return Results(row for row in self if all(getattr(row, name) in any_of for name, any_of in wanted.items()))
@@ -85,30 +83,22 @@ class Results(tuple[Result, ...]):
                 figures[_name(replace(row, seed=None))] = self.mean(**seeds)
         return figures
 
-    def save(self, path: Path) -> None:
-        """Write JSON, atomically."""
-        rows = [{name: value for name, value in asdict(row).items() if value is not None} for row in self]
-        write_json(path, {"rows": rows})
-
-    @classmethod
-    def load(cls, path: Path) -> Results:
-        """Read what `save` wrote; raises ArtifactError if it is missing or damaged."""
-        try:
-            return cls(Result(**row) for row in read_json(path)["rows"])
-        except (KeyError, TypeError) as error:
-            remedy = f"delete the folder {path.parent} and run the same command again"
-            raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
-
 
 def write_results(folder: Path, results: Results) -> None:
-    """Write results.json (rows) and figures.json (name -> value)."""
-    results.save(folder / RESULTS)
+    """Write results.json (rows) and figures.json (name -> value), each atomically."""
+    rows = [{name: value for name, value in asdict(row).items() if value is not None} for row in results]
+    write_json(folder / RESULTS, {"rows": rows})
     write_json(folder / FIGURES, results.to_figures())
 
 
 def read_results(folder: Path) -> Results:
-    """Results of a finished stage."""
-    return Results.load(folder / RESULTS)
+    """Results of a finished stage; raises ArtifactError if its file is missing or damaged."""
+    path = folder / RESULTS
+    try:
+        return Results(Result(**row) for row in read_json(path)["rows"])
+    except (KeyError, TypeError) as error:
+        remedy = f"delete the folder {folder} and run the same command again"
+        raise ArtifactError(f"not a table of results ({error})", where=path, remedy=remedy) from error
 
 
 def _name(row: Result) -> str:

@@ -1,7 +1,5 @@
 """Compiled rotations; quaternions (w, x, y, z), angles in rad."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

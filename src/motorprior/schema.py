@@ -3,8 +3,6 @@
 Errors name the file, the key, its value, the allowed values and a remedy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf

@@ -1,7 +1,5 @@
 """RMS, RMSE, runs of a mask, encoder step, means of held commands, high-frequency content."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

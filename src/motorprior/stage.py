@@ -4,8 +4,6 @@
 command continues where it stopped. The description excludes paths: a folder that was moved or copied is still finished.
 """
 
-from __future__ import annotations
-
 import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -86,8 +84,7 @@ def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
 def locked(folder: Path) -> Iterator[None]:
     """Create and lock a folder; the same thread may lock it again. A new folder that stays empty is removed.
 
-    Raises:
-        ArtifactError: another process or thread writes there, or it cannot be created.
+    Raises ArtifactError if another process or thread writes there, or it cannot be created.
     """
     is_new = not folder.exists()
     try:

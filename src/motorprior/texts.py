@@ -1,7 +1,5 @@
 """Summaries of objects for people: a headline, facts and a table; notebooks show them as they are printed."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

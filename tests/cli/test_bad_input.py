@@ -111,7 +111,7 @@ def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_pa
 
 
 def test_the_process_prints_one_line_and_exits_with_2(tmp_path: Path, one_error: Command):
-    words = [sys.executable, "-m", "motorprior.cli.main", "logs", "check", "nowhere.csv"]
+    words = [sys.executable, "-m", "motorprior", "logs", "check", "nowhere.csv"]
     result = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert result.returncode == 2 and result.stdout == "" and result.stderr.count("\n") == 1
     one_error(result.stderr, ("nowhere.csv", "no such file"))

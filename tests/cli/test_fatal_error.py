@@ -53,7 +53,7 @@ def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tm
     state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"]) == 10
     assert not (tmp_path / "walk" / "stage.json").exists() and not list(tmp_path.glob("MUJOCO_LOG*"))
-    assert run("-m", "motorprior.cli.main").returncode == 0
+    assert run("-m", "motorprior").returncode == 0
 
 
 def test_a_reader_that_ends_early_is_no_error():

@@ -30,7 +30,7 @@ def results(folder: Path) -> list[Any]:
 def whole_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A walk without interruption."""
     folder = tmp_path_factory.mktemp("whole") / "walk"
-    words = [sys.executable, "-m", "motorprior.cli.main", *map(str, WALK), "--workers", "1", "--out", str(folder)]
+    words = [sys.executable, "-m", "motorprior", *map(str, WALK), "--workers", "1", "--out", str(folder)]
     subprocess.run(words, check=True, capture_output=True)
     return folder
 

@@ -23,7 +23,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
 from motorprior.logs.readers.deploy_recording import read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.robots.wire import MotorCommand, SensorReadings
+from motorprior.robots.robot import MotorCommand, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 from simulated_port import SimulatedPort, on_its_clock

@@ -6,8 +6,7 @@ import numpy as np
 
 from motorprior.hardware.protocol import Command, Telemetry
 from motorprior.hardware.virtual_robot import IDLE, MAX_CURRENT, Firmware
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import MotorCommand, SensorReadings
+from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 from motorprior.simulation.simulated_robot import SimulatedRobot
 from simulated_port import SimulatedPort
 

@@ -8,8 +8,6 @@ A motor that fails a trial gets the limit value of that trial, never NaN. Values
 good physical bench, so that a two-sample test does not separate an overshoot of 0 from one of 0.0003.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator

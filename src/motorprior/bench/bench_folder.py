@@ -1,7 +1,5 @@
 """Benches, and their folders: the motor log, and bench.json with the settings that reproduce its motors."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -64,11 +62,7 @@ class BenchSettings:
 
 
 def bench_from_json(data: Any, where: str) -> BenchSettings:
-    """Read what `BenchSettings.as_json` wrote.
-
-    Raises:
-        ArtifactError: unknown or missing keys, or a value out of range.
-    """
+    """Read what `BenchSettings.as_json` wrote; ArtifactError for other keys, or a value out of range."""
     _SCHEMA.check(data, where)
     family = FAMILIES[data.get("family", GEARED.name)]
     distributions = distributions_of(data["parameters"], family, where, _REMEDY)
@@ -77,18 +71,16 @@ def bench_from_json(data: Any, where: str) -> BenchSettings:
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
-    """The log, with robot and motor of the fleet, and the settings of a bench folder.
+    """The log and the settings of a bench folder; LogError or ArtifactError for missing or inconsistent files.
 
-    Raises:
-        LogError, ArtifactError: missing, truncated or inconsistent files.
+    Robot and motor of the log are those of the fleet.
     """
     log = read_parquet(folder / LOG)
     bench = bench_from_json(read_json(folder / BENCH_JSON), str(folder / BENCH_JSON))
     if (log.num_joints, log.num_rows) != (bench.motors, bench.steps):
-        raise LogError(
-            f"{log.num_joints} motors x {log.num_rows} rows; {BENCH_JSON} states {bench.motors} x {bench.steps}",
-            where=folder / LOG, remedy=_REMEDY,
-        )  # fmt: skip
+        stated = f"{BENCH_JSON} states {bench.motors} x {bench.steps}"
+        problem = f"{log.num_joints} motors x {log.num_rows} rows; {stated}"
+        raise LogError(problem, where=folder / LOG, remedy=_REMEDY)
     return replace(log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor), bench
 
 

@@ -1,7 +1,5 @@
 """Behaviour of a prior's classes of joints on a bench."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Virtual dynamometer: joints with known loads, driven by physical or learned motors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -105,13 +103,12 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     targets, external = (np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque))
     steps, n = targets.shape
     stiffness = np.zeros((steps, n)) if trial.load_stiffness is None else trial.load_stiffness
+    stiffness = np.ascontiguousarray(stiffness, float)
     q = (targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)) + start_offset
     dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
     arrays, inertia = actuator.arrays(trial.dt / substeps), trial.load_inertia + actuator.armature
     out = np.zeros((4, steps, n))
-    _simulate(
-        arrays, inertia, targets, external, np.ascontiguousarray(stiffness, float), trial.dt, substeps, q, dq, out
-    )
+    _simulate(arrays, inertia, targets, external, stiffness, trial.dt, substeps, q, dq, out)
     return Response(*out)
 
 

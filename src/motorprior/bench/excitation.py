@@ -3,8 +3,6 @@
 Each function returns (steps,) targets [rad], or torques [N·m] where stated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

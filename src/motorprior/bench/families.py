@@ -1,7 +1,5 @@
 """Families of physical motors: their parameters with units and bounds, and the constructors of the motors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -124,8 +122,5 @@ def require_geared(motors: TrueMotors) -> PhysicalMotors:
     """The motors, as GEARED ones; raises `ConfigError` for motors of another family."""
     if isinstance(motors, PhysicalMotors):
         return motors
-    raise ConfigError(
-        f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}",
-        remedy=f"give as fleet one of the {GEARED.name} family",
-        argument="fleet",
-    )
+    problem = f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}"
+    raise ConfigError(problem, remedy=f"give as fleet one of the {GEARED.name} family", argument="fleet")

@@ -1,7 +1,5 @@
 """A fleet: a population of physical motors, as distributions of their constants in a TOML file with sources."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants, plot_response
+from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.actuator.kernels import ActuatorKind
 from motorprior.artifacts import read_toml, write_text
 from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import TABLE, TEXT, Field, exactly, generator_of, number, one_of, require, require_count
@@ -87,19 +84,12 @@ class Fleet(Printable):
     parameters: dict[str, Distribution]
     family: str = GEARED.name
 
-    @property
-    def kind(self) -> ActuatorKind:
-        """Actuator kind of its motors."""
-        return FAMILIES[self.family].kind
-
     def sample(self, count: int, seed: int | np.random.Generator, of_one_robot: bool = False) -> TrueMotors:
         """Sample ``count`` motors with a seed, or with a generator to continue.
 
         Motors ``of_one_robot`` share the uncertainty of the fleet's center, and the shared part of a uniform range;
-        otherwise both are sampled per motor.
-
-        Raises:
-            ConfigError: an argument out of range, or a motor that cannot be simulated.
+        otherwise both are sampled per motor. Raises ConfigError for an argument out of range, or a motor that cannot be
+        simulated.
         """
         require_count("count", count)
         family, values = FAMILIES[self.family], self._values(generator_of(seed), count, of_one_robot)
@@ -113,13 +103,6 @@ class Fleet(Printable):
     def constants(self) -> Constants:
         """Constants with units and ranges between motors."""
         return Constants.of(self._values(np.random.default_rng(0), NUM_SAMPLES), FAMILIES[self.family].units, {})
-
-    def plot(self) -> Any:
-        """A matplotlib figure of the responses of 40 motors to a step of the command."""
-        motors = self.sample(40, 0).actuator()
-        return plot_response(
-            motors, f"{self.motor}: 40 motors of the fleet {self.name}", min(0.001, self.kind.max_step)
-        )
 
     def overview(self) -> Overview:
         """For people: robot and constants."""
@@ -172,8 +155,7 @@ def distributions_of(
 ) -> dict[str, Distribution]:
     """Distributions by parameter, from tables as in `Fleet.summary` or, ``with_sources``, of a fleet file.
 
-    Raises:
-        ArtifactError: unknown or missing keys, wrong unit, or a value out of range.
+    Raises ArtifactError for unknown or missing keys, a wrong unit, or a value out of range.
     """
     units, kind_key, found = family.units, "distribution" if with_sources else "kind", {}
     Schema(dict.fromkeys(units, TABLE), remedy, family.optional, "parameters").check(tables, where)
@@ -229,14 +211,11 @@ def load_robot_fleet(robot: Robot, fleet: Fleet | str | Path | None = None, argu
     try:
         found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
     except ArtifactError as error:
-        raise ArtifactError(
-            f"{argument}: {error.problem}", where=error.where, remedy=error.remedy, argument=argument
-        ) from error
+        problem = f"{argument}: {error.problem}"
+        raise ArtifactError(problem, where=error.where, remedy=error.remedy, argument=argument) from error
     if found.robot != robot.name:
-        raise ConfigError(
-            f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}",
-            remedy=f"use a fleet of {robot.name}", argument=argument,
-        )  # fmt: skip
+        problem = f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}"
+        raise ConfigError(problem, remedy=f"use a fleet of {robot.name}", argument=argument)
     return found
 
 

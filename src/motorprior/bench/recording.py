@@ -1,7 +1,5 @@
 """Bench recordings: motors of a fleet on the virtual dynamometer, as one motor log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -30,7 +28,7 @@ class BenchPreset:
     hold_steps: int  # samples for which targets are held in every second segment
     torque_factor: float = 1.0  # factor on the external torques [-]
 
-    def for_robot(self, robot: Robot) -> BenchPreset:
+    def for_robot(self, robot: Robot) -> "BenchPreset":
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
         low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
         loads = low * self.load_inertia[0], high * self.load_inertia[1]
@@ -83,10 +81,7 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
 
     Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that have been warming
     since the start of the log. An external torque that causes a position error above MAX_DEVIATION is halved, up to
-    four times.
-
-    Raises:
-        ConfigError: a simulation diverges, since the gear is too stiff for the load.
+    four times. Raises ConfigError if a simulation diverges, since the gear is too stiff for the load.
     """
     parts, count = [], len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
@@ -122,13 +117,10 @@ def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Respons
     diverged = np.flatnonzero(~(np.abs(response.joint_vel) < MAX_SPEED).all(axis=0))  # includes NaN
     if diverged.size:
         motor = int(diverged[0])
-        raise ConfigError(
-            f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, "
-            f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad, is too stiff "
-            "or too damped",
-            remedy="give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]",
-            argument="fleet",
-        )
+        gear = f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad"
+        problem = f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, {gear}, is "
+        remedy = "give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]"
+        raise ConfigError(f"{problem}too stiff or too damped", remedy=remedy, argument="fleet")
     return response
 
 

@@ -1,7 +1,5 @@
 """Identify motors from logs, train walking policies on them, evaluate and deploy."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -31,10 +29,10 @@ from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E40
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
-from motorprior.commands.validate import Validate  # noqa: E402
 from motorprior.commands.validate_log import ValidateLog  # noqa: E402
 from motorprior.commands.walk import Walk  # noqa: E402
 from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
+from motorprior.studies.bench_validation import Validate  # noqa: E402
 
 
 def _positional(settings: type, **types: Any) -> type:
@@ -163,7 +161,3 @@ def main() -> None:
 def _fail(message: str) -> NoReturn:
     Console(stderr=True, highlight=False).print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
     raise SystemExit(2) from None
-
-
-if __name__ == "__main__":
-    main()

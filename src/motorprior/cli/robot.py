@@ -1,7 +1,5 @@
 """``motorprior deploy``, ``record`` and ``doctor``: a robot at a port, or a virtual one."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace

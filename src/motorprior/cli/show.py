@@ -1,7 +1,5 @@
 """Commands with their tables on the terminal."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Sequence
@@ -23,7 +21,6 @@ from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
-from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
@@ -40,6 +37,7 @@ from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
+from motorprior.studies.bench_validation import Validate, validate_on_bench
 from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
@@ -86,10 +84,8 @@ def logs_check(config: LogsCheck) -> None:
     for path in config.paths:
         log = read_log(path, given, config.columns)
         report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
-        rows = [
-            [found.severity, found.check, str(found.row), found.message, found.remedy]
-            for found in grouped(report.findings)
-        ]
+        found = grouped(report.findings)
+        rows = [[each.severity, each.check, str(each.row), each.message, each.remedy] for each in found]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:
@@ -146,8 +142,8 @@ def described(config: Show) -> str:
 
 
 def validate(config: Validate) -> None:
-    """See `run_validate`; priors without physics have no table of the distribution."""
-    results = run_validate(config, TERMINAL)
+    """See `validate_on_bench`; priors without physics have no table of the distribution."""
+    results = validate_on_bench(config, TERMINAL)
     titles = {
         "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
         "physical: the true motors, started 4 mrad off",

@@ -1,7 +1,5 @@
 """Adapt a prior to a log: the posterior of its motors."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 

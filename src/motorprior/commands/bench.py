@@ -1,7 +1,5 @@
 """Motor logs of physical motors on a virtual dynamometer."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A fleet of physical motors fitted to logs of a real robot, by replaying their commands."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -99,7 +97,6 @@ def _covered(
 
 
 def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
-    """Source of each constant, for the fleet's file."""
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
@@ -136,7 +133,6 @@ def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[
             "spread": (share, fleet.parameters[parameter.name].values["spread"]),
             "identified": ("1", parameter.is_identifiable(error)),
         }
-        rows += [
-            Result(f"calibrate_{key}", unit, float(value), part=parameter.name) for key, (unit, value) in values.items()
-        ]
+        for key, (unit, value) in values.items():
+            rows.append(Result(f"calibrate_{key}", unit, float(value), part=parameter.name))
     return rows

@@ -1,7 +1,5 @@
 """The paper's experiment in minutes: motor logs, models of the motors, walking policies, held-out robots, a page."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -96,7 +94,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     study.require_valid()
     own: list[Section] = []
 
-    def write_page(sections: list[Section], complete: bool = False) -> Path:
+    def write_page(sections: "list[Section]", complete: bool = False) -> Path:
         title = "motorprior: do policies walk on robots they have never seen?"
         settings = asdict(given) | {"speed": study.commanded}
         write_text(out / stage.PAGE, page(title, [*own, *sections], settings, command or repr(given), complete))
@@ -152,7 +150,6 @@ def study_of(config: Demo) -> Study:
 
 
 def _folders(bench: Study, name: str) -> list[Path]:
-    """Trainings of a condition, one per seed."""
     return [bench.out / "policies" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
@@ -162,7 +159,6 @@ def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
 
 
 def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
-    """Condition -> robustness map of its policies on held-out robots."""
     found = {}
     with progress.start("robustness on held-out robots", len(MAPPED)) as task:
         fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
@@ -172,7 +168,7 @@ def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
     return found
 
 
-def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
+def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
     """A film of one robot of the environment hard on policies of FILMED."""
     from motorprior.report.film import comparison_gif
     from motorprior.report.page import Picture
@@ -190,9 +186,8 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> Picture:
         trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
         scene = twin_scene(trained.robot, fleet, walk)
-        (episodes[f"trained on: {model_label(name)}"],) = run_walks(
-            scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
-        )
+        (episode,) = run_walks(scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors)
+        episodes[f"trained on: {model_label(name)}"] = episode
     caption = (
         f"One held-out robot in the environment hard, on both policies: walk {number} of seed {seed}, whose times "
         "upright are the closest to the means of both."

@@ -1,7 +1,5 @@
 """Write motors of a prior or posterior for another simulator."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fit a motor prior to the log of a bench, or to motor logs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Films of walking policies, MuJoCo's viewer, and measures of the walks."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Quick report of real logs: models of their motors, fitted in a minute and evaluated on held-out logs."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """Comparison of real logs of a robot with simulated motors."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path

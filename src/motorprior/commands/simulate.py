@@ -1,7 +1,5 @@
 """Excite a simulated robot and record a motor log."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from pathlib import Path
 

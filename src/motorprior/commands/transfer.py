@@ -1,7 +1,5 @@
 """Evaluate policies in their training simulation and on the twin; the transfer study."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from dataclasses import asdict, dataclass

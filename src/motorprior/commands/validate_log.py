@@ -1,7 +1,5 @@
 """Errors of a prior and of baselines on held-out rows of a log."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A virtual robot in this process, or in another process for the commands deploy, record and doctor."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator
@@ -43,7 +41,7 @@ class VirtualRobotSettings:
     """The firmware reads the IMU; without, it sends zeros like the present firmware."""
 
 
-def make_virtual_robot(robot: Robot, settings: VirtualRobotSettings) -> tuple[VirtualRobot, SimulatedRobot]:
+def make_virtual_robot(robot: "Robot", settings: VirtualRobotSettings) -> "tuple[VirtualRobot, SimulatedRobot]":
     """A virtual robot and its body, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
     from motorprior.hardware.virtual_robot import Firmware, VirtualRobot

@@ -1,7 +1,5 @@
 """Train walking policies into folders, on motors sampled for every episode: with one seed or several."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass, fields, replace
 from functools import partial

@@ -6,8 +6,6 @@ from a start FLOOR_OFFSET away. A sample of a band is a motor with z from the po
 a residual of the prior (`sample_residuals`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
@@ -158,8 +156,5 @@ def bench_coverage(
             share = sum(float(np.mean(each[level])) / _COVERED for each in inside)
             rows.append(Result(f"coverage{level}", "1", share, motors="held_out", part=kind))
     of_each = Results(rows)
-    overall = [
-        Result(f"coverage{level}", "1", of_each.mean(quantity=f"coverage{level}"), motors="held_out")
-        for level in LEVELS
-    ]
-    return Results(overall) + of_each
+    overall = {name: of_each.mean(quantity=name) for name in (f"coverage{level}" for level in LEVELS)}
+    return Results(Result(name, "1", share, motors="held_out") for name, share in overall.items()) + of_each

@@ -8,8 +8,6 @@ simulated minus recorded angles, the latter smoothed where readings are noisy (`
     replay      starts from the first row of a segment with a static rotor (`dynamometer.run`)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -147,10 +145,8 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
     """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
     found = []
     if static := static_joints(log):
-        found.append(
-            f"warning: did not move: {', '.join(static)}; their constants are not identifiable -> exclude these "
-            "joints, or record them in motion"
-        )
+        remedy = "exclude these joints, or record them in motion"
+        found.append(f"warning: did not move: {', '.join(static)}; their constants are not identifiable -> {remedy}")
     for name, lowest, nominal, highest in recipe.conditions:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
@@ -160,9 +156,7 @@ def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
         means, margin = np.array([part.conditions[name] for part in log.segments()]), min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
-            found.append(
-                f"warning: {name} is {condition_text(name, means.min(), means.max())}, in the prior's logs "
-                f"{condition_text(name, lowest, highest)}: its effect is {effect} -> check its unit, or identify with "
-                "logs of both"
-            )
+            here, fitted = condition_text(name, means.min(), means.max()), condition_text(name, lowest, highest)
+            remedy = "check its unit, or identify with logs of both"
+            found.append(f"warning: {name} is {here}, in the prior's logs {fitted}: its effect is {effect} -> {remedy}")
     return found

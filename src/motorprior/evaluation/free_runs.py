@@ -1,7 +1,5 @@
 """Evaluation of models in free runs over logs: errors with their tables, warnings, and traces of two joints."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -12,13 +10,8 @@ import numpy as np
 from motorprior.actuator.constants import Constants
 from motorprior.evaluation.errors import MAX_ERROR, TUNED_PD, LogErrors, capped, summary
 from motorprior.identification.baselines.response_fit import ResponseMotors
-from motorprior.identification.physics.window_runs import (
-    POSITION_SCALE,
-    MotorsOnLoads,
-    WindowRuns,
-    whole_runs,
-    with_gains_of,
-)
+from motorprior.identification.physics import window_runs
+from motorprior.identification.physics.window_runs import POSITION_SCALE, MotorsOnLoads, WindowRuns, whole_runs
 from motorprior.identification.presets import Preset
 from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
@@ -39,7 +32,7 @@ MotorModel: TypeAlias = MotorsOnLoads | ResponseMotors
 def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
     """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
     window = round(DURATION / preset.period)
-    short = replace(with_gains_of(preset, log), objective="rollout", window=window)
+    short = replace(window_runs.with_gains_of(preset, log), objective="rollout", window=window)
     return {FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)], WHOLE_RUN: whole_runs(log, preset)}
 
 

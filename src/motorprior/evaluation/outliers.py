@@ -11,8 +11,6 @@ motors differ. With C classes of joints, m and M in t are those of the motor's c
 t has M - C degrees of freedom, with all M training motors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Reference statistics of a prior's errors on its training motors, against which new motors are tested."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

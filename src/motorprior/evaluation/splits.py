@@ -1,7 +1,5 @@
 """Splits of logs into rows to train on and rows to test on, which never overlap."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,7 +25,7 @@ class Split:
     test: dict[str, MotorLog]
     rule: str
 
-    def map(self, change: Callable[[MotorLog], MotorLog]) -> Split:
+    def map(self, change: Callable[[MotorLog], MotorLog]) -> "Split":
         """The same split with a function applied to every log."""
         train, test = ({name: change(log) for name, log in logs.items()} for logs in (self.train, self.test))
         return Split(train, test, self.rule)

@@ -19,8 +19,6 @@ load_friction·J/(J + a), that of E load_friction·a/(J + a); J = a is assumed. 
 parameters of BAM's models: set them where the file is used.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Mapping
@@ -65,11 +63,10 @@ class BamMotor:
     @classmethod
     def of(
         cls, table: Mapping[str, Any], kp: float | None = None, vin: float | None = None, where: Path | None = None
-    ) -> BamMotor:
+    ) -> "BamMotor":
         """The servo of a table of parameters from the file ``where``; kp and vin as in `read_motor`.
 
-        Raises:
-            ArtifactError: no table, an unknown model or actuator, or a value that is not a number.
+        Raises ArtifactError for no table, an unknown model or actuator, or a value that is not a number.
         """
         require("content", table, TABLE, where, _REMEDY)
         v = defaultdict(float, table)

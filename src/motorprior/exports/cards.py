@@ -1,7 +1,5 @@
 """Motor cards: a prior with a page about it. The package ships cards of motors whose public logs allow it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The interface of an export format, and the sample of motors that it writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -77,8 +75,7 @@ def sampled(
 ) -> GreyBoxActuator:
     """Motors at these J joints of K = ``motors`` robots, robot after robot; gains (2,) or (2, J) as of `export`.
 
-    Raises:
-        ConfigError: motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
+    Raises ConfigError for motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
     rng = generator_of(seed)
     of: Any = len(joint_names)

@@ -2,8 +2,6 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +32,7 @@ class Mjcf:
     rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
 
     @classmethod
-    def read(cls, text: str, path: Path | None = None) -> Mjcf:
+    def read(cls, text: str, path: Path | None = None) -> "Mjcf":
         """Parse the text of a file; raises ArtifactError if it is not a well-formed MJCF."""
         try:
             spec = mujoco.MjSpec.from_string(text) if path is None else mujoco.MjSpec.from_file(str(path))

@@ -15,8 +15,6 @@ as in the format mjcf.
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import partial

@@ -12,8 +12,6 @@ moves the joints, so the motors restart at the first step after a reset, at the 
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 # mjlab, torch and Warp are optional dependencies.
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +46,7 @@ class MotorPriorActuatorCfg(ActuatorCfg):
     gains: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """kp and kd per joint, for priors of logged gains; see `MotorPrior.sample`."""
 
-    def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> MotorPriorActuator:
+    def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> "MotorPriorActuator":
         """The actuator of one entity; mjlab calls it."""
         return MotorPriorActuator(self, entity, target_ids, target_names)
 

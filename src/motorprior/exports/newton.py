@@ -10,7 +10,7 @@ motors that restart, at the angles of their next step.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
-# Newton and Warp are optional dependencies; no `annotations` from the future, as Warp reads these.
+# Newton and Warp are optional dependencies.
 # ruff: noqa: D102 (most methods are those of DriveBase)
 from dataclasses import dataclass
 from typing import Any

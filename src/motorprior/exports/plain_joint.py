@@ -2,8 +2,6 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 import math
 import os
 import re

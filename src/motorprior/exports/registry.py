@@ -5,8 +5,6 @@ inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m
 robot's motors (a = 0.0032 kg·m²) these are its bare shank and its leg.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

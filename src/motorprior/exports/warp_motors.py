@@ -7,7 +7,7 @@ motor has its own position in the delay line, so each can be reset alone.
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 # pyright: reportCallIssue=false, reportInvalidTypeForm=false
-# Warp is an optional dependency; no `annotations` from the future, as it reads those of kernels.
+# Warp is an optional dependency.
 
 from collections.abc import Callable
 from functools import cache

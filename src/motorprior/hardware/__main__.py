@@ -3,8 +3,6 @@
 Same commands and settings as the full command line, without virtual robots. Also as ``python -m motorprior.hardware``.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

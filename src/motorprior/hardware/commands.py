@@ -3,8 +3,6 @@
 The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator
@@ -27,8 +25,7 @@ from motorprior.hardware.session import Session, check_telemetry, fault_of, requ
 from motorprior.hardware.settings import DeploySettings, RecordSettings, RunSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import Robot, SafetyLimits
 
 _LOG = "run.csv"
 _FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`

@@ -1,7 +1,5 @@
 """Motions, control steps at absolute times on the monotonic clock, their timing and protection from other processes."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import math
@@ -18,10 +16,12 @@ import numpy as np
 from motorprior.hardware.health import Measurement, SlowHost
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.logs.readers.deploy_recording import Mode
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import SafetyLimits
 
 # Function of the latest measurement: the (joints,) position targets [rad] of this control step, or None at the end.
 Motion = Callable[[Measurement], np.ndarray | None]
+# Called after each command of a motion, with the number of steps and the measurement used
+AfterStep = Callable[[int, Measurement], None]
 
 _MIN_RAMP = 0.5  # [s]
 # A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one. Robot and host have
@@ -79,16 +79,12 @@ class ControlLoop:
         self._deadline, self._paused = time.monotonic() + self._period, False
 
     def run_motion(
-        self,
-        motion: Motion,
-        mode: Mode,
-        after_step: Callable[[int, Measurement], None] = lambda *_: None,
-        timing: Timing | None = None,
+        self, motion: Motion, mode: Mode, after_step: AfterStep = lambda *_: None, timing: Timing | None = None
     ) -> None:
         """Play ``motion`` until it ends or ``stop`` holds a signal.
 
-        ``after_step`` is called with the number of steps after each command, in the rest of the period, and must be
-        fast. ``timing`` is filled also if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
+        ``after_step`` runs in the rest of the period, and must be fast. ``timing`` is filled also if a fault ends the
+        motion. Raises the faults of `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)

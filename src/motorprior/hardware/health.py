@@ -1,10 +1,8 @@
 """Acceptance and age of telemetry, and fault detection in telemetry, sent targets and the host's timing.
 
 Each check is called once per measurement or control step and yields or raises a `RobotFault` when a limit of
-`robots.wire.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
+`robots.robot.SafetyLimits` has been exceeded for the given time. Angles have the library's signs.
 """
-
-from __future__ import annotations
 
 import math
 from collections import deque
@@ -15,8 +13,7 @@ import numpy as np
 
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import Robot, SafetyLimits
 
 
 class _Debounce:

@@ -1,9 +1,7 @@
 """What an armed robot plays: a walk with a trained policy, or an excitation of its motors."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
@@ -11,7 +9,7 @@ import numpy as np
 from motorprior.bench.bounded_stream import Bounds, bounded
 from motorprior.bench.learned_excitation import LearnedExcitation, excitation_of
 from motorprior.exceptions import ConfigError, RobotFault
-from motorprior.hardware.control_loop import ControlLoop, Motion
+from motorprior.hardware.control_loop import AfterStep, ControlLoop, Motion
 from motorprior.hardware.health import Measurement
 from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
@@ -142,9 +140,7 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
     return steps
 
 
-def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> Callable[[int, Measurement], None]:
-    """A function of the number of steps that calls ``status`` with a line now and then."""
-
+def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> AfterStep:
     def show(count: int, measurement: Measurement) -> None:
         if count % _STATUS_PERIOD:
             return

@@ -10,8 +10,6 @@ There is no checksum. A frame is accepted if its length is possible, its end mar
 otherwise the reader skips one byte and searches on. The result does not depend on how the stream was cut into reads.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
@@ -50,7 +48,7 @@ class Telemetry:
     vel: np.ndarray  # (joints,) [rad/s]
     cur: np.ndarray | None = None  # (joints,) measured currents [A]
 
-    def with_signs(self, signs: np.ndarray) -> Telemetry:
+    def with_signs(self, signs: np.ndarray) -> "Telemetry":
         """The same with (joints,) ``signs`` on positions, velocities and currents, to the library's signs or back."""
         current = None if self.cur is None else signs * self.cur
         return replace(self, pos=signs * self.pos, vel=signs * self.vel, cur=current)
@@ -75,8 +73,6 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    """Frame of a message."""
-
     max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian

@@ -1,7 +1,5 @@
 """The host's link to a robot at a serial port: receives, checks, records, and sends through the safety gate."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections import deque
@@ -17,8 +15,7 @@ from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.watchdog import Watchdog
 from motorprior.logs.readers.deploy_recording import Mode, run_columns
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits
+from motorprior.robots.robot import Robot, SafetyLimits
 
 # Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
@@ -37,7 +34,7 @@ class RobotLink:
     """
 
     def __init__(
-        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: Recorder | None = None
+        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: "Recorder | None" = None
     ):
         self.robot, self.port, self._recorder = robot, port, recorder
         self._signs = robot.require_wire().joint_signs
@@ -51,11 +48,10 @@ class RobotLink:
         self._error_line: str | None = None
         self._ignored: set[str] = set()
 
-    def __enter__(self) -> RobotLink:
+    def __enter__(self) -> "RobotLink":
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Idle, and close port and recording."""
         try:
             self.idle()
         finally:

@@ -4,8 +4,6 @@ A target that is too far or too fast is clipped and counted; an invalid one ends
 only idle pass and, if the fault leaves time for it, the motion into the crouch.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -13,8 +11,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import IDLE, Command
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import SafetyLimits, Wire
+from motorprior.robots.robot import Robot, SafetyLimits, Wire
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class Gains:
     @classmethod
     def of(
         cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
-    ) -> Gains:
+    ) -> "Gains":
         """The given gains, and the robot's own in place of None; raises ConfigError as `check`."""
         given = {"kp": kp, "kd": kd, "max_current": max_current}
         gains = cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})

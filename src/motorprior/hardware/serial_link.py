@@ -1,7 +1,5 @@
 """The serial port as two streams of messages. No call blocks longer than its time limit."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

@@ -5,8 +5,6 @@
 Every run ends with the last two, or with idle alone if a fault leaves no time to crouch.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import time

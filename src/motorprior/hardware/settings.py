@@ -1,7 +1,5 @@
 """Settings of the commands deploy and record, and a check of the libraries for a serial port."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path

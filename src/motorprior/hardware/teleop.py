@@ -1,7 +1,5 @@
 """The operator at the robot: confirms arming, steers by keyboard or gamepad, and reads messages."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import select

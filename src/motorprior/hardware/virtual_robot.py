@@ -5,8 +5,6 @@ the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "
 switched off. It has no watchdog. As in some versions, it ignores all other keys of a command with ``pos``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import pty
@@ -19,8 +17,7 @@ from typing import Protocol
 import numpy as np
 
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import MotorCommand, SensorReadings
+from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 
 MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
 HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
@@ -123,7 +120,6 @@ class VirtualRobot:
             os.close(self._master)
 
     def _step(self, started: float) -> None:
-        """Wait for bytes or the next telemetry, and advance the robot to the present."""
         firmware = self.firmware
         next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
         timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())

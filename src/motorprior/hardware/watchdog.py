@@ -1,7 +1,5 @@
 """The host's side of the watchdog: starts the process, sends heartbeats, and reads whether it has tripped."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os
@@ -36,9 +34,8 @@ class Watchdog:
         numbers = [str(port), str(heartbeat_end), str(report_end), str(timeout)]
         arguments = [sys.executable, "-I", "-S", script, *numbers, IDLE_FRAME.hex()]
         try:
-            self._process = subprocess.Popen(
-                arguments, pass_fds=(port, heartbeat_end, report_end), start_new_session=True, stdin=subprocess.DEVNULL
-            )
+            files, no_input = (port, heartbeat_end, report_end), subprocess.DEVNULL
+            self._process = subprocess.Popen(arguments, pass_fds=files, start_new_session=True, stdin=no_input)
         finally:
             os.close(heartbeat_end)
             os.close(report_end)

@@ -4,8 +4,6 @@ Mania, Guy, Recht 2018, "Simple random search of static linear policies is compe
 learning", algorithm 2 (V2). Noise is sent to workers as seeds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -58,7 +56,7 @@ class Ars:
         """Parameters to try, M + sign · ν · δ(direction)."""
         return self.parameters + sign * (self.config.delta_std * self.direction(direction))
 
-    def tell(self, returns: np.ndarray, observations: Sequence[RunningStats]) -> None:
+    def tell(self, returns: np.ndarray, observations: "Sequence[RunningStats]") -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 
         ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If all are equal, M
@@ -119,11 +117,11 @@ class RunningStats:
     m2: np.ndarray
 
     @classmethod
-    def empty(cls, size: int) -> RunningStats:
+    def empty(cls, size: int) -> "RunningStats":
         """Statistics of no observations."""
         return cls(0, np.zeros(size), np.zeros(size))
 
-    def merge(self, other: RunningStats) -> RunningStats:
+    def merge(self, other: "RunningStats") -> "RunningStats":
         """Statistics of both together (Chan, Golub, LeVeque 1983).
 
         d = mean_b - mean_a, mean = mean_a + d n_b / n, M2 = M2_a + M2_b + d² n_a n_b / n.

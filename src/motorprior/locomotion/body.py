@@ -5,8 +5,6 @@ metres, converted to angles by inverse kinematics, so that a foot in stance move
 stride follows from the commanded speed and yaw rate. `control_step.command_step` adds lead, support and levelling.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

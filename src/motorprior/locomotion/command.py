@@ -1,7 +1,5 @@
 """Commanded speed and yaw rate over an episode."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +33,7 @@ class Commands:
             require_number(f"commands.{name}", getattr(self, name), 0.0, 1.0)
 
     @classmethod
-    def steady(cls, forward: float, yaw_rate: float = 0.0) -> Commands:
+    def steady(cls, forward: float, yaw_rate: float = 0.0) -> "Commands":
         """One command [m/s], [rad/s] for the whole episode."""
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 

@@ -13,8 +13,6 @@ these functions in the same order, so simulations agree bit for bit:
            complete_observation        sensor errors; command, heading and phase join the observation
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, astuple, dataclass
 from typing import NamedTuple
@@ -24,6 +22,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
+from motorprior.locomotion import policy
 from motorprior.locomotion.body import (
     MAX_COMMAND,
     NUM_COMMAND_OBSERVATIONS,
@@ -35,15 +34,6 @@ from motorprior.locomotion.body import (
     gait_share,
     joint_targets,
     observation_size,
-)
-from motorprior.locomotion.policy import (
-    FREQUENCY,
-    HEIGHT,
-    STRIDE_SCALE,
-    SWING_STANCE_RATIO,
-    TURN,
-    action_to_command,
-    low_pass,
 )
 from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
@@ -118,7 +108,7 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 
 @njit(cache=True)
 def complete_observation(
-    body: Body, gait: GaitState, sensors: SensorErrors, schedule: np.ndarray, step: int, base_quat: np.ndarray
+    body: Body, gait: GaitState, sensors: "SensorErrors", schedule: np.ndarray, step: int, base_quat: np.ndarray
 ) -> None:
     """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
 
@@ -182,14 +172,14 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
     under the weight. The lead compensates its damping, which acts on joint_vel and not on the velocity error: an error
     of kd/kp times the speed.
     """
-    low_pass(action, body.control_dt, gait.filtered)
-    action_to_command(body, gait.filtered, gait.command)
+    policy.low_pass(action, body.control_dt, gait.filtered)
+    policy.action_to_command(body, gait.filtered, gait.command)
     joints, command = gait.target.shape[0], gait.command
     share = gait_share(body, gait.velocity_command[0], gait.velocity_command[1])
-    frequency, ratio = float(command[joints + FREQUENCY]), float(command[joints + SWING_STANCE_RATIO])
-    height = float(command[joints + HEIGHT])
-    forward = command[joints + STRIDE_SCALE] * gait.velocity_command[0]
-    yaw_rate = command[joints + STRIDE_SCALE] * gait.velocity_command[1] + share * command[joints + TURN]
+    frequency, ratio = float(command[joints + policy.FREQUENCY]), float(command[joints + policy.SWING_STANCE_RATIO])
+    height = float(command[joints + policy.HEIGHT])
+    forward = command[joints + policy.STRIDE_SCALE] * gait.velocity_command[0]
+    yaw_rate = command[joints + policy.STRIDE_SCALE] * gait.velocity_command[1] + share * command[joints + policy.TURN]
     lift, phase = share * body.swing_height, float(gait.scalars[_PHASE])
     rise = levelling(body, gait.observation)
     later = advance_phase(phase, frequency, body.control_dt)

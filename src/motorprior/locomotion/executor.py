@@ -11,8 +11,6 @@ a port of Ray can run code.
 
 # pyright: reportMissingImports=false
 # Ray is an extra.
-from __future__ import annotations
-
 import ipaddress
 import itertools
 import os
@@ -37,7 +35,7 @@ _NUMBERS = itertools.count()
 
 def make_executor(
     make_simulator: Callable[[], Any], workers: int, kind: ExecutorKind = "threads", address: str | None = None
-) -> Executor:
+) -> "Executor":
     """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
 
     ``make_simulator`` is called once per worker; for Ray it must be picklable. On a cluster ``workers`` only sets the
@@ -154,7 +152,6 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
 
 
 def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
-    """In a worker: run the tasks one after the other."""
     if name not in _SIMULATORS:
         while len(_SIMULATORS) >= 2:
             _SIMULATORS.pop(next(iter(_SIMULATORS))).close()

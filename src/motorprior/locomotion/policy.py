@@ -5,13 +5,10 @@ swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018
 the turn.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,14 +139,7 @@ class Policy(Printable):
     provenance: Mapping[str, Any]  # settings of its training; JSON values only
 
     @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        arrays: PolicyArrays,
-        kp: np.ndarray,
-        kd: np.ndarray,
-        provenance: Mapping[str, Any] = MappingProxyType({}),
-    ) -> Policy:
+    def of(cls, robot: Robot, arrays: PolicyArrays, kp: np.ndarray, kd: np.ndarray, **provenance: Any) -> "Policy":
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_gait().forward
         return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)
@@ -191,7 +181,7 @@ class Policy(Printable):
         write_tensors(Path(path), tensors, header)
 
     @classmethod
-    def load(cls, path: str | Path) -> Policy:
+    def load(cls, path: str | Path) -> "Policy":
         """Read what `save` wrote; ArtifactError for another file, a wrong shape, or a value that is not finite."""
         path = Path(path)
         tensors, header = _HEADER.read(path)
@@ -200,8 +190,6 @@ class Policy(Printable):
         check_tensors(tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1})
         weights, *others, kp, kd = (tensors[name] for name in _TENSORS)
         arrays = PolicyArrays(np.asfortranarray(weights), *others)  # the inner loop of `act` runs over the actions
-        forward = float(header["slowest"]), float(header["fastest"])
-        return cls(
-            arrays, kp, kd, float(header["control_dt"]), header["robot"], tuple(header["joint_names"]), forward,
-            header["provenance"],
-        )  # fmt: skip
+        forward, control_dt = (float(header["slowest"]), float(header["fastest"])), float(header["control_dt"])
+        robot, names = header["robot"], tuple(header["joint_names"])
+        return cls(arrays, kp, kd, control_dt, robot, names, forward, header["provenance"])

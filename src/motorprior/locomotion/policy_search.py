@@ -1,7 +1,5 @@
 """Train a walking policy: ARS over episodes, each with newly sampled motors."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
@@ -24,7 +22,7 @@ Point: TypeAlias = dict[str, Any]
 """Point of the learning curve: iteration, mean and best return, mean steps and speed error, episodes by fault."""
 
 
-def run_task(simulator: Any, search: PolicySearch, task: tuple[int, int, int]) -> Any:
+def run_task(simulator: Any, search: "PolicySearch", task: tuple[int, int, int]) -> Any:
     """Run one episode (direction, sign, seed), see `PolicySearch.policy`; returns a `simulation.scene.Episode`."""
     direction, sign, seed = task
     return simulator.run(search.policy(direction, sign), seed)

@@ -4,8 +4,6 @@ A robot with pairs of legs is its own mirror image, and so is its gait, half a c
 pair step together. A policy that gives the mirrored action for the mirrored observation cannot limp to one side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,10 +27,10 @@ class PolicyShape:
 
     num_joints: int
     units: int = 0  # hidden units before mirroring; 0 for a linear policy
-    mirror: Mirror | None = None  # mirror symmetry of the robot in its gait; None for a policy without
+    mirror: "Mirror | None" = None  # mirror symmetry of the robot in its gait; None for a policy without
 
     @classmethod
-    def of(cls, robot: Robot, hidden_units: int, symmetric: bool) -> PolicyShape:
+    def of(cls, robot: Robot, hidden_units: int, symmetric: bool) -> "PolicyShape":
         """Shape of a robot's policy; ConfigError for an impossible symmetry."""
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
@@ -83,9 +81,8 @@ class PolicyShape:
         if self.mirror is None:
             return observations
         swap = self.mirror.inputs[:-1, :-1]
-        return observations.merge(
-            RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
-        )
+        mirrored = RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
+        return observations.merge(mirrored)
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`. ConfigError for a policy of another shape."""

@@ -5,8 +5,6 @@ with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a ch
 that overrides [units].
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections import ChainMap
@@ -125,8 +123,7 @@ def shipped_maps() -> tuple[str, ...]:
 def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
     """A map itself, a shipped one by name, or a .toml file by path.
 
-    Raises:
-        ArtifactError: no such map or file, not TOML, or an unknown or bad entry; names the key and its value.
+    Raises ArtifactError for no such map or file, no TOML, or an unknown or bad entry, with its key and value.
     """
     if isinstance(columns, ColumnMap):
         return columns

@@ -1,7 +1,5 @@
 """How formats are read: the interface of a format, and logs from the columns that a `ColumnMap` names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain
@@ -53,10 +51,8 @@ def require_robot(robot: Robot | None, path: Path) -> Robot:
 def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robot | None = None) -> MotorLog:
     """The log of the columns of a path that ``source`` reads.
 
-    A robot gives the order of the joints, and the place of the encoder unless the map does.
-
-    Raises:
-        LogError: as ``source``; a cell that is not finite, or a joint that the robot does not have.
+    A robot gives the order of the joints, and the place of the encoder unless the map does. Raises LogError as
+    ``source``, or for a cell that is not finite, or a joint that the robot does not have.
     """
     joints = _in_order(columns, robot, path)
     wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}

@@ -1,7 +1,5 @@
 """`MotorLog`: commands and measured motion of motors, in SI units; its checks, and common errors of logs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -146,21 +144,21 @@ class MotorLog(Printable):
         bounds = [0, *(np.flatnonzero(np.diff(self.segment)) + 1).tolist(), self.num_rows]
         return [slice(first, last) for first, last in pairwise(bounds)]
 
-    def segments(self) -> Iterator[MotorLog]:
+    def segments(self) -> "Iterator[MotorLog]":
         """One log per segment."""
         return map(self.rows, self.segment_slices())
 
-    def rows(self, selection: slice | np.ndarray) -> MotorLog:
+    def rows(self, selection: slice | np.ndarray) -> "MotorLog":
         """The rows a slice, a mask (T,) or an index array selects."""
         return replace(self, **{name: value[selection] for name, value in channels(self).items()})
 
-    def with_joints(self, joints: Sequence[int]) -> MotorLog:
+    def with_joints(self, joints: Sequence[int]) -> "MotorLog":
         """The log of some of its joints."""
         series = {name: value[:, list(joints)] for name, value in channels(self).items() if name in JOINT_SERIES}
         names = tuple(self.joint_names[joint] for joint in joints)
         return replace(self, joint_names=names, given_classes=tuple(self.joint_classes[j] for j in joints), **series)
 
-    def joint(self, index: int) -> MotorLog:
+    def joint(self, index: int) -> "MotorLog":
         """The log of one joint, J = 1."""
         return self.with_joints([index])
 
@@ -324,7 +322,6 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:
-    """Rows, times and gains within segments."""
     if log.logged_kp is None and log.logged_kd is not None:
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
     for part in log.segment_slices():

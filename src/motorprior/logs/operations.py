@@ -1,7 +1,5 @@
 """Operations on logs: gaps, grid, noise, repeats, joining. Loads: `loads`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Restricted unpickler for third-party files, also of torch.save: reads arrays and numbers, executes no code."""
 
-from __future__ import annotations
-
 import collections
 import io
 import math

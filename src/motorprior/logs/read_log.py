@@ -3,8 +3,6 @@
 A new format is a file in `logs.readers` with its `LogReader` as READER.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from importlib import import_module
@@ -80,7 +78,6 @@ def recording_name(path: Path) -> str:
 
 
 def _ending(name: str) -> str:
-    """The format's ending of a file's name, or empty."""
     endings = {ending for reader in READERS for ending in reader.endings}
     return max((ending for ending in endings if name.endswith(ending)), key=len, default="")
 

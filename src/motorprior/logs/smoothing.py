@@ -10,8 +10,6 @@ noise. With r below MIN_NOISE the log stays as it is. Recorded velocities, often
 same readings, are not used.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from motorprior.compiled import njit

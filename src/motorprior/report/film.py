@@ -1,7 +1,5 @@
 """Films of walks, one under the other: rendered by MuJoCo where OpenGL works, else stick figures; GIF or MP4."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from importlib.util import find_spec
@@ -140,7 +138,6 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _label(picture: Image.Image, title: str, note: str) -> None:
-    """Write two lines at the top, in the font that comes with matplotlib."""
     pen, path = ImageDraw.Draw(picture), Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     pen.rectangle((0, 0, picture.width, 58), fill="white")
     for text, top, size, color in ((title, 11, 18, INK), (note, 36, 15, MUTED)):

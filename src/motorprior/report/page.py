@@ -1,7 +1,5 @@
 """The report: one HTML file with sections of text, pictures and tables, the settings and the command."""
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Mapping, Sequence

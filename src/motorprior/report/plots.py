@@ -1,7 +1,5 @@
 """Pictures: commands and response of motors, simulated and recorded angles, errors by joint, learning curves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,20 +14,7 @@ from motorprior.bench.class_behaviour import ClassBehaviour
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.evaluation.free_runs import Trace
 from motorprior.logs.motor_log import MotorLog
-from motorprior.report.plots_style import (
-    INK,
-    TIME,
-    describe,
-    fit_y,
-    legend_below,
-    model_color,
-    model_key,
-    model_label,
-    model_line,
-    new_figure,
-    panels,
-    target_line,
-)
+from motorprior.report import plots_style as style
 from motorprior.signals import rmse
 
 LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
@@ -40,21 +25,21 @@ SHOWN_SECONDS = 8.0  # duration of a trace [s], from its end, where a chirp is f
 def excitation_and_response(log: MotorLog, title: str) -> Figure:
     """Commands and response of the first motor of a log: angles, velocity and torques that it has."""
     time = log.time - log.time[0]
-    figure = new_figure(4.6)
-    angle, velocity, torque = panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
-    target_line(angle, time, log.position_target[:, 0])
+    figure = style.new_figure(4.6)
+    angle, velocity, torque = style.panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
+    style.target_line(angle, time, log.position_target[:, 0])
     for axes, values, color, label in (
-        (angle, log.joint_pos, INK, "joint angle"),
-        (velocity, log.joint_vel, INK, "joint velocity"),
+        (angle, log.joint_pos, style.INK, "joint angle"),
+        (velocity, log.joint_vel, style.INK, "joint velocity"),
         (torque, log.external_torque, "#8a6fb3", "external torque"),
-        (torque, log.joint_torque, INK, "motor torque"),
+        (torque, log.joint_torque, style.INK, "motor torque"),
     ):
         if values is not None:
             axes.plot(time, values[:, 0], color=color, lw=1.1, label=label)
-    describe(angle, y="angle [rad]", title=title)
-    describe(velocity, y="velocity [rad/s]")
-    describe(torque, x=TIME, y="torque [N·m]")
-    legend_below(figure, (angle, velocity, torque))
+    style.describe(angle, y="angle [rad]", title=title)
+    style.describe(velocity, y="velocity [rad/s]")
+    style.describe(torque, x=style.TIME, y="torque [N·m]")
+    style.legend_below(figure, (angle, velocity, torque))
     return figure
 
 
@@ -69,60 +54,61 @@ def step_responses(motors: Actuator, title: str, period: float) -> Figure:
     commands = np.repeat(target[:, None], count, axis=1)
     angles = run(motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)).joint_pos
     low, median, high = np.percentile(angles, [5, 50, 95], axis=1)
-    figure = new_figure(3.2)
-    axes = panels(figure, 1)[0, 0]
-    target_line(axes, time, target)
-    axes.plot(time, angles[:, :10], color=INK, lw=0.4, alpha=0.5)
-    axes.fill_between(time, low, high, color=INK, alpha=0.15, label="5-95 % of the motors")
-    axes.plot(time, median, color=INK, lw=1.4, label="median")
-    describe(axes, x=TIME, y="joint angle [rad]", title=f"{title}; load {LOAD:g} kg·m²")
-    legend_below(figure, (axes,))
+    figure = style.new_figure(3.2)
+    axes = style.panels(figure, 1)[0, 0]
+    style.target_line(axes, time, target)
+    axes.plot(time, angles[:, :10], color=style.INK, lw=0.4, alpha=0.5)
+    axes.fill_between(time, low, high, color=style.INK, alpha=0.15, label="5-95 % of the motors")
+    axes.plot(time, median, color=style.INK, lw=1.4, label="median")
+    style.describe(axes, x=style.TIME, y="joint angle [rad]", title=f"{title}; load {LOAD:g} kg·m²")
+    style.legend_below(figure, (axes,))
     return figure
 
 
 def draw_traces(traces: Sequence[Trace]) -> Figure:
     """A row per trace: true and simulated angles, and the errors, in the last seconds."""
-    figure = new_figure(0.7 + 1.9 * len(traces))
-    grid = panels(figure, len(traces), 2)
+    figure = style.new_figure(0.7 + 1.9 * len(traces))
+    grid = style.panels(figure, len(traces), 2)
     for (angle, error), trace in zip(grid, traces, strict=True):
         _draw(angle, error, trace)
     for axes in grid[-1]:
-        describe(axes, x=TIME)
-    legend_below(figure, grid[:, 0], columns=3)
+        style.describe(axes, x=style.TIME)
+    style.legend_below(figure, grid[:, 0], columns=3)
     return figure
 
 
 def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     rows = trace.time >= trace.time[-1] - SHOWN_SECONDS
     time, measured = trace.time[rows], trace.measured[rows]
-    target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
-    model_line(angle, time, measured, "measured").set_linewidth(1.9)
+    style.target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
+    style.model_line(angle, time, measured, "measured").set_linewidth(1.9)
     simulated = {model: values[rows] for model, values in trace.models.items()}
     for model, values in simulated.items():
-        model_line(angle, time, values, model).set_linewidth(1.1)
-        model_line(error, time, 1e3 * (values - measured), model).set_linewidth(0.9)
-    fit_y(angle, np.append(measured, trace.target[rows]), 0.3)
+        style.model_line(angle, time, values, model).set_linewidth(1.1)
+        style.model_line(error, time, 1e3 * (values - measured), model).set_linewidth(0.9)
+    style.fit_y(angle, np.append(measured, trace.target[rows]), 0.3)
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
-    fit_y(error, 1e3 * (best - measured), 1.5)
-    describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
-    describe(error, y="simulated - measured [mrad]")
+    style.fit_y(error, 1e3 * (best - measured), 1.5)
+    style.describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
+    style.describe(error, y="simulated - measured [mrad]")
 
 
 def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
     """A row per class of joints: 90 % bands of samples, and the training motors as lines."""
     columns = {"step": "step [rad]", "chirp": "chirp [rad]", "friction": "friction [N·m]"}
     shown = [name for name in columns if name in found[0].axes]
-    figure = new_figure(0.7 + 1.7 * len(found))
-    for row, behaviour in zip(panels(figure, len(found), len(shown)), found, strict=True):
+    figure = style.new_figure(0.7 + 1.7 * len(found))
+    for row, behaviour in zip(style.panels(figure, len(found), len(shown)), found, strict=True):
         for axes, name in zip(row, shown, strict=True):
             x, values = behaviour.axes[name], behaviour.sampled[name]
             low, high = np.percentile(values, [5, 95], axis=0)
-            axes.fill_between(x, low, high, color=model_color("prior"), alpha=0.25, lw=0.0, label="90 % of samples")
-            lines = axes.plot(x, behaviour.training_motors[name].T, color=INK, lw=0.6)
+            color = style.model_color("prior")
+            axes.fill_between(x, low, high, color=color, alpha=0.25, lw=0.0, label="90 % of samples")
+            lines = axes.plot(x, behaviour.training_motors[name].T, color=style.INK, lw=0.6)
             lines[0].set_label("training motors")
-            describe(axes, y=columns[name], x="speed [rad/s]" if name == "friction" else TIME)
-        describe(row[0], title=behaviour.name or "all joints")
-    legend_below(figure, figure.axes[:1])
+            style.describe(axes, y=columns[name], x="speed [rad/s]" if name == "friction" else style.TIME)
+        style.describe(row[0], title=behaviour.name or "all joints")
+    style.legend_below(figure, figure.axes[:1])
     return figure
 
 
@@ -130,19 +116,19 @@ def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     """A line per joint with a marker per model, from model -> joint -> RMSE [rad]."""
     joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
     legend = 0.2 * len(errors) / 3.0  # of its height
-    figure = new_figure(1.1 + legend + 0.23 * len(joints))
-    axes = panels(figure, 1)[0, 0]
+    figure = style.new_figure(1.1 + legend + 0.23 * len(joints))
+    axes = style.panels(figure, 1)[0, 0]
     for number, (model, values) in enumerate(errors.items()):
         rows, milli = [joints.index(joint) for joint in values], [1e3 * value for value in values.values()]
-        axes.plot(milli, rows, "osDx|^v*"[number % 8], color=model_color(model), label=model, markersize=5)
+        axes.plot(milli, rows, "osDx|^v*"[number % 8], color=style.model_color(model), label=model, markersize=5)
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(range(len(joints)), joints)
     axes.set_ylim(len(joints) - 0.5, -0.5)
-    describe(axes, x="RMSE of the simulated angle [mrad]")
-    legend_below(figure, axes, columns=3)
+    style.describe(axes, x="RMSE of the simulated angle [mrad]")
+    style.legend_below(figure, axes, columns=3)
     return figure
 
 
@@ -157,21 +143,20 @@ def read_curves(folders: Iterable[Path]) -> list[LearningCurve]:
 
 def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
     """Median over the seeds of each training, and every seed as a thin line."""
-    figure = new_figure(3.5)
-    axes = panels(figure, 1)[0, 0]
+    figure = style.new_figure(3.5)
+    axes = style.panels(figure, 1)[0, 0]
     for number, (name, seeds) in enumerate(curves.items()):
-        color = model_color(name) if model_key(name) else f"C{number}"
+        color = style.model_color(name) if style.model_key(name) else f"C{number}"
         for iteration, mean_return in seeds:
             axes.plot(iteration, mean_return, color=color, lw=0.6, alpha=0.4)
-        label = f"{model_label(name)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
-        model_line(axes, *_median(seeds), name, label, color).set_linewidth(2.0)
-    describe(axes, x="ARS iteration [-]", y="mean return [m]")
-    legend_below(figure, axes, columns=3)
+        label = f"{style.model_label(name)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
+        style.model_line(axes, *_median(seeds), name, label, color).set_linewidth(2.0)
+    style.describe(axes, x="ARS iteration [-]", y="mean return [m]")
+    style.legend_below(figure, axes, columns=3)
     return figure
 
 
 def _median(seeds: Sequence[LearningCurve]) -> LearningCurve:
-    """Median over the seeds where all of them have values."""
     start = max(iteration[0] for iteration, _ in seeds)
     stop = min(iteration[-1] for iteration, _ in seeds)
     grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))

@@ -3,8 +3,6 @@
 Styles are set on the artists, not in matplotlib's global settings, so that two threads may draw at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from io import BytesIO
 from typing import Any
@@ -113,9 +111,8 @@ def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) 
     figure.align_ylabels()
     every = [axes] if isinstance(axes, Axes) else axes
     found = {text: mark for each in every for mark, text in zip(*each.get_legend_handles_labels(), strict=True)}
-    figure.legend(
-        list(found.values()), list(found), loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False
-    )
+    marks, texts = list(found.values()), list(found)
+    figure.legend(marks, texts, loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False)
 
 
 def fit_y(axes: Axes, reference: np.ndarray, margin: float) -> None:

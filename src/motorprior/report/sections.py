@@ -1,7 +1,5 @@
 """Sections of the pages, from the files of their stages, and the page of trained policies."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -120,6 +118,5 @@ def write_training_page(run: Path, robot_name: str, command: str) -> Path:
 
 
 def _training(run: Path, folder: Path) -> str:
-    """Name of the training: its folder without the number of a seed."""
     stem = re.sub(r"_\d+$", "", folder.name)
     return run.resolve().name if folder == run or stem == "seed" else stem

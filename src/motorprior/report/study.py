@@ -1,7 +1,5 @@
 """Sections of the pages of the transfer study and of the demo: tables, a forest plot, robustness."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
@@ -10,17 +8,10 @@ from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, Table, picture
 from motorprior.report.plots_style import TEXT, describe, model_color, model_label, new_figure, panels
+from motorprior.studies import statistics
 from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
-from motorprior.studies.statistics import (
-    ALL_ENVIRONMENTS,
-    CONVERGED,
-    OWN,
-    OWN_OUT_OF_FAMILY,
-    REFERENCE,
-    Estimate,
-    StudyStatistics,
-)
+from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, Estimate, StudyStatistics
 from motorprior.studies.study_settings import CONDITIONS
 from motorprior.studies.transfer import LOG_SECONDS
 
@@ -62,11 +53,11 @@ def own_simulations(summary: StudyStatistics) -> Section:
             if (policies := summary.upright.get((env, condition))) is not None:
                 cells = (" ".join(f"{100.0 * value:.0f}" for value in bench) for bench in policies)
                 rows.append((condition if env == OWN else f"{condition}, out-of-family motors", *cells))
-                if count := int(np.sum(policies < CONVERGED)):
+                if count := int(np.sum(policies < statistics.CONVERGED)):
                     failed.append(f"{count} of {policies.size} of {rows[-1][0]}")
     caption = "time upright of every policy in the simulation of its training [%]"
     table = Table(("trained on", *(f"bench {bench}" for bench in summary.benches)), rows, caption)
-    counts = f"Upright for less than {100 * CONVERGED:.0f} %: {'; '.join(failed) or 'no policy'}."
+    counts = f"Upright for less than {100 * statistics.CONVERGED:.0f} %: {'; '.join(failed) or 'no policy'}."
     return Section("In the simulation of the training", (text, counts), tables=(table,))
 
 
@@ -82,7 +73,7 @@ def measure_table(summary: StudyStatistics, measure: str) -> Table:
         for (env, condition, kind), found in summary.estimates.items()
         if kind == measure
     }
-    return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
+    return _table(summary, statistics.ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
 
 
 def _table(summary: StudyStatistics, order: Iterable[str], cells: Mapping[tuple[str, str], str], caption: str) -> Table:
@@ -155,10 +146,8 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
 def _gaps(summary: StudyStatistics) -> str:
     """Time upright lost between the training simulation and held-out robots of the fleet, by condition."""
     upright = {key[:2]: each.value for key, each in summary.estimates.items() if key[2] == "upright"}
-    gaps = [
-        f"{model_label(name)} {100 * (upright[OWN, name] - upright['fleet', name]):+.0f}"
-        for name in conditions_in(summary)
-    ]
+    lost = {name: upright[OWN, name] - upright["fleet", name] for name in conditions_in(summary)}
+    gaps = [f"{model_label(name)} {100 * value:+.0f}" for name, value in lost.items()]
     return f"Transfer gap, own simulation minus fleet, in percentage points upright: {', '.join(gaps)}."
 
 
@@ -169,16 +158,15 @@ def headline(summary: StudyStatistics) -> str:
         return np.array([summary.estimates[env, name, "upright"].value for env in _EXPLAINED])
 
     def percent(name: str) -> str:
-        return " and ".join(
-            f"{100 * value:.0f} % ({env})" for env, value in zip(_EXPLAINED, upright(name), strict=True)
-        )
+        values = zip(_EXPLAINED, upright(name), strict=True)
+        return " and ".join(f"{100 * value:.0f} % ({env})" for env, value in values)
 
     best = max(BASELINES, key=lambda name: upright(name).sum())
-    equal = np.all(upright(best) > upright(REFERENCE) - _EQUAL_UPRIGHT)
+    equal = np.all(upright(best) > upright(statistics.REFERENCE) - _EQUAL_UPRIGHT)
     first = f"Here a simpler model is as good as the learned prior: the {model_label(best)}. " if equal else ""
     return (
-        f"{first}Time upright on held-out robots: {percent(REFERENCE)} after training on samples of the prior; "
-        f"{percent('adapted_prior')} on the prior adapted to {LOG_SECONDS:g} s of log of the robot; "
+        f"{first}Time upright on held-out robots: {percent(statistics.REFERENCE)} after training on samples of the "
+        f"prior; {percent('adapted_prior')} on the prior adapted to {LOG_SECONDS:g} s of log of the robot; "
         f"{percent('ideal_pd')} on an ideal PD; {percent(best)} on the best baseline, the {model_label(best)}."
     )
 

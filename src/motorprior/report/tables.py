@@ -1,7 +1,5 @@
 """Rows of the tables on the page and on the terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from motorprior.evaluation.errors import MAX_ERROR

@@ -6,8 +6,6 @@ model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco
@@ -29,8 +27,11 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
     file of the model has changed since the robot was loaded, or it cannot be compiled with a floor.
     """
     physics_dt = robot.physics_dt if physics_dt is None else physics_dt
+    source = robot.model
+    if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
+        raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
     try:
-        spec = _read(robot)
+        spec = read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
         _set_physics(spec, physics_dt)
         if robot.base == "free":
             base = spec.worldbody.first_body()
@@ -40,14 +41,7 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
         _add_floor(spec, robot, physics_dt)
         return spec.compile()
     except ValueError as error:
-        raise cannot_read(robot.model.path, str(error)) from error
-
-
-def _read(robot: Robot) -> Any:
-    source = robot.model
-    if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
-        raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
-    return read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
+        raise cannot_read(source.path, str(error)) from error
 
 
 def _set_physics(spec: Any, physics_dt: float) -> None:

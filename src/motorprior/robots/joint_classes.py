@@ -1,7 +1,5 @@
 """Classes of joints: joints of one class have the same motor and the same position on the robot, such as calves."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

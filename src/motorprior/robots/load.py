@@ -1,7 +1,5 @@
 """Load a robot by name, or from a TOML next to its MJCF or URDF, whose keys docs/your-robot.md describes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields, replace
 from pathlib import Path
@@ -154,7 +152,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     )
 
 
-def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: UserModel, where: str) -> Leg:
+def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: "UserModel", where: str) -> Leg:
     joints = tuple(table["joints"])
     if len(joints) != 3 or len(set(joints) & set(names)) != 3:
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"

@@ -1,7 +1,5 @@
 """The file of a robot's model, MJCF or URDF, and the files that it names."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ class ModelFile:
     urdf: Callable[..., str] | None = None
 
     @classmethod
-    def of(cls, path: Path, urdf: Callable[..., str] | None = None) -> ModelFile:
+    def of(cls, path: Path, urdf: Callable[..., str] | None = None) -> "ModelFile":
         """The model of a file with its present content."""
         files = model_files(path)
         return cls(files, files_digest(files), urdf)

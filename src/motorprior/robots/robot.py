@@ -1,6 +1,4 @@
-"""The description of a robot: joints, legs, poses, model, clocks and wire."""
-
-from __future__ import annotations
+"""The description of a robot: joints, legs, poses, model, clocks, constants of its protocol and safety limits."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +11,6 @@ import numpy as np
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.robots.model_source import ModelFile
-from motorprior.robots.wire import Wire
 from motorprior.texts import Overview, Printable
 
 GRAVITY = 9.81  # [m/s²]
@@ -73,7 +70,7 @@ class Gait:
     residual: float = 0.3  # maximum correction of a joint target by the policy [rad]
 
     @classmethod
-    def of_size(cls, hip_height: float) -> Gait:
+    def of_size(cls, hip_height: float) -> "Gait":
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
         frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of
@@ -83,6 +80,82 @@ class Gait:
         # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
         frequency = max(3.0, 0.32 * math.sqrt(GRAVITY / hip_height))
         return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Limits of the host's safety gate and fault detection."""
+
+    # Maximum position targets, currents and gains
+    target_speed: float = 60.0  # [rad/s]; gaits reach 40 at the start of a swing; the motors' no-load speed is 52
+    slow_speed: float = 1.5  # [rad/s] while ramping and crouching
+    max_current: float = 7.0  # [A] per motor; 2022 deployment
+    max_kp: float = 60.0  # [A/rad]; above the gains of every known deployment
+    max_kd: float = 6.0  # [A·s/rad]
+    # Falls: |roll| or |pitch| beyond max_tilt [rad] for tilt_time [s]; an IMU that repeats its reading for imu_time [s]
+    max_tilt: float = 0.7  # training episodes end at 0.4, walking stays below 0.15
+    tilt_time: float = 0.03  # one damaged frame is not a fall
+    imu_time: float = 0.3  # a working sensor has noise
+    # Error of a joint against its target with a first-order lag of kd/kp [rad], for tracking_time [s]
+    tracking_error: float = 0.6  # five policies on twelve twins exceeded 0.45 for at most 0.2 s
+    tracking_time: float = 0.25
+    # Blocked, or a frozen encoder: moves less than stuck_motion while its lagged target moves by stuck_target [rad]
+    stuck_motion: float = 0.004
+    stuck_target: float = 0.2  # on these twins, targets led a static joint by at most 0.09 rad
+    stuck_time: float = 0.25  # [s]
+    # Telemetry
+    telemetry_age: float = 0.1  # maximum age of a measurement in use [s]
+    implausible_frames: int = 3  # so many in a row are a fault
+    joint_speed: float = 20.0  # maximum plausible [rad/s]; walking stays below 13
+    body_rate: float = 35.0  # maximum plausible [rad/s]; range of the gyroscope, 2000 °/s
+    measured_current: float = 9.0  # [A], if reported, of any motor for current_time [s]; the firmware stops at 10
+    current_time: float = 0.02  # one damaged frame is not an overcurrent
+    # Late control steps; the motors hold the last target meanwhile
+    tick_delay: float = 0.1  # of one step [s]; walks of a policy of 150 iterations stayed upright with twice this pause
+    late_ticks: int = 10  # steps of the last hundred that are late by more than half a period
+    stalled_time: float = 0.2  # their total lateness [s]; with 20 ms every tenth step no walk fell, with 50 ms 3 of 24
+    watchdog: float = 0.13  # the host is silent [s]: idle; a control period, tick_delay, and 20 ms for the host to send
+
+
+@dataclass(frozen=True, eq=False)
+class Wire:
+    """Constants of a servo bus: current = clip(kp·(target - angle) - kd·velocity, ±max_current) on the robot."""
+
+    kp: float  # default gain [A/rad]
+    kd: float  # default gain [A·s/rad]; it acts on the velocity, so a joint follows its target with a lag of kd/kp
+    max_current: float  # [A] per motor
+    torque_constant: float  # [N·m/A] at the joint
+    joint_signs: np.ndarray  # (joints,) robot's own angle = sign × angle of the model
+    encoder_counts: int  # per turn of the joint
+    crouch_pose: np.ndarray  # (joints,) angles in which the current can be switched off softly [rad]
+    folded_pose: np.ndarray  # (joints,) angles on its belly, switched off [rad]
+    safety: SafetyLimits
+
+
+@dataclass(frozen=True)
+class MotorCommand:
+    """Input of the current control: i = kp·(target - q) - kd·dq, within ±max_current."""
+
+    target: np.ndarray  # (joints,) [rad]
+    kp: np.ndarray  # (joints,) [A/rad]; 0 for a motor that is off
+    kd: np.ndarray  # (joints,) [A·s/rad]
+    max_current: float  # [A]
+
+    def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
+        """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
+        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
+        return np.clip(wanted, -self.max_current, self.max_current)
+
+
+@dataclass(frozen=True)
+class SensorReadings:
+    """Sensor readings of a robot, joints in the robot's signs."""
+
+    pos: np.ndarray  # (joints,) [rad]
+    vel: np.ndarray  # (joints,) [rad/s]
+    current: np.ndarray  # (joints,) [A]
+    attitude: np.ndarray  # roll, pitch, yaw [rad]
+    rates: np.ndarray  # about the body's axes [rad/s]
 
 
 @dataclass(frozen=True, repr=False)
@@ -187,7 +260,7 @@ class Robot(Printable):
             raise ConfigError(f"robot {self.name!r} cannot walk: {problem}", remedy=remedy)
         return self.gait
 
-    def with_speed_range(self, forward: tuple[float, float]) -> Robot:
+    def with_speed_range(self, forward: tuple[float, float]) -> "Robot":
         """The same robot with another range of commanded speeds [m/s]; raises as `require_gait`."""
         return replace(self, gait=replace(self.require_gait(), forward=forward))
 

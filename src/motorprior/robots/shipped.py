@@ -1,7 +1,5 @@
 """The robots of the package; the first is the default."""
 
-from __future__ import annotations
-
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 

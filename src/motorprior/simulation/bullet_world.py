@@ -11,8 +11,6 @@ which is MuJoCo's Euler step with implicit damping.
 
 # pyright: reportMissingModuleSource=false, reportMissingImports=false
 # PyBullet is an extra.
-from __future__ import annotations
-
 from collections import deque
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -176,7 +174,6 @@ class BulletWorld:
                 self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
     def _set_friction_and_masses(self, conditions: EpisodeConditions) -> None:
-        """Set friction of the feet, scale masses and inertias."""
         friction = self.robot.foot_friction * conditions.friction
         for number, index in enumerate([-1, *self._indices]):
             self.call("changeDynamics", self.body, index, lateralFriction=friction, restitution=0.0)

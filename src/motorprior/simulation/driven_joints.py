@@ -2,8 +2,6 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """The motors of a simulated robot, chosen by a text (`actuator.registry`) or given as objects."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,19 +8,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator import registry
 from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.ideal_pd import FRICTION_PD, IdealPd, described_pd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, robot_gains
-from motorprior.actuator.registry import (
-    DrawMotors,
-    EpisodeMotors,
-    file_options,
-    motor_text,
-    motors_from_text,
-    parsed,
-    register,
-)
+from motorprior.actuator.registry import DrawMotors, EpisodeMotors, register
 from motorprior.bench.fleet import Fleet, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_names
 from motorprior.bounds import MAX_NUMBER, TABLE, TEXT, require_number
@@ -58,13 +49,14 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
     """
     options, fleet = {}, motors if isinstance(motors, Fleet) else None
     if isinstance(motors, str):
-        found, options = motors_from_text(motors, robot)
+        found, options = registry.motors_from_text(motors, robot)
         fleet = options.get("fleet")
     else:
         found = _episode_motors(motors, robot)
     first = found.draw(np.random.default_rng(0))
     require_motors(first, robot.num_joints)
-    physics_dt, files = robot.physics_step(first.kind.max_step), [Path(options[name]) for name in file_options(options)]
+    physics_dt = robot.physics_step(first.kind.max_step)
+    files = [Path(options[name]) for name in registry.file_options(options)]
     return SimulatedMotors(found.draw, physics_dt, found.condition, found.prior, files, nominal_gains(robot, fleet))
 
 
@@ -205,14 +197,14 @@ def motors_as_json(text: str, folder: Path) -> dict[str, Any]:
     A file is searched for at its path relative to the policy's folder, so that both can be moved together, and in that
     folder. Only a file with the same digest is used.
     """
-    kind, options = parsed(text)
-    files = {name: Path(options[name]) for name in file_options(options)}
+    kind, options = registry.parsed(text)
+    files = {name: Path(options[name]) for name in registry.file_options(options)}
     names = {name: file.name for name, file in files.items()}
     records = {
         name: {"path": Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix(), "sha256": digest(file)}
         for name, file in files.items()
     }
-    return {"text": motor_text(kind, **(options | names)), "files": records}
+    return {"text": registry.motor_text(kind, **(options | names)), "files": records}
 
 
 def motors_from_json(data: Any, policy: Path) -> str:
@@ -224,17 +216,16 @@ def motors_from_json(data: Any, policy: Path) -> str:
         problem, remedy = "its provenance does not record the motors of its training", "evaluate it on a twin"
         raise ArtifactError(problem, where=policy, remedy=f"train it with `motorprior walk`, or {remedy}")
     _PROVENANCE.check(data, policy)
-    kind, options = parsed(data["text"])
-    for name in file_options(options):
+    kind, options = registry.parsed(data["text"])
+    for name in registry.file_options(options):
         record, file = data["files"].get(name), Path(options[name]).name
         _FILE.check(record, policy)
         paths = policy.parent / record["path"], policy.parent / file
         found = [path for path in paths if path.is_file() and digest(path) == record["sha256"]]
         if not found:
-            problem = (
-                f"the {name} it was trained on, {file} with SHA-256 {record['sha256'][:16]}…, is missing or changed"
-            )
+            stated = f"{file} with SHA-256 {record['sha256'][:16]}…"
+            problem = f"the {name} it was trained on, {stated}, is missing or changed"
             remedy = "put it back, or into the policy's folder, or train the policy again"
             raise ConfigError(problem, where=policy, remedy=remedy)
         options[name] = found[0]
-    return motor_text(kind, **options)
+    return registry.motor_text(kind, **options)

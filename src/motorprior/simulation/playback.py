@@ -1,7 +1,5 @@
 """Replay of given position targets on a simulated robot, recording every joint's motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -4,8 +4,6 @@ One `EpisodeConditions` is sampled per episode; both engines apply it without co
 an episode are sampled by `DrawMotors` from another random stream, so that enabling a range changes no motor.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -68,7 +66,7 @@ class Randomization:
                 object.__setattr__(self, field.name, value)
             check(f"randomization.{field.name}", value, lower.get(field.name, 0.0), upper.get(field.name, 1e3))
 
-    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> EpisodeConditions:
+    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> "EpisodeConditions":
         """Sample the conditions of the robot and its surroundings in the episode of this seed."""
         rng, motors = np.random.default_rng([_STREAM, seed]), np.random.default_rng([_MOTOR_STREAM, seed])
         joints, up = robot.num_joints, self._up(rng)

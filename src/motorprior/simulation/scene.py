@@ -3,8 +3,6 @@
 `WalkEnv` and that call have the same compiled functions in the same order, so the results are the same bit for bit.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,20 +18,11 @@ from motorprior.actuator.registry import DrawMotors
 from motorprior.bounds import require_array, require_count
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.locomotion import control_step
 from motorprior.locomotion.ars import update_stats
 from motorprior.locomotion.body import action_size, body_of
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.control_step import (
-    RobotState,
-    SensorErrors,
-    TaskWeights,
-    begin_gait,
-    command_step,
-    complete_observation,
-    evaluate_step,
-    new_gait,
-    observe,
-)
+from motorprior.locomotion.control_step import RobotState, SensorErrors, TaskWeights
 from motorprior.locomotion.policy import PolicyArrays, act
 from motorprior.robots.robot import Robot
 from motorprior.simulation.bullet_world import BulletWorld
@@ -124,20 +113,20 @@ def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
     mean, m2 = without_refcounts(mean), without_refcounts(m2)
     motors, sensors, schedule, gait, action, measured, feet = walker
     total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
-    begin_gait(body, gait)
-    observe(body, read_state(world, motors, 0.0, measured, feet), gait.observation)
+    control_step.begin_gait(body, gait)
+    control_step.observe(body, read_state(world, motors, 0.0, measured, feet), gait.observation)
     for step in range(max_steps):
-        complete_observation(body, gait, sensors, schedule, step, world.qpos[3:7])
+        control_step.complete_observation(body, gait, sensors, schedule, step, world.qpos[3:7])
         if trace.shape[0] > 0:
             trace[step, :nq] = world.qpos
             trace[step, nq : nq + nv] = world.qvel
             trace[step, nq + nv :] = world.torque
         update_stats(gait.observation, step, mean, m2)
         act(policy, gait.observation, action)
-        command_step(body, gait, action)
+        control_step.command_step(body, gait, action)
         squared = hold_target(world, motors, gait.target)
         state = read_state(world, motors, squared, measured, feet)
-        reward, ended = evaluate_step(body, gait, state, weights)
+        reward, ended = control_step.evaluate_step(body, gait, state, weights)
         total, steps, fault = total + reward, step + 1, state.fault
         if ended:
             break
@@ -154,7 +143,7 @@ class WalkSimulator:
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """One episode of a policy of the robot; ``seed`` draws motors, conditions and commands."""
         world, steps = self.world, self._scene.walk.episode_steps
-        motors, gait = self._scene.begin(world, seed), new_gait(self._body)
+        motors, gait = self._scene.begin(world, seed), control_step.new_gait(self._body)
         inputs = self._scene.walk.inputs(self._scene.robot, seed)
         measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
         walker = motors, *inputs, gait, np.zeros_like(gait.command), measured, feet
@@ -190,7 +179,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.action_space = Box(-1.0, 1.0, (action_size(robot.num_joints),), np.float64)
         self._scene, self.world = scene, scene.world()
         self._body, self._weights = body_of(robot), scene.walk.task.array()
-        self.gait = new_gait(self._body)
+        self.gait = control_step.new_gait(self._body)
         self._steps, self._running = 0, False
 
     def reset(
@@ -208,8 +197,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise SimulationFault(f"{FAULTS[state.fault]} at reset", remedy=TOO_STIFF)
         self._steps, self._running = 0, True
         self._sensors, self._schedule = self._scene.walk.inputs(self._scene.robot, drawn)
-        begin_gait(self._body, self.gait)
-        observe(self._body, state, self.gait.observation)
+        control_step.begin_gait(self._body, self.gait)
+        control_step.observe(self._body, state, self.gait.observation)
         return self._observed(state), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -221,9 +210,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
+        control_step.command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
         state = self.world.step(self.gait.target)
-        earned, terminated = evaluate_step(self._body, self.gait, state, self._weights)
+        earned, terminated = control_step.evaluate_step(self._body, self.gait, state, self._weights)
         self._steps += 1
         observation = self._observed(state) if state.fault == 0 else self.gait.observation.copy()
         truncated = not terminated and self._steps >= self._scene.walk.episode_steps
@@ -235,7 +224,9 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.world.close()
 
     def _observed(self, state: RobotState) -> np.ndarray:
-        complete_observation(self._body, self.gait, self._sensors, self._schedule, self._steps, state.base_quat)
+        control_step.complete_observation(
+            self._body, self.gait, self._sensors, self._schedule, self._steps, state.base_quat
+        )
         return self.gait.observation.copy()
 
     def _info(self, state: RobotState) -> dict[str, Any]:
@@ -250,7 +241,7 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         }
 
 
-def simulator_of(scene: Scene) -> WalkSimulator | EnvSimulator:
+def simulator_of(scene: Scene) -> "WalkSimulator | EnvSimulator":
     """Simulator of whole episodes of a scene, compiled with MuJoCo."""
     return WalkSimulator(scene) if scene.walk.engine == "mujoco" else EnvSimulator(scene)
 

@@ -2,8 +2,6 @@
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +12,7 @@ from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import Fleet
 from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
-from motorprior.robots.robot import Robot
-from motorprior.robots.wire import MotorCommand, SensorReadings
+from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
 

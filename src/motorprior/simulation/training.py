@@ -1,7 +1,5 @@
 """Train a walking policy: settings, the loop, its files, and its provenance."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter
@@ -115,7 +113,8 @@ def train_policy(
     run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
     if out is None:
         run(ray_address)
-        return training.policy(motors=_described(motors))
+        described = motors.overview().headline if isinstance(motors, Printable) else type(motors).__name__
+        return training.policy(motors=motors if isinstance(motors, str) else described)
     out = Path(out)
     if not isinstance(motors, str) or isinstance(start, Policy):
         raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
@@ -144,21 +143,14 @@ POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a t
 CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
 
 
-def _described(motors: object) -> str:
-    if isinstance(motors, Printable):
-        return motors.overview().headline
-    return motors if isinstance(motors, str) else type(motors).__name__
-
-
 def weight_warning(policy: Policy, robot: Robot) -> str:
     """A warning if a policy was trained on a robot of another weight, otherwise empty."""
     trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
-    return (
-        f"{WARNING}the policy was trained on a robot of {masses} -> train it again, or give the robot's earlier model"
-    )
+    remedy = "train it again, or give the robot's earlier model"
+    return f"{WARNING}the policy was trained on a robot of {masses} -> {remedy}"
 
 
 class Training:
@@ -202,10 +194,8 @@ class Training:
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search, settings = self.search, self.settings
         with ExitStack() as stack:
-            train, *evaluate = (
-                stack.enter_context(closing(make_executor(simulator, workers, executor, ray_address)))
-                for simulator in self._simulators
-            )
+            executors = (make_executor(each, workers, executor, ray_address) for each in self._simulators)
+            train, *evaluate = (stack.enter_context(closing(each)) for each in executors)
             if files is not None:
                 self._resume(*files)
             if self.curve:
@@ -266,4 +256,4 @@ class Training:
         search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
         found = {"validation": self._validation, "iteration": search.best_iteration, "best_return": search.best_return}
         found |= {ROBOT_WEIGHT: self.robot.weight}
-        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, settings | found | provenance)
+        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, **(settings | found | provenance))

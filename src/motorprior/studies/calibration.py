@@ -11,8 +11,6 @@ by leave-one-log-out cross-validation of the replay error. The fitted spread is 
 expectation maximisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -53,7 +51,7 @@ class Parameter:
     minimum: float  # of the constant
 
     @classmethod
-    def of(cls, name: str, unit: str, distribution: Distribution) -> Parameter:
+    def of(cls, name: str, unit: str, distribution: Distribution) -> "Parameter":
         """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
         values, is_log, center = distribution.values, distribution.kind == "lognormal", distribution.center
         if distribution.kind == "uniform":
@@ -89,11 +87,9 @@ class FleetProblem:
         found = [Parameter.of(name, units[name], fleet.parameters[name]) for name in names if name in fleet.parameters]
         self.parameters = tuple(parameter for parameter in found if parameter.deviation > 0.0)
         if not self.parameters:
-            raise ConfigError(
-                f"none of the constants {', '.join(names)} is uncertain", where=fleet.name,
-                remedy="give at least one of them a center_uncertainty above 0, or a uniform distribution "
-                "(docs/calibrate.md)",
-            )  # fmt: skip
+            problem = f"none of the constants {', '.join(names)} is uncertain"
+            remedy = "give one of them a center_uncertainty above 0, or a uniform distribution (docs/calibrate.md)"
+            raise ConfigError(problem, where=fleet.name, remedy=remedy)
         self.mean = np.array([each.mean for each in self.parameters])  # of the prior of the centre
         self.prior_std = np.array([each.deviation for each in self.parameters])
         # indices of the parameters that differ between motors, and of the excited joints of all logs
@@ -128,7 +124,7 @@ class FleetProblem:
         """Mean RMSE over the excited joints of a log [rad]."""
         return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
 
-    def with_residual_deviation(self, x: np.ndarray) -> FleetProblem:
+    def with_residual_deviation(self, x: np.ndarray) -> "FleetProblem":
         """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
         errors = [self.error(name, x) for name in self.replayers]
         deviation = np.sqrt(np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors])))

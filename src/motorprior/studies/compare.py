@@ -1,7 +1,5 @@
 """How policies walk: numbered walks in a simulated environment, and a tidy table over policies and sets of motors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -59,8 +57,6 @@ def run_walks(
 
 
 class _Walks:
-    """Simulator of numbered walks; one per thread."""
-
     def __init__(self, scene: Scene, seed_of: Callable[[int], int], motors: Callable[[int], Actuator] | None):
         self._number, self._seed_of = 0, seed_of
         if motors is not None:
@@ -105,7 +101,7 @@ class TrainedPolicy:
     policy: Policy
 
     @classmethod
-    def load(cls, path: Path, robot: Robot) -> TrainedPolicy:
+    def load(cls, path: Path, robot: Robot) -> "TrainedPolicy":
         """Read a policy; ArtifactError or ConfigError for a damaged one, or another robot or control period."""
         policy = Policy.load(path)
         policy.require_robot(robot, path)

@@ -12,8 +12,6 @@ number alone.
 All have at least the sensor noise of NOISY.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import partial
 from zlib import crc32

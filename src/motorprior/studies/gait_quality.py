@@ -1,7 +1,5 @@
 """Measures of one walk, computed from simulated states."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,9 +1,8 @@
 """Replay the commands of a real robot's log on a simulated robot, to compare joint angles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -81,7 +80,8 @@ class Replayer:
         self.log, self.excited = drop_repeats(log), excited_joints(log)
         if not self.excited.size:
             raise LogError("no joint is excited", where=log.source, remedy="record with a moving command")
-        self._robot, self._worlds = robot, dict[tuple[float, bool], World]()
+        self._robot = robot
+        self._world = cache(lambda physics_dt, suspended: World(robot, physics_dt, suspended, COMMAND_PERIOD))
         self._grids, self._segments = list(resample(log, COMMAND_PERIOD).segments()), list(self.log.segments())
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
         self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])  # (rows,) mask
@@ -112,11 +112,6 @@ class Replayer:
         measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
         return np.stack([np.interp(part.time, grid.time, column) for column in measured.T], axis=1)
 
-    def _world(self, physics_dt: float, suspended: bool) -> World:
-        if (physics_dt, suspended) not in self._worlds:
-            self._worlds[physics_dt, suspended] = World(self._robot, physics_dt, suspended, COMMAND_PERIOD)
-        return self._worlds[physics_dt, suspended]
-
 
 def initial_targets(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
     """(joints,) targets before a segment [rad]: the first ones, or a free robot's nominal pose if that is nearer.
@@ -137,7 +132,6 @@ def _before_fall(part: MotorLog) -> np.ndarray:
 
 
 def _is_suspended(part: MotorLog, robot: Robot) -> bool:
-    """Whether the base of a free robot was suspended in this segment."""
     if part.posture is None or robot.base == "fixed":
         return False
     postures = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]

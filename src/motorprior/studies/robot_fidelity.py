@@ -4,8 +4,6 @@ Inside the robot all follow the same trot targets, held at 100 Hz for 2 s, stand
 run at the twin's physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

@@ -9,8 +9,6 @@ over benches, so it includes the variation between benches, policies and walks. 
 excludes the variation between trainings.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable, Hashable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Training conditions and settings of the transfer study."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -217,9 +215,6 @@ class Study:
 
     def to_select(self) -> dict[str, str]:
         """Setting that is selected on the validation fleet -> its condition."""
-        settings = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
-        return {
-            setting: name
-            for setting, name in settings.items()
-            if name in self.conditions and getattr(self, setting) is None
-        }
+        conditions = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
+        unset = {setting: name for setting, name in conditions.items() if getattr(self, setting) is None}
+        return {setting: name for setting, name in unset.items() if name in self.conditions}

@@ -8,8 +8,6 @@
 `statistics` summarises the walks.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
@@ -89,9 +87,6 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
     return walks
 
 
-# 1. Benches, and the models fitted to them
-
-
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
     """Record the motors of a bench; excitation -> log, the paper's only if a condition needs it."""
     fitted = {each.prior or each.pd for each in bench.fitted}
@@ -139,9 +134,6 @@ def _fit_pds(bench: Study, log: MotorLog, folder: Path, kinds: set[str], progres
                 write_json(out / FIT, asdict(fit_pd(log, PDS[out.name], start, task.advance)))
 
 
-# 2. Settings selected on the validation fleet
-
-
 def with_selected(config: Study, threads: int, progress: Progress) -> Study:
     """The study with the settings whose policies are upright for longest on robots of the validation fleet, and fast.
 
@@ -160,9 +152,8 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
             for seed in SELECTION_SEEDS:
                 motors = motors_text(replace(first, **{setting: value}), name, VALIDATION, seed)
                 number, shown = seed if CONDITIONS[name].adapted else None, f"{name}_{value:g}"
-                policies.append(
-                    PolicyRun(bench, shown, seed, motors, environments=(OUT_OF_FAMILY, "hard"), robot_number=number)
-                )
+                tested = OUT_OF_FAMILY, "hard"
+                policies.append(PolicyRun(bench, shown, seed, motors, environments=tested, robot_number=number))
             walks = [walk for walk in walk_table(config, policies, progress) if walk["environment"] in ENVIRONMENTS]
             found[value] = [float(np.mean([walk[measure] for walk in walks])) for measure in ("upright", "speed")]
         max_needed = max(upright for upright, _ in found.values()) - _EQUAL_SETTING
@@ -170,9 +161,6 @@ def with_selected(config: Study, threads: int, progress: Progress) -> Study:
         write_json(bench.out / f"{setting}.json", {"fleet": fleet, "upright, speed": found, "chosen": chosen[setting]})
         progress.note(f"{setting}, selected on the fleet {fleet!r}: {chosen[setting]:g}")
     return replace(config, **chosen)
-
-
-# 3. Robots, and the models adapted to their logs
 
 
 def adapt_robots(robots: Iterable[tuple[Study, str, int]], threads: int, progress: Progress) -> None:
@@ -207,9 +195,6 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
                 adapt(MotorPrior.load(path), log, allow_outliers=True, progress=SILENT).save(folder / POSTERIOR)
     if "adapted_pd" in bench.conditions and population != VALIDATION:
         _fit_pds(bench, read_parquet(folder / LOG), folder / "fits", {CONDITIONS["adapted_pd"].pd}, progress)
-
-
-# 4. Policies
 
 
 @dataclass(frozen=True)
@@ -281,7 +266,6 @@ def walk_table(config: Study, policies: Sequence[PolicyRun], progress: Progress 
 
 
 def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progress: Progress) -> list[WalkRow]:
-    """Train and evaluate one policy."""
     bench, robot = run.bench, load_robot(run.bench.robot)
     policy, folder = _train(robot, run, progress), bench.out / "walks" / run.folder
     tested = tuple(each for each in run.environments if each in environments)
@@ -303,7 +287,6 @@ def _walks_of(environments: tuple[str, ...], run: PolicyRun, task: Task, progres
 
 
 def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
-    """The policy's file."""
     bench, name = run.bench, run.folder
     # standing earns a little. With the default, walking badly earns less than falling, so the search learns to fall
     task = TaskWeights(alive=TaskWeights().speed * bench.commanded + 0.5)
@@ -322,7 +305,6 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
 
 
 def _evaluate(trained: TrainedPolicy, run: PolicyRun, environments: tuple[str, ...]) -> list[WalkRow]:
-    """Walks of a policy in its training simulation and in environments."""
     bench, robot, policy, numbers = run.bench, trained.robot, trained.policy.arrays, range(run.bench.walks)
     steps, seed_of = round(bench.seconds / robot.control_dt), partial(walk_seed, bench.seed)
     walk = WalkConfig(steps, commands=bench.commands)

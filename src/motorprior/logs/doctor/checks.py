@@ -1,7 +1,5 @@
 """The log doctor: checks whether motors can be identified from a log. A check is a function that yields findings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -36,7 +34,6 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
 
 def _each_joint(log: MotorLog) -> Iterator[Finding]:
-    """Findings of PER_JOINT, with their rows in the log."""
     windows: dict[int, tuple[slice, MotorLog]] = {}
     found: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():

@@ -1,7 +1,5 @@
 """Findings of the log doctor."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

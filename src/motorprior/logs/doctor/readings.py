@@ -1,7 +1,5 @@
 """Checks of readings: rate, gaps, repeated rows, jumps, and units that make angles and speeds implausible."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -3,8 +3,6 @@
 A window is one joint on a uniform grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

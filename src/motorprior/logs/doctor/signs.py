@@ -1,7 +1,5 @@
 """Checks of signs: joint_torque against motion or load, and joints against the gravity of the robot's model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations
 

@@ -5,8 +5,6 @@ dots, such as ``run.0.joint_pos``; the last part is enough where it is the only 
 per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,7 +48,6 @@ def _unmapped(path: Path) -> str:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers with one dimension or more, by name."""
     require_file(path, LogError)
     try:
         content = _CONTENT[path.suffix](path)

@@ -10,8 +10,6 @@ For a point mass and an optional arm of ``arm_mass`` (a uniform rod),
 and load_stiffness is the derivative of the latter. Rows with the torque off are dropped; a segment ends there.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

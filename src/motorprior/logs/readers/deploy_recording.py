@@ -3,8 +3,6 @@
 The last line may be cut if the writer was killed; it is then ignored. Time is the robot's own clock.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from pathlib import Path
 

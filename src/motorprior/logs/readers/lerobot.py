@@ -6,8 +6,6 @@ and grippers, which LeRobot records in per cent, need a column map with ``scale`
 the servo registers that LeRobot's driver writes.
 """
 
-from __future__ import annotations
-
 import json
 import tomllib
 from importlib.resources import files

@@ -5,8 +5,6 @@ Columns are ``time_s``, ``<channel>_<unit>/<joint>`` such as ``joint_pos_rad/FR_
 metadata ``b"motorprior"``.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ Two containers hold the same recordings: the original pickles (``.txt``: a dict 
 pitch. The logs hold no velocity and no torque.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -12,8 +12,6 @@ Without a map, a bag has two topics of sensor_msgs/JointState: the states, named
 the commands. A velocity or effort that the first message lacks is not read.
 """
 
-from __future__ import annotations
-
 import re
 from array import array
 from collections.abc import Iterator

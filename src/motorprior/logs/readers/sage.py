@@ -6,8 +6,6 @@ row of states with the command in force. Torques are unsigned and not read. The 
 joints.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``
 first row.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter
@@ -71,7 +69,6 @@ def csv_names(path: Path) -> list[str]:
 
 
 def _head(line: bytes, path: Path) -> tuple[list[str], str]:
-    """Column names and separator of a first line."""
     try:
         text = line.decode("utf-8-sig").strip("\r\n")
     except UnicodeDecodeError as error:
@@ -116,7 +113,6 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
 
 
 def _csv_error(error: Exception, names: Sequence[str], path: Path) -> LogError:
-    """The error that names the cell or the number of cells of an error of pyarrow."""
     remedy = f"correct the row; {SAVE_AS}"
     if cell := _BAD_CELL.search(str(error)):
         return bad_value(int(cell[2]) - 1, names[int(cell[1])], cell[3], "a number", path, remedy)
@@ -166,7 +162,6 @@ def required_columns(have: Sequence[str], names: Sequence[str], path: Path) -> l
 
 
 def _elements(column: Any, name: str, index: int, path: Path) -> Any:
-    """Element ``index`` of each list."""
     import pyarrow.compute as pc
 
     cells: Any = pc

@@ -5,16 +5,13 @@ Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from 
 differences (1.5 mm) are averaged. The chassis' box is an assumption, for pictures and contacts of a fallen robot.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.urdf import urdf
-from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
-from motorprior.robots.wire import SafetyLimits, Wire
+from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot, SafetyLimits, Wire
 
 _FOLDER = Path(__file__).parent
 _FLEETS = ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
@@ -38,17 +35,8 @@ _WIRE = Wire(
     folded_pose=np.tile([0.0, 1.6, -2.5], 4),
     safety=SafetyLimits(),
 )
-
-
-def _joint(leg: str, kind: str) -> Joint:
-    return Joint(
-        name=f"{leg}_{kind}",
-        lower=_LIMITS[kind][0],
-        upper=_LIMITS[kind][1],
-        kp=_WIRE.kp * _WIRE.torque_constant,
-        kd=_WIRE.kd * _WIRE.torque_constant,
-        torque_limit=_WIRE.max_current * _WIRE.torque_constant,
-    )
+# kp [N·m/rad], kd [N·m·s/rad] and torque limit [N·m] of each joint
+_GAINS = tuple(each * _WIRE.torque_constant for each in (_WIRE.kp, _WIRE.kd, _WIRE.max_current))
 
 
 def _leg(index: int) -> Leg:
@@ -70,7 +58,7 @@ _MADE_LEGS = tuple(map(_leg, range(4)))
 PUPPER_V2 = Robot(
     name="pupper_v2",
     motor="DJI M2006 P36 + C610",
-    joints=tuple(_joint(leg, kind) for leg in _LEGS for kind in _LIMITS),
+    joints=tuple(Joint(f"{leg}_{kind}", *limits, *_GAINS) for leg in _LEGS for kind, limits in _LIMITS.items()),
     base="free",
     model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,

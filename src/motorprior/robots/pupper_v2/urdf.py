@@ -3,8 +3,6 @@
 Load it in PyBullet with URDF_USE_INERTIA_FROM_FILE, or inertias are recomputed from the shapes.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
