@@ -18,7 +18,7 @@ from motorprior.identification.presets import identification_preset, network_ste
 from motorprior.priors.fit_prior import PRIOR, fit_recipe, provenance_of
 from motorprior.results import Result, Results, write_results
 from motorprior.stage import FIGURES, MARKER
-from motorprior.studies.bench_validation import Validate, validate_on_bench
+from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -63,9 +63,9 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
     folder, paths = settings.out / "validate", {preset: identify(settings, preset) for preset in PRESETS}
-    results = validate_on_bench(Validate(tuple(paths.values()), folder / "all", settings.seed), PROGRESS)
+    results = validate_on_bench(tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS)
     paths["position_only"] = alone = identify(settings, "rollout", torque=False)
-    found = validate_on_bench(Validate((alone,), folder / "position_only", settings.seed), PROGRESS)
+    found = validate_on_bench([alone], folder / "position_only", seed=settings.seed, progress=PROGRESS)
     seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
     times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))

@@ -22,7 +22,7 @@ from motorprior.evaluation.bench_truth import HELD_OUT, MAX_WORK, bench_errors
 from motorprior.priors.held_out import ADAPTED_SECONDS, held_out_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.studies.bench_validation import Validate, validate_on_bench
+from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = {"gait": "bench_gait_rmse", "impacts": "bench_impact_rmse", "chirp": "bench_chirp_rmse"}
@@ -44,8 +44,9 @@ def measured_family(settings: Settings, family: str) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
     folder, seed = settings.out / family, settings.seed
     own = fidelity.Settings(folder, family, settings.motors, settings.steps, settings.adam_steps, seed)
-    priors = tuple(fidelity.identify(own, preset) for preset in PRESETS)
-    results = validate_on_bench(Validate(priors, folder / "validate", seed, (ADAPTED_SECONDS,)), PROGRESS)
+    priors = [fidelity.identify(own, preset) for preset in PRESETS]
+    lengths, out = (ADAPTED_SECONDS,), folder / "validate"
+    results = validate_on_bench(priors, out, seed=seed, adapt_seconds=lengths, progress=PROGRESS)
     bench = read_bench(folder / "bench" / "rollout")[1]
     figures: dict[str, float] = {}
     for each, motors in (("train", bench.physical_motors()), ("new", held_out_motors(bench))):

@@ -29,10 +29,10 @@ from motorprior.commands.logs_import import LogsImport, import_logs  # noqa: E40
 from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
+from motorprior.commands.validate import Validate  # noqa: E402
 from motorprior.commands.validate_log import ValidateLog  # noqa: E402
 from motorprior.commands.walk import Walk  # noqa: E402
 from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
-from motorprior.studies.bench_validation import Validate  # noqa: E402
 
 
 def _positional(settings: type, **types: Any) -> type:

@@ -21,6 +21,7 @@ from motorprior.commands.demo import Demo, run_demo
 from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
+from motorprior.commands.validate import Validate, run_validate
 from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
@@ -37,7 +38,6 @@ from motorprior.report import tables
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
-from motorprior.studies.bench_validation import Validate, validate_on_bench
 from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
@@ -142,8 +142,8 @@ def described(config: Show) -> str:
 
 
 def validate(config: Validate) -> None:
-    """See `validate_on_bench`; priors without physics have no table of the distribution."""
-    results = validate_on_bench(config, TERMINAL)
+    """See `run_validate`; priors without physics have no table of the distribution."""
+    results = run_validate(config, TERMINAL)
     titles = {
         "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
         "physical: the true motors, started 4 mrad off",

@@ -1,7 +1,6 @@
 """Closed-loop fidelity of the priors of a bench, compared with the physical motors that they learned from."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from motorprior.actuator.grey_box import GreyBox
@@ -27,26 +26,24 @@ from motorprior.studies.robot_fidelity import FIDELITY_METRICS, fidelity
 ADAPT_SECONDS = (2.0, 5.0, 10.0, 30.0)
 
 
-@dataclass(frozen=True)
-class Validate:
-    """Compare priors with the physical motors of a bench, and with held-out motors."""
+def validate_on_bench(
+    priors: Sequence[Path],
+    out: Path,
+    *,
+    seed: int = 0,
+    adapt_seconds: Sequence[float] = ADAPT_SECONDS,
+    robot: str = DEFAULT_ROBOT,
+    progress: Progress = SILENT,
+) -> Results:
+    """Compare priors with the physical motors of their bench, and with held-out motors of its fleet.
 
-    priors: tuple[Path, ...]
-    """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
-    out: Path
-    """Folder for figures.json."""
-    seed: int = 0
-    """Seed of the held-out excitation."""
-    adapt_seconds: tuple[float, ...] = ADAPT_SECONDS
-    """Lengths of log [s] to which the prior is adapted for held-out motors."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
-
-
-def validate_on_bench(config: Validate, progress: Progress = SILENT) -> Results:
-    """Compare priors of different presets with the motors of their bench, and with held-out motors of its fleet.
-
-    A repeated call reads the results.
+    Args:
+        priors: prior files of different presets, all from benches of the same motors.
+        out: folder for results.json and figures.json; a repeated call reads them.
+        seed: of the held-out excitation.
+        adapt_seconds: lengths of log [s] to which the prior with physics is adapted for held-out motors.
+        robot: a name, or the path of a .toml file.
+        progress: where to report to.
 
     Returns:
         `FIDELITY_METRICS` of priors, of the robot's nominal PD (ideal_pd) and of one PD tuned to the bench log
@@ -58,16 +55,17 @@ def validate_on_bench(config: Validate, progress: Progress = SILENT) -> Results:
         ConfigError: a number out of range, or priors that do not fit together or to the robot.
         ArtifactError: a prior or a robot that cannot be read, or ``out`` that cannot be written.
     """
-    require_seed(config.seed)
-    for seconds in config.adapt_seconds:
+    require_seed(seed)
+    for seconds in adapt_seconds:
         require_number("adapt_seconds", seconds, 1.0, 600.0)
-    robot = load_robot(config.robot)
-    priors, bench = _load_priors(robot, config.priors)
-    wanted = description("validate", asdict(config), [*config.priors, *robot.files])
-    if not is_finished(config.out, wanted):
-        with working(config.out, wanted):
-            write_results(config.out, _measure(config, robot, priors, bench, progress))
-    return read_results(config.out)
+    loaded_robot = load_robot(robot)
+    loaded, bench = _load_priors(loaded_robot, priors)
+    settings = {"priors": priors, "seed": seed, "adapt_seconds": adapt_seconds, "robot": robot}
+    wanted = description("validate", settings, [*priors, *loaded_robot.files])
+    if not is_finished(out, wanted):
+        with working(out, wanted):
+            write_results(out, _measure(loaded_robot, loaded, bench, seed, adapt_seconds, progress))
+    return read_results(out)
 
 
 def _load_priors(robot: Robot, paths: Sequence[Path]) -> tuple[dict[str, MotorPrior], BenchSettings]:
@@ -91,9 +89,13 @@ def _load_priors(robot: Robot, paths: Sequence[Path]) -> tuple[dict[str, MotorPr
 
 
 def _measure(
-    config: Validate, robot: Robot, priors: dict[str, MotorPrior], bench: BenchSettings, progress: Progress
+    robot: Robot,
+    priors: dict[str, MotorPrior],
+    bench: BenchSettings,
+    seed: int,
+    adapt_seconds: Sequence[float],
+    progress: Progress,
 ) -> Results:
-    seed, adapt_seconds = config.seed, config.adapt_seconds
     motors = bench.physical_motors()
     with progress.start("tune a PD on the bench log", RESTARTS) as task:
         log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
@@ -116,6 +118,6 @@ def _measure(
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
             prior, posterior = priors[name], adapted[name]
-            results += adaptation(robot, prior, bench, adapt_seconds, posterior, seed, task.advance)
+            results += adaptation(robot, prior, bench, tuple(adapt_seconds), posterior, seed, task.advance)
             results += distribution(prior, bench)
     return results
