@@ -9,8 +9,6 @@ direction; the physics engine integrates ``armature`` [kg·m²] and ``damping`` 
 An actuator may change its damping every step (gear contact): engines read it from ``ActuatorArrays.damping``.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -53,7 +51,7 @@ class ActuatorArrays(NamedTuple):
 
 
 def empty_arrays(
-    kind: ActuatorKind, parameters: np.ndarray, memory_rows: int, clock_ratio: int, damping: np.ndarray | None = None
+    kind: "ActuatorKind", parameters: np.ndarray, memory_rows: int, clock_ratio: int, damping: np.ndarray | None = None
 ) -> ActuatorArrays:
     """Arrays of a kind without a network; ``damping`` (n,) is zero if not given."""
     return ActuatorArrays(
@@ -72,7 +70,7 @@ class Actuator(Protocol):
     """
 
     @property
-    def kind(self) -> ActuatorKind:
+    def kind(self) -> "ActuatorKind":
         """Name, title and compiled functions of the model."""
         ...
 
@@ -133,7 +131,7 @@ def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
     return actuator
 
 
-def require_unchanged(kind: ActuatorKind, factors: Factors, *missing: str) -> None:
+def require_unchanged(kind: "ActuatorKind", factors: Factors, *missing: str) -> None:
     """Raise `ConfigError` if a factor is not 1 on a constant that motors of this kind lack."""
     for name in missing:
         if np.any(getattr(factors, name) != 1.0):

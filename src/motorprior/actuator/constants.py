@@ -1,7 +1,5 @@
 """Tables of motor constants: unit, median, range between units, and whether the logs identify them."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -56,7 +54,7 @@ class Constants:
     @classmethod
     def of(
         cls, values: Mapping[str, np.ndarray], units: Mapping[str, str], identified: Mapping[str, bool | None]
-    ) -> Constants:
+    ) -> "Constants":
         """Quantiles of samples (n,) by name; constants without ``identified`` are unknown."""
         found = []
         for name, samples in values.items():
@@ -88,7 +86,7 @@ class Constants:
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-def named_constants(model: GreyBox | LatentNetwork, z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
+def named_constants(model: "GreyBox | LatentNetwork", z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
     """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
 
     Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a

@@ -6,8 +6,6 @@ mixing gives correlations, x_k is standard normal. Q_k interpolates the latent's
 with linear extrapolation, and gives each latent its distribution over the training motors.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -27,8 +27,6 @@ stays in contact, and 0 if their signs differ, so that impacts and vibrations ar
 Optional terms add a firmware profile, an integral, a voltage limit and others (`optional_terms`).
 """
 
-from __future__ import annotations
-
 from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple

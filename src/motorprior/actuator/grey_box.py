@@ -7,8 +7,6 @@ A step is the formula of `geared_motor_step`, traced into compiled code with one
 rotor, so the engine gets no armature.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -101,7 +99,7 @@ class GreyBox:
 
     def motors(
         self, z: np.ndarray, conditions: OperatingConditions = HALF_WARM, gains: np.ndarray | None = None
-    ) -> GreyBoxActuator:
+    ) -> "GreyBoxActuator":
         """Motors with latents z (n, Z)."""
         return GreyBoxActuator(self, z, conditions, gains)
 
@@ -129,7 +127,7 @@ class GreyBoxActuator(Actuator):
         """Number of motors."""
         return len(self.z)
 
-    def with_factors(self, factors: Factors) -> GreyBoxActuator:
+    def with_factors(self, factors: Factors) -> "GreyBoxActuator":
         """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
         before = self.factors
         return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))

@@ -21,8 +21,6 @@ Friction is wrong for one step when a heavy load starts or a bare rotor reverses
 friction of at most armature/h·v, which equals coulomb at the speed coulomb·h/armature.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -67,7 +65,7 @@ class IdealPd:
         armature: float = 0.0,
         delay: float = 0.0,
         coulomb: float = 0.0,
-    ) -> IdealPd:
+    ) -> "IdealPd":
         """The same constants for every motor."""
         return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay, coulomb)))
 
@@ -86,7 +84,7 @@ class IdealPd:
         """(n,) kd [N·m·s/rad]."""
         return self.kd
 
-    def with_factors(self, factors: Factors) -> IdealPd:
+    def with_factors(self, factors: Factors) -> "IdealPd":
         """See `actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")
@@ -172,7 +170,7 @@ FRICTION_PD = ActuatorKind(
 )
 
 
-def described_pd(robot: Robot) -> IdealPd:
+def described_pd(robot: "Robot") -> IdealPd:
     """An ideal PD with the gains and torque limits of the robot's description."""
     columns = [np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit")]
     return IdealPd(*columns, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))

@@ -4,8 +4,6 @@ The spread between units is pooled over the classes. A class that was never reco
 variance includes that between classes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,7 +20,7 @@ class JointClasses:
     unseen_std: np.ndarray  # (Z,) at least 1
 
     @classmethod
-    def one(cls, motors: int, latents: int, name: str = "") -> JointClasses:
+    def one(cls, motors: int, latents: int, name: str = "") -> "JointClasses":
         """One class: z ~ N(0, I) for every joint."""
         return cls((name,), (name,) * motors, np.zeros((1, latents)), np.ones(latents))
 

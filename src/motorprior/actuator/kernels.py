@@ -4,8 +4,6 @@
 compiled, or cached on disk, before it existed can run it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property

@@ -9,8 +9,6 @@ The torque is updated every ``period`` and constant in between. b1 + V1ᵀz is c
 evaluates blocks of 16 motors in float32, with one motor per lane of the vector registers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +112,7 @@ class LatentNetwork:
     @classmethod
     def of(
         cls, tensors: Mapping[str, np.ndarray], entries: Mapping[str, Any], period: float, copula: Copula | None
-    ) -> LatentNetwork:
+    ) -> "LatentNetwork":
         """From `contents`, with its ``period`` [s]."""
         values: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
         values |= {name: float(entries[name]) for name in NETWORK_SCALES}
@@ -137,7 +135,7 @@ class LatentNetwork:
         raw = self.torque_scale * scaled_torque(vars(self), inputs, bias)
         return np.clip(raw, -self.torque_limit, self.torque_limit)
 
-    def motors(self, z: np.ndarray, gains: np.ndarray | None = None) -> NetworkActuator:
+    def motors(self, z: np.ndarray, gains: np.ndarray | None = None) -> "NetworkActuator":
         """Motors with latents z (n, Z); gains have no effect."""
         return NetworkActuator(self, z)
 

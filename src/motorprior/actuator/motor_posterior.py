@@ -1,7 +1,5 @@
 """The motor posterior: Gaussians of the latents z of particular motors, as a file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -145,7 +143,7 @@ class MotorPosterior(Printable):
         ]
         return Overview(headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows)
 
-    def take(self, index: list[int]) -> MotorPosterior:
+    def take(self, index: list[int]) -> "MotorPosterior":
         """The motors at ``index``."""
         return replace(
             self, mean=self.mean[index], covariance=self.covariance[index],
@@ -164,7 +162,7 @@ class MotorPosterior(Printable):
         write_tensors(Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header)
 
     @classmethod
-    def load(cls, path: str | Path, prior: MotorPrior) -> MotorPosterior:
+    def load(cls, path: str | Path, prior: MotorPrior) -> "MotorPosterior":
         """Read a posterior.
 
         Raises:

@@ -4,8 +4,6 @@ Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m 
 (`joint_classes`), 0 for a prior with one class.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -131,7 +129,7 @@ class MotorPrior(Printable):
         """Classes of joints."""
         return self.given_classes or JointClasses.one(len(self.mean), self.model.num_latents)
 
-    def joint_classes(self, of: MotorLog | Robot | Sequence[str]) -> tuple[str, ...]:
+    def joint_classes(self, of: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
         """The class of each joint of a log or a robot, or of joints of these names.
 
         As in the robot's description; if it has none or an unknown one, that of the training motor of the same name,
@@ -146,11 +144,11 @@ class MotorPrior(Printable):
 
     def sample(
         self,
-        of: int | Robot | Sequence[str],
+        of: "int | Robot | Sequence[str]",
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         spread: float = 1.0,
-    ) -> GreyBoxActuator | NetworkActuator:
+    ) -> "GreyBoxActuator | NetworkActuator":
         """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
         Args:
@@ -173,7 +171,7 @@ class MotorPrior(Printable):
         z = mean + spread * std * rng.standard_normal(mean.shape)
         return self.model.motors(z, gains=self._gains(classes, gains))
 
-    def with_frozen(self, group: str) -> MotorPrior:
+    def with_frozen(self, group: str) -> "MotorPrior":
         """The prior with one group of constants (`FROZEN`) fixed at the mean motor's values, in all classes.
 
         ConfigError for an unknown group, or a prior without physical constants.
@@ -187,7 +185,7 @@ class MotorPrior(Printable):
         center, slope = np.where(constants, mean_motor, model.center), np.where(constants, 0.0, model.slope)
         return replace(self, model=replace(model, center=center, slope=slope))
 
-    def _sampled_classes(self, of: int | Robot | Sequence[str], rng: np.random.Generator) -> tuple[str, ...]:
+    def _sampled_classes(self, of: "int | Robot | Sequence[str]", rng: np.random.Generator) -> tuple[str, ...]:
         if isinstance(of, Iterable):
             return self._classes_named((of,) if isinstance(of, str) else tuple(of))
         if not isinstance(of, int | np.integer):
@@ -212,7 +210,7 @@ class MotorPrior(Printable):
             return self.gains
         return np.stack([np.median(self.gains[:, self.classes.rows_of(name)], axis=1) for name in classes], axis=1)
 
-    def training_motors(self, index: np.ndarray) -> GreyBoxActuator | NetworkActuator:
+    def training_motors(self, index: np.ndarray) -> "GreyBoxActuator | NetworkActuator":
         """The training motors at ``index``, at their posterior means."""
         return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
 
@@ -311,7 +309,7 @@ class MotorPrior(Printable):
         ]
         return Overview(headline, facts, ("constant", "unit", *names), rows)
 
-    def for_robot(self, robot: str) -> MotorPrior:
+    def for_robot(self, robot: str) -> "MotorPrior":
         """The same motors on the joints of another robot, every one a sample."""
         return replace(self, robot=robot, joint_names=())
 
@@ -353,7 +351,7 @@ class MotorPrior(Printable):
         return {**tensors, "mean": self.mean, "log_var": self.log_var}, header
 
     @classmethod
-    def load(cls, path: str | Path) -> MotorPrior:
+    def load(cls, path: str | Path) -> "MotorPrior":
         """Read a prior, or that of a shipped motor card by name.
 
         Raises:
@@ -396,7 +394,7 @@ def card_file(name: str) -> Path | None:
     return Path(str(LIBRARY / name / CARD_PRIOR)) if name in shipped_cards() else None
 
 
-def robot_gains(prior: MotorPrior, robot: Robot) -> np.ndarray | None:
+def robot_gains(prior: MotorPrior, robot: "Robot") -> np.ndarray | None:
     """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
     if prior.model.gain_unit != PHYSICAL_GAINS:
         return None

@@ -1,7 +1,5 @@
 """Step compiled motor models from Python, one physics step at a time, in any simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator

@@ -29,8 +29,6 @@ TERMS: with ``law`` it changes the torque of the control law; others have a line
 `at_conditions`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 

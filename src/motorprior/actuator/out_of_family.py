@@ -43,8 +43,6 @@ The learned models (`optional_terms`) lack position-dependent friction, sag, rip
 gear, discrete firmware ticks and encoder quantisation.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
@@ -293,7 +291,7 @@ class OutOfFamilyMotors(TrueMotors):
     log_velocity_noise: Annotated[np.ndarray, "rad/s"]  # standard deviation of logged velocities
     log_torque_noise: Annotated[np.ndarray, "N·m"]  # standard deviation of logged torques
 
-    def after(self, seconds: float) -> OutOfFamilyMotors:
+    def after(self, seconds: float) -> "OutOfFamilyMotors":
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
         return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0))
 

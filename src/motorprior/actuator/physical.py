@@ -16,8 +16,6 @@ Dry friction is an impulse that can stop the rotor but never reverse it (exact s
 delay added.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -69,7 +67,7 @@ class TrueMotors(Protocol):
         """The motors with parameters multiplied by factors [-]."""
         return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
 
-    def actuator(self) -> PhysicalActuator:
+    def actuator(self) -> "PhysicalActuator":
         """The same motors as an `Actuator`."""
         return PhysicalActuator(self)
 
@@ -105,7 +103,7 @@ class PhysicalActuator(Actuator):
         """(n,) damping of the output shaft [N·m·s/rad], 0 for some; that of the rotor is part of the model."""
         return getattr(self.motors, "output_damping", np.zeros(self.num_motors))
 
-    def with_factors(self, factors: Factors) -> PhysicalActuator:
+    def with_factors(self, factors: Factors) -> "PhysicalActuator":
         """See `actuator.with_factors`."""
         scales = {name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()}
         return PhysicalActuator(self.motors.scaled(scales))

@@ -7,8 +7,6 @@ the options: numbers, flags (True), or texts (names, and files, which have a suf
 to this folder, with its kernels, its `Actuator` and its kind.
 """
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module

@@ -16,8 +16,6 @@ these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. s
 step are the identity, so that signals well inside the bounds are kept.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

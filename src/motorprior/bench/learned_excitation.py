@@ -4,8 +4,6 @@ A frame is one control period: a position target, and SUB external torques. Make
 of a joint of class ``kind``; `bounded_stream` bounds it. `excitation_of` finds every excitation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,7 +37,7 @@ _SURROGATE = 4096, 64  # frames over which a surrogate has the marginals of the 
 _REMEDY = "write it again with `motorprior excite`"
 
 
-def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+def recorded(runs: "LearnedExcitation", rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
     """All windows of a class in random order, then again, with cross-faded seams.
 
     The next window is the one of FOLLOWERS random ones whose targets continue the last one's best.
@@ -58,7 +56,7 @@ def recorded(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kin
     return played[:, :-FADE].reshape(-1, CHANNELS)[:frames]
 
 
-def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+def surrogate(runs: "LearnedExcitation", rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
     """A Gaussian process with the cross-spectra of a class, then its marginals.
 
     Phase-randomised surrogate (Theiler et al., Physica D 58, 1992): a sum of the spectra of windows with random complex
@@ -75,7 +73,7 @@ def surrogate(runs: LearnedExcitation, rng: np.random.Generator, frames: int, ki
     return np.take_along_axis(values[levels], process.argsort(axis=0).argsort(axis=0), axis=0)[:frames]
 
 
-def generated(runs: LearnedExcitation, rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
+def generated(runs: "LearnedExcitation", rng: np.random.Generator, frames: int, kind: int) -> np.ndarray:
     """A stream of the generator, convolutions of endless inputs, hence without seams.
 
     Every GAIT_FRAMES the next gait follows: frequency, code and commanded speed between those of two similar windows.
@@ -190,7 +188,7 @@ class LearnedExcitation:
         runs = [f"  {run['seconds']:.3g} s of {run['source']}" for run in self.provenance.get("trained_on", ())]
         return "\n".join([f"{self!r}, period {self.period:g} s", *runs])
 
-    def with_method(self, method: str) -> LearnedExcitation:
+    def with_method(self, method: str) -> "LearnedExcitation":
         """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""
         if method == "generated" and not self.weights:
             raise ConfigError("no generator", remedy="play it as surrogate or recorded", argument="method")
@@ -237,7 +235,7 @@ class LearnedExcitation:
         write_tensors(path, {name: np.asarray(value, np.float64) for name, value in tensors.items()}, header)
 
     @classmethod
-    def load(cls, path: str | Path) -> LearnedExcitation:
+    def load(cls, path: str | Path) -> "LearnedExcitation":
         """Read what `save` wrote; raises ArtifactError for another file, or one that is damaged."""
         tensors, header = _HEADER.read(Path(path))
         count, has_weights = len(header["classes"]), header["method"] == "generated" or "codes" in tensors

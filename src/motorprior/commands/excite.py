@@ -1,7 +1,5 @@
 """Learn an excitation from runs of a robot, and plan what to play next."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Import recordings as motor logs: `load_log`, fitted loads if they are unknown, and a file per log."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial

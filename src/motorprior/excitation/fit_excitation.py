@@ -1,7 +1,5 @@
 """Learn an excitation from runs of a robot: their windows by joint class, and a generator of more of them."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ the mean loss of the fit (see `motor_fit`). Windows are chosen one after the oth
     log det(I + Σ Λ_w),   greedily, which is within 1 - 1/e of the best set (the objective is submodular).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

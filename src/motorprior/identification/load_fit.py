@@ -12,8 +12,6 @@ identify only the sum of load inertia and armature, which the prior divides. Sta
 whole log as one observation: most of the residual is missing physics, the same in every window.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

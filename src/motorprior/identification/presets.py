@@ -1,7 +1,5 @@
 """Named recipes of identification."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Any
 

@@ -8,8 +8,6 @@ ones meaningless. A step is taken only if it lowers U: no fit diverges. All prob
 lanes of a compiled simulation; a problem that is done drops out.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -75,11 +73,11 @@ class GaussianPrior:
     mean: np.ndarray
     precision: np.ndarray
 
-    def fixing(self, columns: np.ndarray) -> GaussianPrior:
+    def fixing(self, columns: np.ndarray) -> "GaussianPrior":
         """The same with x fixed at 0 in these columns (K,)."""
         return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, FIXED, self.precision))
 
-    def subset(self, which: np.ndarray) -> GaussianPrior:
+    def subset(self, which: np.ndarray) -> "GaussianPrior":
         """The prior of some of the problems (m,)."""
         return GaussianPrior(*(each if each.ndim == 1 else each[which] for each in (self.mean, self.precision)))
 
@@ -98,16 +96,16 @@ class Fit:
     energy: np.ndarray
     loss: np.ndarray
 
-    def better(self, other: Fit) -> Fit:
+    def better(self, other: "Fit") -> "Fit":
         """The fit with less energy, for every problem."""
         lower = np.flatnonzero(other.energy < self.energy)
         return self.replaced(lower, other.subset(lower))
 
-    def subset(self, which: np.ndarray) -> Fit:
+    def subset(self, which: np.ndarray) -> "Fit":
         """The fit of some of the problems (m,)."""
         return Fit(self.x[which], self.energy[which], self.loss[which])
 
-    def replaced(self, which: np.ndarray, some: Fit) -> Fit:
+    def replaced(self, which: np.ndarray, some: "Fit") -> "Fit":
         """The same with the fits of these problems (m,) replaced."""
         found = Fit(*(values.copy() for values in vars(self).values()))
         for values, others in zip(vars(found).values(), vars(some).values(), strict=True):

@@ -1,7 +1,5 @@
 """Training data: motor logs as stacked arrays, and random windows that never cross the end of a segment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

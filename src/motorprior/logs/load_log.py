@@ -1,7 +1,5 @@
 """Read a recording in any format and prepare it: settings, failed reads, gaps, grid, loads."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -18,8 +18,6 @@ friction. The loads have the errors of the encoders, which differ from the joint
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs; it is imported where it is used, since a robot's own computer has none.
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

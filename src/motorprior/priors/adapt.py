@@ -1,7 +1,5 @@
 """The posterior of z for the motors of a log."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fit a motor prior to motor logs."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence

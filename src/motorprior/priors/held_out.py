@@ -1,7 +1,5 @@
 """Priors on held-out motors of a simulated fleet: adaptation, and the distribution of their samples."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 import numpy as np

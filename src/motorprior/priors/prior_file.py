@@ -1,7 +1,5 @@
 """The file of a prior: whether it fits a robot or a log, and notes on what its logs do not identify."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Quick report of models fitted to the training rows of logs: PDs and a prior if loads are known, else responses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

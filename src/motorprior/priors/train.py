@@ -5,8 +5,6 @@ chance. All motors are therefore fitted without the selected terms, and with the
 they save MIN_GAIN of the loss of all motors. The constants are refined on longer runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

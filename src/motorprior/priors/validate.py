@@ -1,7 +1,5 @@
 """Validate a prior on a log: errors of its motors and of baselines, fitted to the same rows, on held-out rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

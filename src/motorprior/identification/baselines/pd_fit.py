@@ -5,8 +5,6 @@ Where a log has gains, those of the PD scale with them. Random candidates are sa
 torque limit, since a log may not separate a large armature from a long delay. The search runs on a part of a long log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

@@ -16,8 +16,6 @@ optional part of servo_limits is dropped if it saves less than MIN_SAVING of the
 reaches would bind in other motions. Logged firmware registers are not searched.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

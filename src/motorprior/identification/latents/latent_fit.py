@@ -9,8 +9,6 @@ its own loss for T: missing physics makes its windows agree less. Mean m and sta
 of `MotorPrior.predicted`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -32,8 +32,6 @@ without effect, such as a very small friction, must not become that of other cla
 The covariance w keeps directions in which logs do not separate constants, such as delay and damping.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

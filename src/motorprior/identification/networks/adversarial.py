@@ -11,8 +11,6 @@ layers of the critic, s are mean, standard deviation, maximum and minimum over t
 et al., NeurIPS 2016). The critic's weights have spectral norm 1 (Miyato et al., ICLR 2018).
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from contextlib import suppress
 from pathlib import Path

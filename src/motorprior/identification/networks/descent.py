@@ -1,7 +1,5 @@
 """Adam on random windows of the logs, restarted at a smaller learning rate where it diverges."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -4,8 +4,6 @@ The rollout starts from the recorded state and advances as on the dynamometer; t
 history. During the warm-up before the start the model follows the recorded joint, so that its history matches the log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache

@@ -24,8 +24,6 @@ Long free runs identify constants that short ones confuse, but a search on them 
 short runs, and `refined` takes the last steps on longer ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias

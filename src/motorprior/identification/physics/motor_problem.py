@@ -6,8 +6,6 @@ and of the gain alone, are tried on the logs, and the fit starts from the best i
 motor's.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -15,8 +15,6 @@ For fewer than five motors the test is over their held-out parts. The rounds end
 selected term is removed once, and stays out if it does not pass this test at 20 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count

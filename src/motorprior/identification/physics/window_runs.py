@@ -11,8 +11,6 @@ If the encoders are on the rotors, the observer's rotor follows the recording, a
 log identifies neither backlash nor encoder zero: the former is the central motor's, the latter 0.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -193,7 +191,7 @@ class WindowRuns:
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
         return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
-    def chosen(self, windows: np.ndarray) -> WindowRuns:
+    def chosen(self, windows: np.ndarray) -> "WindowRuns":
         """The same runs, of which only these ``windows`` (N,) count as residuals."""
         some = copy.copy(self)
         some.counted = np.flatnonzero(windows)
