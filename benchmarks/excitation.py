@@ -6,8 +6,6 @@ Every cell (one excitation, loss, seed and length of log) is a file named by its
 an interrupted run.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shlex

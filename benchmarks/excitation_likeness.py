@@ -1,7 +1,5 @@
 """How much an excitation is like the runs of a robot: a two-sample test on windows, and what it covers."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

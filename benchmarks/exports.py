@@ -11,8 +11,6 @@ of the fleet pupper_v2.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import replace
