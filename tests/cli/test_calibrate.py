@@ -36,9 +36,8 @@ def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Pat
         mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])
         assert figures[f"calibrate_rmse/{model}"] == pytest.approx(mean)
     fleet = load_fleet(out / "fleet.toml")
-    assert fleet.robot == ROBOT.name and fleet.parameters["kp"].center == pytest.approx(
-        figures["calibrate_center/kp"], rel=1e-3
-    )
+    assert fleet.robot == ROBOT.name
+    assert fleet.parameters["kp"].center == pytest.approx(figures["calibrate_center/kp"], rel=1e-3)
     text = (out / "fleet.toml").read_text("utf-8")
     assert "in_the_air" in text and "on_the_floor" in text and "pupper_v2" in text
     other = motorprior("calibrate", logs, "--out", tmp_path / "again", *SMALL)

@@ -41,11 +41,9 @@ def test_the_torque_balance_closes():
 
 
 def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Path):
-    write_log(tmp_path / "run.parquet", suspended_run())
-    out = tmp_path / "walk.safetensors"
-    found = run_excite(
-        Excite((tmp_path / "run.parquet",), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0)
-    )
+    run, out = tmp_path / "run.parquet", tmp_path / "walk.safetensors"
+    write_log(run, suspended_run())
+    found = run_excite(Excite((run,), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0))
     assert found.classes == ("knee",) and found.bounds[0, 3] <= 0.5
     table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
     assert table.shape == (200, 3) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
@@ -66,27 +64,18 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
 
 
-def test_a_plan_is_a_second_file(tmp_path: Path):
+def test_a_plan_is_a_second_file_and_checked_before_the_training(tmp_path: Path):
     write_log(tmp_path / "run.parquet", suspended_run())
     config = Excite((tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2")
-    found = run_excite(config)
-    before = config.out.read_bytes()
+    found, before = run_excite(config), config.out.read_bytes()
     plan = replace(config, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR)), csv_seconds=1.0)
-    planned = run_excite(plan)
-    assert config.out.read_bytes() == before and planned.provenance != found.provenance
+    assert run_excite(plan).provenance != found.provenance
     assert 0 < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows) < len(found.windows)
     assert (tmp_path / "walk.plan.csv").exists() and not (tmp_path / "walk.csv").exists()
-
-
-def test_a_plan_is_checked_before_the_training_and_leaves_the_file(tmp_path: Path):
-    write_log(tmp_path / "run.parquet", suspended_run())
-    without = Excite((tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2")
-    run_excite(without)
-    before = without.out.read_bytes()
-    plan = replace(without, method="generated", plan_prior=Path(str(LIBRARY / "go2" / CARD_PRIOR)))
+    plan = replace(plan, method="generated")
     with pytest.raises(ConfigError, match="joint classes hip, thigh, calf, the runs also knee"):
-        run_excite(plan)
+        run_excite(replace(plan, plan_prior=Path(str(LIBRARY / "go2" / CARD_PRIOR))))
     write_log(tmp_path / "run.parquet", replace(suspended_run(), joint_torque=None))
     with pytest.raises(ConfigError, match="loads of the runs are unknown"):
-        run_excite(replace(plan, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR))))
-    assert without.out.read_bytes() == before and not without.out.with_suffix(".checkpoint").exists()
+        run_excite(plan)
+    assert config.out.read_bytes() == before and not config.out.with_suffix(".checkpoint").exists()

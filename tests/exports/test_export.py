@@ -131,27 +131,21 @@ def test_a_rotor_is_beside_its_link_in_frames(prior: MotorPrior, arm: Path):
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for joint, link in (("shoulder", "upper"), ("wrist", "hand")):
-        rotor, moved = model.body(f"{joint}_rotor"), model.body(link)
-        assert rotor.parentid[0] == moved.parentid[0]
-        np.testing.assert_allclose(data.xanchor[model.joint(f"{joint}_rotor").id], data.xanchor[model.joint(joint).id])
-        np.testing.assert_allclose(
-            data.xaxis[model.joint(f"{joint}_rotor").id], data.xaxis[model.joint(joint).id], atol=1e-9
-        )
+        assert model.body(f"{joint}_rotor").parentid[0] == model.body(link).parentid[0]
+        rotor, driven = model.joint(f"{joint}_rotor").id, model.joint(joint).id
+        np.testing.assert_allclose(data.xanchor[rotor], data.xanchor[driven])
+        np.testing.assert_allclose(data.xaxis[rotor], data.xaxis[driven], atol=1e-9)
 
 
 def test_meshes_beside_the_models_folder_are_copied_with_it(prior: MotorPrior, tmp_path: Path):
     (tmp_path / "assets").mkdir()
-    (tmp_path / "assets" / "part.obj").write_text(
-        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-    )
+    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (tmp_path / "assets" / "part.obj").write_text(tetrahedron)
     path = tmp_path / "scene" / "arm.xml"
     path.parent.mkdir()
     mesh = '<compiler meshdir="../assets"/><asset><mesh name="part" file="part.obj"/></asset>'
-    path.write_text(
-        MODEL.replace("<worldbody>", f"{mesh}<worldbody>").replace(
-            '<geom size="0.01"/>', '<geom type="mesh" mesh="part"/>'
-        )
-    )
+    text = MODEL.replace("<worldbody>", f"{mesh}<worldbody>")
+    path.write_text(text.replace('<geom size="0.01"/>', '<geom type="mesh" mesh="part"/>'))
     found = mp.export(prior, "mjcf", tmp_path / "out", model=path, joints=("elbow",))
     assert found.files[0] == tmp_path / "out" / "scene" / "arm_000.xml"
     assert mujoco.MjModel.from_xml_path(str(found.files[0])).nmesh == 1

@@ -40,9 +40,8 @@ def test_the_command_states_what_a_robot_s_computer_can_do():
 @pytest.mark.real_time
 def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
     pupper = virtual()
-    dry = in_bare_environment(
-        "motorprior.hardware", "deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3
-    )
+    given = ("deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3)
+    dry = in_bare_environment("motorprior.hardware", *given)
     steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
     assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
     doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)

@@ -66,12 +66,11 @@ def test_bounds_are_the_smaller_of_the_given_ones_and_the_runs():
     assert found[0].tolist() == free[0].tolist()  # hips are slower and carry nothing
 
 
-@pytest.mark.parametrize(
-    "given",
-    [{"commands": (0.1, 0.2)}, {"period": 0.05}, {"max_speed": 0.0}, {"max_torque": np.nan}],
-    ids=["one per run", "too long", "no speed", "not a number"],
-)
-def test_wrong_commands_and_periods_are_refused(given):
+WRONG = [{"commands": (0.1, 0.2)}, {"period": 0.05}, {"max_speed": 0.0}, {"max_torque": np.nan}]
+
+
+@pytest.mark.parametrize("given", WRONG, ids=lambda given: next(iter(given)))
+def test_wrong_arguments_are_refused(given):
     with pytest.raises(ConfigError, match=next(iter(given))):
         fit_excitation(run_of(), "recorded", **given)
 

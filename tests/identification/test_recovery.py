@@ -29,9 +29,8 @@ def fleets(count: int, seed: int) -> PhysicalMotors:
     motors, rng, changes = require_geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
     for group, (name, (low, high)) in enumerate(RANGES.items()):
         factors = np.ones(len(motors))
-        factors[group * count : (group + 1) * count] = np.exp(
-            rng.permutation(np.linspace(np.log(low), np.log(high), count))
-        )
+        logarithms = np.linspace(np.log(low), np.log(high), count)
+        factors[group * count : (group + 1) * count] = np.exp(rng.permutation(logarithms))
         changes[name] = getattr(motors, name) * factors
         if name == "kp":
             changes["kd"] = motors.kd * factors

@@ -51,9 +51,8 @@ def test_a_rollout_recovers_the_armature():
     # One tap only: from two velocities a network reads the acceleration, and can trade armature for torque.
     # What remains is the explicit step of 2 ms, about kd·dt = 2e-4 kg·m² at most: 5 % and 3 %, ±0.1 % by seed.
     log = replace(bench_log(np.full(8, armature)), joint_torque=None)
-    preset = replace(
-        PRESETS["one_network"], taps=(0,), num_neurons=16, steps=400, batch=64, window=20, learning_rate=5e-2
-    )
+    small = {"taps": (0,), "num_neurons": 16, "steps": 400, "batch": 64, "window": 20, "learning_rate": 5e-2}
+    preset = replace(PRESETS["one_network"], **small)
     found = identify(training_data(log, preset, "log"), preset, seed=0)
     assert found.model.armature(np.zeros((1, 0)))[0] == pytest.approx(armature, rel=0.1)
 

@@ -42,9 +42,8 @@ def test_the_interval_of_a_single_bench_is_over_its_samples():
     robots = rng.standard_normal(16)
     found = estimate(robots + np.array([0.0, 1.0])[None, :, None])
     reach = 2.131 * robots.std(ddof=1) / 4
-    assert [found.low, found.high] == pytest.approx(
-        [robots.mean() + 0.5 - reach, robots.mean() + 0.5 + reach], rel=1e-3
-    )
+    middle = robots.mean() + 0.5
+    assert [found.low, found.high] == pytest.approx([middle - reach, middle + reach], rel=1e-3)
 
 
 def test_the_corrected_family_wise_error_is_at_its_level():
