@@ -1,7 +1,7 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
-Some motors are fitted to every second segment of their logs and tested on the others. In each round, every term that
-is not yet selected is added to two motors:
+Some motors are fitted to every second segment of their logs, or every second part of a log of few segments, and tested
+on the others. In each round, every term that is not yet selected is added to two motors:
 
     the best so far     its constants are sampled around the initial motor's; the fit never becomes worse
     the simplest        it has a rigid gear, so other constants cannot hide the effect; the best starts its own search
