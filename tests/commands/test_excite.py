@@ -46,7 +46,8 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     found = run_excite(Excite((run,), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0))
     assert found.classes == ("knee",) and found.bounds[0, 3] <= 0.5
     table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
-    assert table.shape == (200, 3) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
+    assert table.shape == (200, 4) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
+    assert table[:, 3] == pytest.approx(found.load_inertia[0, 0], rel=1e-5)
 
     run_bench(Bench(tmp_path / "bench", excitation=str(out), motors=2, steps=1500))
     log = read_parquet(tmp_path / "bench" / "log.parquet")
@@ -73,7 +74,7 @@ def test_a_plan_is_a_second_file_and_checked_before_the_training(tmp_path: Path)
     assert 0 < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows) < len(found.windows)
     assert (tmp_path / "walk.plan.csv").exists() and not (tmp_path / "walk.csv").exists()
     plan = replace(plan, method="generated")
-    with pytest.raises(ConfigError, match="joint classes hip, thigh, calf, the runs also knee"):
+    with pytest.raises(ConfigError, match="of robot 'go2', the runs of pupper_v2"):
         run_excite(replace(plan, plan_prior=Path(str(LIBRARY / "go2" / CARD_PRIOR))))
     write_log(tmp_path / "run.parquet", replace(suspended_run(), joint_torque=None))
     with pytest.raises(ConfigError, match="loads of the runs are unknown"):

@@ -59,11 +59,13 @@ def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(fr
     assert gait_frequency(target, 0.01) == pytest.approx(frequency, rel=0.01)
 
 
-def test_bounds_are_the_smaller_of_the_given_ones_and_the_runs():
-    free = fit_excitation(run_of(), "recorded").bounds
-    found = fit_excitation(run_of(), "recorded", max_speed=2.0, max_torque=0.5).bounds
-    assert found[1].tolist() == [free[1, 0], 2.0, free[1, 2], 0.5]  # knees
-    assert found[0].tolist() == free[0].tolist()  # hips are slower and carry nothing
+def test_runs_beyond_the_given_bounds_are_scaled_down():
+    free, found = fit_excitation(run_of(), "recorded"), fit_excitation(run_of(), "recorded", max_speed=2.0)
+    assert found.bounds[1, 1] == 2.0 and found.bounds[0].tolist() == free.bounds[0].tolist()  # hips are slower
+    knees, own = (each.windows[each.window_class == 1] for each in (found, free))
+    assert np.corrcoef(knees[..., 0].ravel(), own[..., 0].ravel())[0, 1] > 1.0 - 1e-9
+    assert np.abs(np.diff(knees[..., 0])).max() == pytest.approx(2.0 * found.period)
+    assert np.array_equal(knees[..., 1:], own[..., 1:])
 
 
 WRONG = [{"commands": (0.1, 0.2)}, {"period": 0.05}, {"max_speed": 0.0}, {"max_torque": np.nan}]

@@ -186,7 +186,16 @@ class LearnedExcitation:
 
     def __str__(self) -> str:
         runs = [f"  {run['seconds']:.3g} s of {run['source']}" for run in self.provenance.get("trained_on", ())]
-        return "\n".join([f"{self!r}, period {self.period:g} s", *runs])
+        return "\n".join([f"{self!r}, period {self.period:g} s", *runs, *self.class_lines()])
+
+    def class_lines(self) -> list[str]:
+        """A line for each joint class: number of windows, bounds and load inertia."""
+        lines, counts = [], np.bincount(self.window_class)
+        for name, count, bounds, load in zip(self.classes, counts, self.bounds, self.load_inertia, strict=True):
+            text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
+            loaded = "" if UNKNOWN_LOAD in load else ", load {:.2g} to {:.2g} kg·m²".format(*load)
+            lines.append(f"{name}: {count} windows; {text}{loaded}")
+        return lines
 
     def with_method(self, method: str) -> "LearnedExcitation":
         """The same runs with another method of MAKERS; raises `ConfigError` without a generator."""

@@ -81,11 +81,9 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         found.save(out)
         for plan in plans:
             progress.note(str(plan))
-        progress.note(f"the windows to play are in {out}")
-    counts = np.bincount(found.window_class)
-    for name, count, bounds in zip(found.classes, counts, found.bounds.tolist(), strict=True):
-        text = "at most {:.3g} rad from the centre, {:.3g} rad/s, {:.3g} rad/s², {:.3g} N·m".format(*bounds)
-        progress.note(f"{name}: {count} windows; {text}")
+        progress.note(f"the windows to play are in {out}, {sum(plan.seconds for plan in plans):.1f} s")
+    for line in found.class_lines():
+        progress.note(line)
     if config.csv_seconds:
         _write_csv(found, out.with_suffix(".csv"), config.csv_seconds, config.seed)
     return found
@@ -102,10 +100,11 @@ def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progr
 
 
 def _write_csv(found: LearnedExcitation, path: Path, seconds: float, seed: int) -> None:
-    """Columns time [s], and per class position_target [rad] and external_torque [N·m], a row per control period."""
+    """Per class position_target [rad], external_torque [N·m], mean of a control period, and load_inertia [kg·m²]."""
     streams = found.streams(np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes)
-    names = [f"{channel}/{name}" for channel in Streams._fields[:2] for name in found.classes]
+    known = [np.broadcast_to(each, streams.position_target.shape) for each in streams if each is not None]
+    names = [f"{channel}/{name}" for channel in Streams._fields[: len(known)] for name in found.classes]
     time = found.period * np.arange(len(streams.position_target))
     with atomic_path(path) as temporary:
-        table = np.column_stack([time, streams.position_target, streams.external_torque])
+        table = np.column_stack([time, *known])
         np.savetxt(temporary, table, "%.6g", ",", header=",".join(["time", *names]), comments="")

@@ -9,6 +9,7 @@ import numpy as np
 
 from motorprior.evaluation.splits import excited_in_any, long_segments, split
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.load_log import PERIOD, cleaned
 from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
@@ -78,6 +79,9 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
     described = robot if first.joint_names == robot.joint_names else None
     whole, lines = _cleaned(config, folder)
     prepare, loads = loads_of(config, folder.logs, described)
+    if described is not None:
+        wrong = [(name, each) for name, log in whole.items() for each in gravity_signs(log, described)]
+        lines += [f"{name}: {each.message} -> {each.remedy}" for name, each in wrong]
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)

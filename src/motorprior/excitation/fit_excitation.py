@@ -15,7 +15,7 @@ from motorprior.bench.bounded_stream import Bounds
 from motorprior.bench.learned_excitation import CHANNELS, MAKERS, MIN_SCALE, SUB, UNKNOWN_LOAD, LearnedExcitation
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
-from motorprior.logs.motor_log import MotorLog, motion_digest
+from motorprior.logs.motor_log import MotorLog, motion_digest, motor_logs
 from motorprior.logs.operations import EXCITED_STD, resample
 from motorprior.progress import WARNED, Progress
 from motorprior.robots.joint_classes import classes_by_name
@@ -53,19 +53,19 @@ def fit_excitation(
             spectrum and marginals, recorded plays windows of the runs.
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
-        max_speed: bound of the targets' speed [rad/s], which is at most 1.25 times the runs'.
+        max_speed: bound of the targets' speed [rad/s], at most 1.25 times the runs'; faster targets are scaled down.
         max_torque: bound of external torques [N·m], likewise.
         steps: training steps of the network.
         seed: of the training, which is deterministic.
         out: .safetensors file to write; training continues from the .checkpoint next to it. The generator of a finished
-            file of the same runs and settings is used again.
+            file of the same runs and settings is used again, and stays in the file with other methods.
         progress: where to report to.
 
     Raises:
         ConfigError: a number out of range, or commands that are not one per run; ``out`` is another kind of artifact.
         LogError: no run is long enough, or none moves.
     """
-    logs = [runs] if isinstance(runs, MotorLog) else list(runs)
+    logs = motor_logs(runs)
     require_argument("method", method, one_of(*MAKERS))
     require_number("max_speed", max_speed, positive=True, maximum=inf)
     require_number("max_torque", max_torque, positive=True, maximum=inf)
@@ -73,29 +73,23 @@ def fit_excitation(
     require_seed(seed)
     earlier = None if out is None else _earlier(Path(out))
     found = windows_of(logs, period, commands)
-    trained_on = [
-        {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
-    ]
-    digest = hashlib.sha256(found.windows.tobytes()).hexdigest()
-    origin = {"trained_on": trained_on, "commands": list(commands), "period": period, "windows_sha256": digest}
+    trained = {**found.provenance, "steps": steps, "seed": seed}
+    if earlier is not None and earlier.weights and found.provenance.items() <= earlier.provenance.items():
+        found = replace(found, weights=earlier.weights, provenance=earlier.provenance)
     checkpoint = None if out is None else Path(out).with_suffix(".checkpoint")
-    if method == "generated":
-        origin |= {"steps": steps, "seed": seed}
-        if earlier is not None and earlier.weights and earlier.provenance == origin:
-            progress.note(f"{out} exists already, from the same runs and settings")
-            weights = earlier.weights
-        else:
-            os.environ.setdefault("JAX_PLATFORMS", "cpu")
-            from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
+    if method == "generated" and found.provenance == trained:
+        progress.note(f"{out} exists already, from the same runs and settings")
+    elif method == "generated":
+        os.environ.setdefault("JAX_PLATFORMS", "cpu")
+        from motorprior.identification.networks.adversarial import train_generator  # here: it imports JAX
 
-            with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
-                weights = train_generator(found, steps, seed, checkpoint, origin, task.advance)
-        found = replace(found, weights=weights)
-    bounds = np.minimum(found.bounds, Bounds(inf, max_speed, inf, max_torque))
-    found = replace(found, method=method, bounds=bounds, provenance=origin)
+        with progress.start(f"train a generator, {len(found.windows)} windows", steps) as task:
+            weights = train_generator(found, steps, seed, checkpoint, trained, task.advance)
+        found = replace(found, weights=weights, provenance=trained)
+    found = _within(replace(found, method=method), max_speed, max_torque)
     if out is not None:
         found.save(Path(out))
-    if checkpoint is not None:
+    if checkpoint is not None and method == "generated":
         checkpoint.unlink(missing_ok=True)
     return found
 
@@ -119,6 +113,8 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     if not logs or len(commands) not in (0, len(logs)):
         problem, remedy = f"{len(commands)} commands for {len(logs)} runs", "give runs, and one command per run or none"
         raise ConfigError(problem, remedy=remedy, argument="commands")
+    for command in commands:
+        require_number("commands", command, minimum=-10.0, maximum=10.0)
     frames = round(SECONDS / period)
     # class -> window, target around it, command, load inertia (0: unknown)
     by_class: dict[str, list[tuple[np.ndarray, np.ndarray, float, float]]] = {}
@@ -141,14 +137,22 @@ def windows_of(logs: Sequence[MotorLog], period: float, commands: Sequence[float
     places = [np.unique(np.linspace(0, len(own) - 1, MAX_WINDOWS).astype(int)) for own in by_class.values()]
     kept = [[own[place] for place in chosen] for own, chosen in zip(by_class.values(), places, strict=True)]
     windows = [np.stack([each[0] for each in own]) for own in kept]
+    every = np.concatenate(windows)
+    trained_on = [
+        {"source": x.source, "robot": x.robot, "seconds": x.duration, "motion": motion_digest(x)} for x in logs
+    ]
     return LearnedExcitation(
-        "recorded", tuple(by_class), period, np.concatenate(windows),
+        "recorded", tuple(by_class), period, every,
         window_class=np.repeat(np.arange(len(kept)), [len(own) for own in kept]),
         commands=np.array([each[2] for own in kept for each in own], float),
         frequency=np.array([gait_frequency(each[1], period) for own in kept for each in own]),
         scales=np.array([np.maximum(own.std(axis=(0, 1)), MIN_SCALE) for own in windows]),
         bounds=np.array([_bounds(own, period) for own in windows]),
         load_inertia=np.array([(min(own), max(own)) for own in loads]),
+        provenance={
+            "trained_on": trained_on, "commands": list(commands), "period": period,
+            "windows_sha256": hashlib.sha256(every.tobytes()).hexdigest(),
+        },
     )  # fmt: skip
 
 
@@ -168,6 +172,17 @@ def _bounds(windows: np.ndarray, period: float) -> Bounds:
         np.abs(np.diff(target, n=2)).max() / period**2, np.abs(windows[..., -(CHANNELS - 1) :]).max(),
     )  # fmt: skip
     return Bounds(*np.maximum(np.array(MARGINS) * found, _FLOORS))
+
+
+def _within(found: LearnedExcitation, max_speed: float, max_torque: float) -> LearnedExcitation:
+    """Targets scaled down in classes of faster runs, torques in those of larger ones: clipping would distort them."""
+    largest = found.bounds / MARGINS
+    factors = np.minimum(1.0, np.array([max_speed, max_torque]) / largest[:, [1, 3]])
+    of_bounds, of_channels = factors[:, [0, 0, 0, 1]], factors[:, [0] + SUB * [1]]
+    return replace(
+        found, windows=found.windows * of_channels[found.window_class][:, None], scales=found.scales * of_channels,
+        bounds=np.minimum(found.bounds * of_bounds, Bounds(inf, max_speed, inf, max_torque)),
+    )  # fmt: skip
 
 
 def gait_frequency(target: np.ndarray, period: float) -> float:

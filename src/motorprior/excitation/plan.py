@@ -45,16 +45,21 @@ class Plan:
     def __str__(self) -> str:
         shrunk = ", ".join(f"{n} {self.before[n]:.2f} to {after:.2f}" for n, after in self.after.items())
         identifiable = ", ".join(self.made_identifiable) or "nothing more"
+        never = ", ".join(name for name, after in self.after.items() if after >= MAX_LOG_STD) or "none"
         play = f"{self.joint_class}: play {self.seconds:.1f} s; makes identifiable: {identifiable}"
-        return f"{play} (1 σ of the logarithm: {shrunk})"
+        return f"{play}; not identifiable with these windows: {never} (1 σ of the logarithm: {shrunk})"
 
 
 def check_plan(excitation: LearnedExcitation, prior: MotorPrior) -> GreyBox:
     """The model of a prior that can choose windows of an excitation.
 
-    Raises ConfigError for a prior that is no grey box, since it has no constants, or that has several joint classes but
-    not those of the excitation, and for runs without loads.
+    Raises ConfigError for a prior that is no grey box, since it has no constants, of another robot, or that has several
+    joint classes but not those of the excitation, and for runs without loads.
     """
+    robots = {run["robot"] for run in excitation.provenance["trained_on"]} - {""}
+    if robots and prior.robot not in ("", *robots):
+        problem = f"the prior is of robot {prior.robot!r}, the runs of {', '.join(sorted(robots))}"
+        raise ConfigError(problem, remedy="give a prior of the robot of the runs", argument="plan_prior")
     if not isinstance(prior.model, GreyBox):
         problem = f"the prior (preset {prior.preset}) has no physical constants"
         raise ConfigError(problem, remedy="identify one with preset rollout", argument="plan_prior")

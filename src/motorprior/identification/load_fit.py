@@ -28,7 +28,7 @@ from motorprior.identification.physics.term_selection import MIN_VARIATION, same
 from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, threads
-from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked
+from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked, motor_logs
 from motorprior.logs.operations import joined, smooth_on_grid, static_joints
 from motorprior.progress import WARNED, Progress
 from motorprior.signals import rms
@@ -126,7 +126,7 @@ def _require_physical_kp(log: MotorLog) -> None:
         )  # fmt: skip
 
 
-def with_fitted_loads(logs: Sequence[MotorLog], progress: Progress = WARNED) -> list[MotorLog]:
+def with_fitted_loads(logs: MotorLog | Sequence[MotorLog], progress: Progress = WARNED) -> list[MotorLog]:
     """Logs of the same motors and loads, with one rigid body per joint that is fitted to all of them.
 
     Inertia and weight, with their standard deviations, are reported to ``progress``.
@@ -137,11 +137,13 @@ def with_fitted_loads(logs: Sequence[MotorLog], progress: Progress = WARNED) -> 
         progress: where to report to.
 
     Raises:
+        ConfigError: no motor logs.
         LogError: gains in another unit, logs that are too short or do not fit together, a joint that does not move.
     """
-    for log in logs:
+    every = motor_logs(logs)
+    for log in every:
         _require_physical_kp(log)
-    smooth = [smooth_on_grid(log, RECIPE.period) for log in logs]
+    smooth = [smooth_on_grid(log, RECIPE.period) for log in every]
     log = joined(smooth)
     with progress.start(f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints) as task:
         loads = fit_loads(log, task.advance)

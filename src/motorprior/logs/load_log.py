@@ -92,6 +92,8 @@ def load_log(
             progress.note(line)
         if period is not None:
             log = resample(log, period) if model is None else smooth_on_grid(log, period)
+    if robot is not None and robot.base == "fixed" and model is None and log.load_inertia is None:
+        progress.note(f"{path}: no loads -> the base of {robot.name} is fixed: set suspended to compute them")
     if model is not None:
         log = with_loads(log, model)
         for finding in gravity_signs(log, model):
@@ -118,7 +120,8 @@ def _of_robot(log: MotorLog, robot: Robot | None, as_joint: tuple[str, ...], pat
 def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, list[str]]:
     """The log without rows in which a read failed, with a segment after every gap; and lines about both.
 
-    Lines begin with the ``name`` of the log. Further lines are warnings of the errors that `check_log` finds.
+    Lines begin with the ``name`` of the log. Further lines are warnings of the errors that `check_log` finds, of angles
+    that precede their command, and of angles of another size.
 
     Raises:
         LogError: as `begin_at_gaps`; a rate that no motor is recorded at; or a segment that has fewer than 2 rows
@@ -129,10 +132,15 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
     named = [f"{name} {count}" for name, count in zip(log.joint_names, counts, strict=True) if count]
     warnings = [f"{rows.sum()} rows in which a read failed are left out ({listed(named, 8)})"] if named else []
     log, gaps = begin_at_gaps(checked(log.rows(~rows)) if named else log, period)
-    for error in grouped(check_log(log).errors):
-        if error.check == "rate":
-            raise LogError(error.message, where=log.source, remedy=error.remedy)
-        warnings.append(f"{error.message} -> {error.remedy}")
+    for each in grouped(check_log(log).findings):
+        if (each.severity, each.check) == ("error", "rate"):
+            raise LogError(each.message, where=log.source, remedy=each.remedy)
+        # columns may be exchanged, or in another unit
+        is_doubtful = each.severity == "warning" and (
+            each.check == "excitation" or (each.check == "tracking" and each.value < 0.0)
+        )
+        if each.severity == "error" or is_doubtful:
+            warnings.append(f"{each.message} -> {each.remedy}")
     return log, [*(f"{WARNING}{name}: {text}" for text in warnings), *([f"{name}: {gaps}"] if gaps else [])]
 
 
@@ -149,6 +157,8 @@ def _with_settings(
         if given.size not in (0, 1, log.num_joints):
             problem = f"{name}: {given.size} gains for {log.num_joints} joints"
             raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
+        if not np.all(given >= 0.0) or (name == "kp" and not np.all(given)):
+            raise ConfigError(f"{name}: {given.tolist()}", remedy="give kp > 0 and kd >= 0", argument=name)
         if given.size > 1:
             pairs = zip(log.joint_names, given.tolist(), strict=True)
             progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")

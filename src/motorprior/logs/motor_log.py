@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.bounds import first_not_finite, is_number
-from motorprior.exceptions import LogError, listed, quoted
+from motorprior.exceptions import ConfigError, LogError, listed, quoted
 from motorprior.robots.joint_classes import classes_by_name
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
@@ -264,6 +264,14 @@ _BOUNDS = {  # lowest and highest value, and what it is
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
     **{key: (low, high, f"from {low:g} to {high:g} {unit}") for key, (low, high, unit) in OPERATING_CONDITIONS.items()},
 }
+
+
+def motor_logs(given: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
+    """One log or several as a list; raises `ConfigError` for anything else."""
+    logs = [given] if isinstance(given, MotorLog) else given
+    if isinstance(logs, str | Path) or not all(isinstance(log, MotorLog) for log in logs):
+        raise ConfigError("logs are not motor logs", remedy="read them with load_log", argument="logs")
+    return list(logs)
 
 
 def checked(log: MotorLog, where: Where = None) -> MotorLog:

@@ -18,13 +18,12 @@ from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.evaluation import reference
 from motorprior.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
-from motorprior.exceptions import ConfigError
 from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
 from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsaved
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest, motor_logs
 from motorprior.logs.operations import joined
 from motorprior.priors.train import identify, work_of
 from motorprior.progress import SHOWN, SILENT, Progress
@@ -66,10 +65,7 @@ def fit_prior(
     """
     require_seed(seed)
     recipe = identification_preset(preset, steps)
-    every = [logs] if isinstance(logs, MotorLog) else logs
-    if isinstance(every, str | Path) or not all(isinstance(log, MotorLog) for log in every):
-        raise ConfigError("logs are not motor logs", remedy="read them with load_log", argument="logs")
-    parts = [checked(log, where=log.source) for log in every]
+    parts = [checked(log, where=log.source) for log in motor_logs(logs)]
     log = joined(parts)
     provenance = provenance_of(parts, log=log.source)
     return fit_recipe(log, preset, recipe, seed, None if out is None else Path(out), progress, provenance)
