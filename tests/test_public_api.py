@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -37,6 +38,14 @@ def test_importing_brings_nothing_heavy_and_light_names_stay_light():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     assert found == {name: [] for name in ("motorprior", "modules", *LIGHT)}
+
+
+@pytest.mark.parametrize(("name", "most"), [("read_log", 4000), ("fit_prior", 7000)])
+def test_a_name_loads_few_lines_of_the_package(name: str, most: int):
+    loaded = "print(*(module.__file__ for name, module in sys.modules.items() if 'motorprior' in name))"
+    code = f"import sys, motorprior as mp; mp.{name}; {loaded}"
+    files = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert len(files) > 10 and sum(len(Path(file).read_text("utf-8").splitlines()) for file in files) <= most
 
 
 def test_every_public_name_is_there():

@@ -31,7 +31,6 @@ def test_compiled_network_equals_the_reference(n, neurons):
     net, inputs = network(neurons, taps=TAPS), motion(n)
     z = np.random.default_rng(2).standard_normal((n, 3))
     expected = np.array([net.torque(row, z) for row in scaled_history(net, inputs)])
-    np.testing.assert_allclose(
-        torques(NetworkActuator(net, z), inputs), expected, atol=1e-5 * net.torque_scale * neurons
-    )
+    found = torques(NetworkActuator(net, z), inputs)
+    np.testing.assert_allclose(found, expected, atol=1e-5 * net.torque_scale * neurons)
     assert np.ptp(expected) > net.torque_scale

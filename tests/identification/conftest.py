@@ -39,9 +39,8 @@ def decoder_data() -> Callable[..., TrainingData]:
             case = replace(case, load_inertia=load * case.load_inertia)
             seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
             warmth = box.warmth(z, float(seconds[:, 0].mean()))
-            under = OperatingConditions(
-                warmth, supply[segment % len(supply)], temperature_rise[segment % len(temperature_rise)]
-            )
+            rise = temperature_rise[segment % len(temperature_rise)]
+            under = OperatingConditions(warmth, supply[segment % len(supply)], rise)
             found: Any = run(GreyBoxActuator(box, z, under, gains), case)
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])

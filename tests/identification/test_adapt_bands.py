@@ -25,9 +25,8 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyB
     )  # fmt: skip
     np.testing.assert_array_equal(moved(log), [True, False])
     z, provenance = np.random.default_rng(0).standard_normal((4, 3)), {"recipe": asdict(PRESETS["pace"])}
-    prior = MotorPrior(
-        grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, METRICS | {"loss_mean": 1.0}, misfit=np.full(4, 0.5)
-    )
+    metrics, misfit = METRICS | {"loss_mean": 1.0}, np.full(4, 0.5)
+    prior = MotorPrior(grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, metrics, misfit=misfit)
     found, (mean, std, _) = adapt_to(prior, log), prior.predicted(log)
     np.testing.assert_array_equal(found.mean[1], mean[1])
     np.testing.assert_array_equal(found.covariance[1], std[1] ** 2 * np.eye(3))

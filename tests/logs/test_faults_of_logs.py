@@ -52,9 +52,8 @@ def test_errors_are_warnings_of_the_import_and_an_impossible_rate_ends_it(tmp_pa
 def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
     angle = np.cumsum(np.full(400, 0.05))
     ticks = np.rint(np.stack([angle + 0.05, angle], axis=1) * 4096 / (2 * np.pi)) % 4096
-    np.savetxt(
-        tmp_path / "log.csv", np.column_stack([TIME[:400], ticks]), delimiter=",", header="t,goal,pos", comments=""
-    )
+    table = np.column_stack([TIME[:400], ticks])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,goal,pos", comments="")
     lines = 'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n[units]\nangle = "tick"\n'
     (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\n")
     report = check_log(mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
@@ -110,9 +109,8 @@ def test_a_value_that_is_held_is_no_motion_and_an_order_of_joints_no_sign():
     phases = {"FL": 0.0, "FR": np.pi, "RL": np.pi, "RR": 0.0}  # a trot
     sizes = {"hip": (0.05, 0.0), "thigh": (0.3, 0.6), "calf": (0.5, 1.9)}
     names = tuple(f"{leg}_{part}" for leg in phases for part in sizes)
-    command = np.stack(
-        [size * np.sin(4 * np.pi * TIME + at + lag) for at in phases.values() for size, lag in sizes.values()], axis=1
-    )
+    waves = [(size, at + lag) for at in phases.values() for size, lag in sizes.values()]
+    command = np.stack([size * np.sin(4 * np.pi * TIME + at) for size, at in waves], axis=1)
     by_part = [names.index(f"{leg}_{part}") for part in sizes for leg in phases]
     trot = replace(
         log, position_target=command, joint_pos=np.roll(command, 3, axis=0)[:, by_part], joint_vel=None,

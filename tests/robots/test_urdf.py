@@ -104,9 +104,8 @@ def test_the_mesh_of_a_package_is_found_or_left_out(tmp_path: Path):
 def test_what_a_urdf_lacks_is_said_in_its_words(tmp_path: Path, change: tuple[str, str], words: str):
     text = urdf()
     assert change[0] in text
-    text = text.replace(change[0], change[1], 1).replace(
-        '<child link="FR"/>', f'<child link="{"toe" if "toe" in change[1] else "FR"}"/>'
-    )
+    link = "toe" if "toe" in change[1] else "FR"
+    text = text.replace(change[0], change[1], 1).replace('<child link="FR"/>', f'<child link="{link}"/>')
     if "<!--" in change[1]:
         text = text.replace("</inertial>", "-->", 1).replace('<box size=".05 .05 .1"/>', MESH, 1)
     with pytest.raises(ArtifactError, match=words) as refused:

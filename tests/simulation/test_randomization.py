@@ -148,9 +148,8 @@ def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
 def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
     truth = np.random.default_rng(0).standard_normal((10, 23))
-    sensors = SensorErrors(
-        np.zeros((0, 17)), np.full(100, delay), np.zeros((int(delay) + 2, 17)), np.array([0.0, 0.0, 1.0])
-    )
+    late, history = np.full(100, delay), np.zeros((int(delay) + 2, 17))
+    sensors = SensorErrors(np.zeros((0, 17)), late, history, np.array([0.0, 0.0, 1.0]))
     for count, row in enumerate(truth):
         observation = row.copy()
         apply_sensor_errors(sensors, count, UPRIGHT, observation)

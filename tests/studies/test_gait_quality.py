@@ -92,9 +92,8 @@ def test_cost_of_transport_is_work_over_weight_and_distance():
     episode = gliding(height=0.1)
     velocity, torque = episode.motion[:, 6 : 6 + JOINTS], episode.motion[:, 6 + JOINTS :]
     velocity[:, 3], torque[:, 3], torque[:, 5] = -2.0, 0.6, 1.1
-    assert measured(episode)["cost_of_transport"] == pytest.approx(1.2 / (ROBOT.weight * 0.3)), (
-        "only the third joint moves"
-    )
+    # only the third joint moves
+    assert measured(episode)["cost_of_transport"] == pytest.approx(1.2 / (ROBOT.weight * 0.3))
 
 
 def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():

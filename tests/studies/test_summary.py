@@ -17,9 +17,8 @@ def test_scores_are_sorted_by_bench_seed_and_draw():
         row(bench, "fleet", "oracle", seed, draw, speed=100 * bench + 10 * seed + draw)
         for bench in (2, 1) for seed in (7, 3) for draw in (2, 0, 1)
     ]  # fmt: skip
-    np.testing.assert_array_equal(
-        scores(walks, "speed"), [[[130, 131, 132], [170, 171, 172]], [[230, 231, 232], [270, 271, 272]]]
-    )
+    expected = [[[130, 131, 132], [170, 171, 172]], [[230, 231, 232], [270, 271, 272]]]
+    np.testing.assert_array_equal(scores(walks, "speed"), expected)
 
 
 def test_a_saved_table_is_read_back_with_undefined_measures(tmp_path: Path):

@@ -26,9 +26,8 @@ def bench() -> MotorLog:
 
 def made_by(bench: MotorLog, motors: Actuator) -> MotorLog:
     """The same commands and loads with the motion of these motors."""
-    return replace(
-        bench, joint_pos=np.concatenate([run(motors, trial_of(part)).joint_pos for part in bench.segments()])
-    )
+    moved = [run(motors, trial_of(part)).joint_pos for part in bench.segments()]
+    return replace(bench, joint_pos=np.concatenate(moved))
 
 
 @pytest.mark.parametrize(("true", "free"), [(WITH_ALL, WITH_FRICTION), (SLOW, WITH_ROTOR)], ids=["friction", "slow"])

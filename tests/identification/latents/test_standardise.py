@@ -52,9 +52,8 @@ def test_units_of_a_class_resemble_its_motors_and_not_those_of_others(grey_box):
     own = outputs[2::3]
     np.testing.assert_allclose(draws.mean(axis=0), own.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(np.cov(draws.T), np.cov(own.T), atol=0.01)
-    unseen = box.decoder_latents(
-        classes.mean_and_std(("tail",) * 4000)[1] * np.random.default_rng(2).standard_normal((4000, 3))
-    )
+    std, noise = classes.mean_and_std(("tail",) * 4000)[1], np.random.default_rng(2).standard_normal((4000, 3))
+    unseen = box.decoder_latents(std * noise)
     assert unseen[:, 0].std() > 3.0 * draws[:, 0].std()
 
 
