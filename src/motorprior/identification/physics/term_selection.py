@@ -48,7 +48,7 @@ from motorprior.identification.search import WIDE, Fit, Steps
 SELECTABLE_TERMS = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 6, 10_000, 40
+MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
 # logs with fewer segments are cut into NUM_PARTS parts: half of a few segments does not show every load and motion
 MIN_SEGMENTS, NUM_PARTS = 16, 32
