@@ -376,9 +376,11 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
         for kind in (*settings.kinds, "active"):
             known = [seconds for seconds in settings.budgets if f"budget/{kind}/{seconds:g}" in figures]
             names, color = [f"budget/{kind}/{seconds:g}" for seconds in known], COLORS.get(kind, "C4")
-            low, high = ([1e3 * figures.get(f"{n}{end}", figures[n]) for n in names] for end in ("/low", "/high"))
+            low, high = (
+                [max(1.0, 1e3 * figures.get(f"{n}{end}", figures[n])) for n in names] for end in ("/low", "/high")
+            )
             axes.vlines(known, low, high, color=color, lw=0.7)
-            axes.semilogx(known, [1e3 * figures[n] for n in names], "o-", ms=3, color=color, label=kind)
+            axes.loglog(known, [1e3 * figures[n] for n in names], "o-", ms=3, color=color, label=kind)
         axes.set_xticks(settings.budgets, [f"{seconds:g}" for seconds in settings.budgets])
         axes.set_xticks([], minor=True)
         describe(axes, "log per motor [s]", "error of the trotting robot [mrad]")
