@@ -80,8 +80,7 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
     whole, lines = _cleaned(config, folder)
     prepare, loads = loads_of(config, folder.logs, described)
     if described is not None:
-        wrong = [(name, each) for name, log in whole.items() for each in gravity_signs(log, described)]
-        lines += [f"{name}: {each.message} -> {each.remedy}" for name, each in wrong]
+        lines += [f"{name}: {each}" for name, log in whole.items() for each in gravity_signs(log, described)]
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)

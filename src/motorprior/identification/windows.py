@@ -151,8 +151,8 @@ def _require(log: MotorLog, preset: Preset, where: str) -> None:
         if getattr(log, channel) is None:
             raise LogError(
                 f"no {channel}, which the {preset.objective} objective needs", where=where,
-                remedy="record the loads; or let mp.load_log or `motorprior logs import` compute them (`suspended`, or "
-                "fixed base); or fit them with mp.with_fitted_loads or `motorprior logs import --fit-load`"
+                remedy="record the loads; or let mp.load_log or `motorprior logs import` compute them (`suspended`, "
+                "also for a fixed base); or fit them with mp.with_fitted_loads or `motorprior logs import --fit-load`"
                 if preset.objective == "rollout"
                 else "record the channel, or use preset rollout, which learns from positions",
             )  # fmt: skip

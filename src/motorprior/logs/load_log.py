@@ -97,7 +97,7 @@ def load_log(
     if model is not None:
         log = with_loads(log, model)
         for finding in gravity_signs(log, model):
-            progress.note(f"{WARNING}{path}: {finding.message} -> {finding.remedy}")
+            progress.note(f"{WARNING}{path}: {finding}")
     return log
 
 
@@ -140,7 +140,7 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
             each.check == "excitation" or (each.check == "tracking" and each.value < 0.0)
         )
         if each.severity == "error" or is_doubtful:
-            warnings.append(f"{each.message} -> {each.remedy}")
+            warnings.append(str(each))
     return log, [*(f"{WARNING}{name}: {text}" for text in warnings), *([f"{name}: {gaps}"] if gaps else [])]
 
 
@@ -157,8 +157,6 @@ def _with_settings(
         if given.size not in (0, 1, log.num_joints):
             problem = f"{name}: {given.size} gains for {log.num_joints} joints"
             raise ConfigError(problem, remedy="give one, or one per joint", argument=name)
-        if not np.all(given >= 0.0) or (name == "kp" and not np.all(given)):
-            raise ConfigError(f"{name}: {given.tolist()}", remedy="give kp > 0 and kd >= 0", argument=name)
         if given.size > 1:
             pairs = zip(log.joint_names, given.tolist(), strict=True)
             progress.note(f"{log.source}: {name}: {', '.join(f'{joint} {value:g}' for joint, value in pairs)}")

@@ -336,12 +336,12 @@ def _without_unidentified_limits(
     x, names = np.clip(found.x, -LOG_REACH, LOG_REACH), parameters_of(terms)
     kp = names.index("kp")
     requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request
-    reached = {"torque_limit": requested_torque} | dict.fromkeys(SPEED_LIMITS, np.full(len(x), runs.max_speed))
-    reached["profile_acceleration"] = np.full(len(x), NEGLIGIBLE["profile_acceleration"] / OFF)
-    for name, largest in reached.items():
-        if name in names and largest.max():
+    values = {"torque_limit": OFF * requested_torque.max()} | dict.fromkeys(SPEED_LIMITS, OFF * runs.max_speed)
+    values["profile_acceleration"] = NEGLIGIBLE["profile_acceleration"]
+    for name, value in values.items():
+        if name in names and value:
             row = names.index(name)
-            off = {row: np.clip(np.log(OFF * largest.max()) - center[row], x[:, row], LOG_REACH)}
+            off = {row: np.clip(np.log(value) - center[row], x[:, row], LOG_REACH)}
             x = _fixed_unless_identified(search, x, fixed, off, RIGID_STEPS[1:], search.all_problems, SAVING)
     return x
 

@@ -19,6 +19,9 @@ class Finding:
     joint: str | None = None  # None for the whole log
     row: int = 0  # the first concerned
 
+    def __str__(self) -> str:
+        return f"{self.message} -> {self.remedy}" if self.remedy else self.message
+
 
 def grouped(findings: Sequence[Finding]) -> list[Finding]:
     """One finding for each kind and remedy: that of the largest value, with the other joints in its message."""
@@ -44,10 +47,7 @@ class LogReport:
         return f"{len(self.errors)} errors in {len(self.findings)} findings"
 
     def __str__(self) -> str:
-        lines = [
-            f"{each.severity}: {each.check}, row {each.row}: {each.message}{f' -> {each.remedy}' * bool(each.remedy)}"
-            for each in grouped(self.findings)
-        ]
+        lines = [f"{each.severity}: {each.check}, row {each.row}: {each}" for each in grouped(self.findings)]
         return "\n".join([repr(self), *lines])
 
     @property
