@@ -1,13 +1,15 @@
 """Acceptance figures: small runs of all experiments, and a comparison of two such runs.
 
     python benchmarks/acceptance.py run --data DIR --out runs/acceptance
-    python benchmarks/acceptance.py compare runs/before/acceptance.json runs/acceptance/acceptance.json
+    python benchmarks/acceptance.py compare runs/before/acceptance.json
+    runs/acceptance/acceptance.json
 
-`run` runs the demo, which is a small transfer study, and the benchmarks on real logs and on fleets, with one fold per
-robot and few motors, and collects their figures in acceptance.json. About 40 minutes on two cores.
-Use a new --out for each commit: finished runs are reused whatever the code.
-`compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives the same figures for
-any number of workers, so the tolerance only covers differences between processors.
+`run` runs the demo, which is a small transfer study, and the benchmarks on real logs and on fleets,
+with one fold per robot and few motors, and collects their figures in acceptance.json. About 40
+minutes on two cores. Use a new --out for each commit: finished runs are reused whatever the code.
+`compare` lists changed and missing figures and exits with 1 if there are any. The same seed gives
+the same figures for any number of workers, so the tolerance only covers differences between
+processors.
 """
 
 import json
@@ -37,7 +39,8 @@ def run(data: Path, out: Path) -> None:
         "fidelity": [str(BENCHMARKS / "fidelity.py"), *SMALL],
         "out_of_family": [str(BENCHMARKS / "out_of_family.py"), *SMALL],
     }
-    environment, figures = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, {}
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    figures = {}
     for name, arguments in runs.items():
         done = out / f"{name}.done"
         if not done.exists():
@@ -50,7 +53,10 @@ def run(data: Path, out: Path) -> None:
 
 
 def compare(
-    before: tyro.conf.Positional[Path], after: tyro.conf.Positional[Path], rtol: float = 1e-3, atol: float = 1e-6
+    before: tyro.conf.Positional[Path],
+    after: tyro.conf.Positional[Path],
+    rtol: float = 1e-3,
+    atol: float = 1e-6,
 ) -> int:
     """Print the differences of two collections of figures; 1 if there are any.
 
@@ -67,9 +73,13 @@ def compare(
         if name not in new or not np.isclose(new[name], value, rtol, atol, equal_nan=True)
     ]
     print("\n".join(changed))
-    print(f"{len(old)} figures, {len(changed)} changed or missing, {len(new.keys() - old.keys())} new")
+    print(
+        f"{len(old)} figures, {len(changed)} changed or missing, {len(new.keys() - old.keys())} new"
+    )
     return min(len(changed), 1)
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.extras.subcommand_cli_from_dict({"run": run, "compare": compare}, description=__doc__))
+    sys.exit(
+        tyro.extras.subcommand_cli_from_dict({"run": run, "compare": compare}, description=__doc__)
+    )

@@ -1,20 +1,24 @@
 """Benefit of adaptation to a robot's motors: record, adapt, continue training and walk, on held-out virtual robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
-    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop_wear \
-        --robots 2 --wear none weak worn damaged --max-speed 0.75 --iterations 150 --further 50 --walks 2
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop_wear
+    \
+        --robots 2 --wear none weak worn damaged --max-speed 0.75 --iterations 150 --further 50
+        --walks 2
 
-Virtual Puppers in simulated time (`simulated_port.py`), with the host code and commands of docs/hardware.md. For each
-robot: 60 s of recording in the air, `logs import --suspended`, `adapt`. For each seed of the training, policies:
+Virtual Puppers in simulated time (`simulated_port.py`), with the host code and commands of
+docs/hardware.md. For each robot: 60 s of recording in the air, `logs import --suspended`, `adapt`.
+For each seed of the training, policies:
     before    trained on samples of the prior (`walk`), the same for all robots
     longer    the control: `before`, trained further on the prior (`walk --start`) for as long as `adapted`
     adapted   `before`, trained further on the posterior of this robot's motors
     current   the same with torque limits that follow the gains (the option limit_follows_gain)
     advised   current if `adapt` reports weak motors, otherwise adapted
-Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise. figures.json: for each pair
-of robot and seed the median path length [m] (in straight segments of a second), the median displacement from the start
-[m], and the fraction of walks that end with a fault; medians over the pairs (means of the fraction), median, quartiles
-and sign of the gain over the control. Finished trainings are reused.
+Each walks straight at `--max-speed`, `--walks` times for 10 s, with different sensor noise.
+figures.json: for each pair of robot and seed the median path length [m] (in straight segments of a
+second), the median displacement from the start [m], and the fraction of walks that end with a
+fault; medians over the pairs (means of the fraction), median, quartiles and sign of the gain over
+the control. Finished trainings are reused.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,8 +46,12 @@ from motorprior.simulation.training import POLICY
 from simulated_port import SimulatedPort, on_its_clock
 
 ROBOT = mp.load_robot(DEFAULT_ROBOT)
-SECONDS, RECORDED = 10.0, 60.0  # of a walk, and of the recording [s]
-EPISODE_STEPS, HOLD = 500, 1.25  # of training: control steps per episode, duration of a command [s]
+# of a walk, and of the recording [s]
+SECONDS = 10.0
+RECORDED = 60.0
+# of training: control steps per episode, duration of a command [s]
+EPISODE_STEPS = 500
+HOLD = 1.25
 CONTROL = "longer"
 _STREAM = 0x3EA
 
@@ -98,9 +106,12 @@ def record(folder: Path, number: int, wear: str) -> mp.MotorLog:
     return read_parquet(log)
 
 
-def deploy(robot: RobotCase, policy: Path, noise_seed: int, speed: float) -> tuple[float, float, bool]:
+def deploy(
+    robot: RobotCase, policy: Path, noise_seed: int, speed: float
+) -> tuple[float, float, bool]:
     """Path length [m], displacement [m] and fault of a walk on the ground, straight at this speed [m/s]."""
-    port, fault = SimulatedPort(ROBOT, robot.number, noise_seed, wear=partial(with_wear, robot.wear)), False
+    port = SimulatedPort(ROBOT, robot.number, noise_seed, wear=partial(with_wear, robot.wear))
+    fault = False
     start = port.body.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
@@ -116,9 +127,17 @@ def train(settings: Settings, seed: int, out: Path, motors: str, start: Path | N
     iterations = settings.iterations if start is None else settings.further
     speeds = Commands(forward=(0.0, settings.max_speed), hold=HOLD)
     mp.train_policy(
-        ROBOT, motors, start=start, out=out, iterations=iterations, episode_steps=EPISODE_STEPS, commands=speeds,
-        seed=seed, name=out.name, progress=PROGRESS,
-    )  # fmt: skip
+        ROBOT,
+        motors,
+        start=start,
+        out=out,
+        iterations=iterations,
+        episode_steps=EPISODE_STEPS,
+        commands=speeds,
+        seed=seed,
+        name=out.name,
+        progress=PROGRESS,
+    )
     return out / POLICY
 
 
@@ -130,14 +149,27 @@ def policies_of(settings: Settings, seed: int, robot: RobotCase) -> dict[str, Pa
     return {
         "before": before,
         CONTROL: train(settings, seed, settings.out / f"{CONTROL}_{seed}", prior, before),
-        "adapted": train(settings, seed, robot.folder / f"adapted_{seed}", posterior(limit_follows_gain=False), before),
-        "current": train(settings, seed, robot.folder / f"current_{seed}", posterior(limit_follows_gain=True), before),
+        "adapted": train(
+            settings,
+            seed,
+            robot.folder / f"adapted_{seed}",
+            posterior(limit_follows_gain=False),
+            before,
+        ),
+        "current": train(
+            settings,
+            seed,
+            robot.folder / f"current_{seed}",
+            posterior(limit_follows_gain=True),
+            before,
+        ),
     }
 
 
 def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
     """Record a robot, and adapt the prior to its motors."""
-    folder, prior = settings.out / f"robot_{number}_{wear}", load_prior(settings.prior, ROBOT)
+    folder = settings.out / f"robot_{number}_{wear}"
+    prior = load_prior(settings.prior, ROBOT)
     found = mp.adapt(prior, record(folder, number, wear), allow_outliers=True, progress=PROGRESS)
     posterior = folder / "posterior" / "posterior.safetensors"
     found.save(posterior)
@@ -154,23 +186,32 @@ def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
     for name in pairs[0]:
         figures[f"{name}/fault_share"] = float(np.mean([walks[name][:, 2] for walks in pairs]))
         for column, key in enumerate(("path_m", "displacement_m")):
-            own, control = (np.array([np.median(walks[of][:, column]) for walks in pairs]) for of in (name, CONTROL))
+            own, control = (
+                np.array([np.median(walks[of][:, column]) for walks in pairs])
+                for of in (name, CONTROL)
+            )
             figures[f"{name}/{key}"] = float(np.median(own))
             if name != CONTROL:
                 for share in (25, 50, 75):
-                    figures[f"{name}/gain_{key}/p{share}"] = float(np.percentile(own - control, share))
+                    figures[f"{name}/gain_{key}/p{share}"] = float(
+                        np.percentile(own - control, share)
+                    )
                 figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(own > control))
     return figures
 
 
 def measure(given: Settings) -> dict[str, float]:
     """Figures of all robots and seeds."""
-    robots = [adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)]
+    robots = [
+        adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)
+    ]
     pairs = []
     for seed in range(given.seeds):
         for robot in robots:
             found = {
-                name: np.array([deploy(robot, policy, walk, given.max_speed) for walk in range(given.walks)])
+                name: np.array(
+                    [deploy(robot, policy, walk, given.max_speed) for walk in range(given.walks)]
+                )
                 for name, policy in policies_of(given, seed, robot).items()
             }
             found["advised"] = found["current" if robot.is_weak else "adapted"]

@@ -2,12 +2,13 @@
 
     python benchmarks/exports.py --out runs/exports
 
-figures.json: FORMAT/leg, FORMAT/shank and FORMAT/leg_steps, the RMSE of exported against our own joint angles over
-MOTORS motors [rad] (`exports.registry`), for bam, mjcf, mjcf_detailed and table; mjlab/parity and newton/parity, the
-largest difference of joint angles [rad] between the Warp kernel in float32 and the compiled motors, each in its own
-closed loop, over 64 motors and 2000 steps of 2 ms. kernel/warp_us and kernel/numba_us are times per step of these 64
-motors on this CPU [µs]. Without the extras mjlab and newton the last are left out. The motors have the true constants
-of the fleet pupper_v2.
+figures.json: FORMAT/leg, FORMAT/shank and FORMAT/leg_steps, the RMSE of exported against our own
+joint angles over MOTORS motors [rad] (`exports.registry`), for bam, mjcf, mjcf_detailed and table;
+mjlab/parity and newton/parity, the largest difference of joint angles [rad] between the Warp kernel
+in float32 and the compiled motors, each in its own closed loop, over 64 motors and 2000 steps of 2
+ms. kernel/warp_us and kernel/numba_us are times per step of these 64 motors on this CPU [µs].
+Without the extras mjlab and newton the last are left out. The motors have the true constants of the
+fleet pupper_v2.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
@@ -34,7 +35,11 @@ from motorprior.exports.bam import motors_of
 from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, MAX_STEP, is_supported, losses
 
-DT, STEPS, COUNT, INERTIA, MOTORS = 0.002, 2000, 64, 0.002, 12
+DT = 0.002
+STEPS = 2000
+COUNT = 64
+INERTIA = 0.002
+MOTORS = 12
 SPREAD = 0.15  # of the logarithms of the constants [-]
 MIN_CONSTANT = 1e-6
 
@@ -49,7 +54,9 @@ def true_grey_box(motors: PhysicalMotors) -> GreyBoxActuator:
 def targets(step: int, count: int) -> np.ndarray:
     """(count,) sines of several frequencies with jumps, at which the torque limit is reached [rad]."""
     phase = np.arange(count)
-    return 0.4 * np.sin(2 * np.pi * (0.5 + 0.05 * (phase % 20)) * step * DT + phase) + 0.4 * (step // 250 % 2)
+    return 0.4 * np.sin(2 * np.pi * (0.5 + 0.05 * (phase % 20)) * step * DT + phase) + 0.4 * (
+        step // 250 % 2
+    )
 
 
 Step = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -57,7 +64,9 @@ Step = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarr
 
 def free_run(step_motors: Step, count: int, steps: int) -> np.ndarray:
     """(steps, count) joint angles [rad] on a load of INERTIA, with torques and dampings of ``step_motors``."""
-    q, dq, out = np.zeros(count), np.zeros(count), np.zeros((steps, count))
+    q = np.zeros(count)
+    dq = np.zeros(count)
+    out = np.zeros((steps, count))
     for step in range(steps):
         torque, damping = step_motors(targets(step, count), q, dq)
         dq = (dq + DT * torque / INERTIA) / (1.0 + DT * damping / INERTIA)
@@ -101,11 +110,15 @@ def newton(motors: GreyBoxActuator) -> Step:
     count = motors.num_motors
     actuator = Actuator(warp_array(np.arange(count), wp.uint32), drive=MotorPriorDrive(motors, DT))
     names = ("joint_q", "joint_qd", "joint_f", "joint_target_q", "joint_target_qd")
-    world = type("World", (), {name: warp_array(np.zeros(count)) for name in names} | {"joint_act": None})()
+    world = type(
+        "World", (), {name: warp_array(np.zeros(count)) for name in names} | {"joint_act": None}
+    )()
     states = [actuator.state(), actuator.state()]
 
     def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        for name, values in zip(("joint_target_q", "joint_q", "joint_qd"), (target, q, dq), strict=True):
+        for name, values in zip(
+            ("joint_target_q", "joint_q", "joint_qd"), (target, q, dq), strict=True
+        ):
             getattr(world, name).assign(values.astype(np.float32))
         world.joint_f.zero_()
         actuator.step(world, world, *states, dt=DT)
@@ -117,7 +130,8 @@ def newton(motors: GreyBoxActuator) -> Step:
 
 def explicit(motors: GreyBoxActuator) -> Step:
     """Our own motors for an engine that does not damp, as `kernels.make_explicit`."""
-    arrays, zero = motors.arrays(DT), np.zeros(motors.num_motors)
+    arrays = motors.arrays(DT)
+    zero = np.zeros(motors.num_motors)
     kernels.reset_actuator(arrays, zero, zero)
 
     def step(target: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,14 +163,19 @@ def mjlab_run(prior: MotorPrior, count: int, steps: int) -> tuple[np.ndarray, np
     entity = EntityCfg(spec_fn=lambda: mujoco.MjSpec.from_string(RIG), articulation=articulation)
     scene = Scene(SceneCfg(num_envs=count, env_spacing=1.0, entities={"rig": entity}), "cpu")
     settings = SimulationCfg()
-    settings.mujoco.timestep, settings.mujoco.gravity = DT, (0.0, 0.0, 0.0)
+    settings.mujoco.timestep = DT
+    settings.mujoco.gravity = (0.0, 0.0, 0.0)
     sim = Simulation(num_envs=count, cfg=settings, model=scene.compile(), device="cpu")
     scene.initialize(sim.mj_model, sim.model, sim.data)
-    sim.expand_model_fields(("dof_damping",))  # in an environment the event `per_world_damping` does this
+    # in an environment the event `per_world_damping` does this
+    sim.expand_model_fields(("dof_damping",))
     scene.reset()
-    robot, out = scene["rig"], np.zeros((steps, count))
+    robot = scene["rig"]
+    out = np.zeros((steps, count))
     for step in range(steps):
-        robot.set_joint_position_target(torch.tensor(targets(step, count)[:, None], dtype=torch.float))
+        robot.set_joint_position_target(
+            torch.tensor(targets(step, count)[:, None], dtype=torch.float)
+        )
         scene.write_data_to_sim()
         sim.step()
         scene.update(DT)
@@ -178,7 +197,8 @@ def largest(one: np.ndarray, other: np.ndarray) -> float:
 
 def microseconds(step: Step, count: int, steps: int = 200) -> float:
     """Time of a step [µs], the fastest of five runs."""
-    state, runs = (targets(0, count), np.zeros(count), np.zeros(count)), []
+    state = (targets(0, count), np.zeros(count), np.zeros(count))
+    runs = []
     for _ in range(5):
         start = time.perf_counter()
         for _ in range(steps):
@@ -190,14 +210,18 @@ def microseconds(step: Step, count: int, steps: int = 200) -> float:
 def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
     """A prior around the median of these motors, with a standard deviation of SPREAD."""
     decoder = motors.model
-    center, slope = decoder.center + np.median(motors.z, axis=0), SPREAD * np.eye(motors.z.shape[1])
+    center = decoder.center + np.median(motors.z, axis=0)
+    slope = SPREAD * np.eye(motors.z.shape[1])
     model = replace(decoder, center=center, slope=slope)
-    return MotorPrior(model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {})
+    return MotorPrior(
+        model, np.zeros_like(motors.z), np.zeros_like(motors.z), "rollout", "pupper_v2", "", {}, {}
+    )
 
 
 def measure(out: Path = Path("runs/exports")) -> None:
     """Measure, print and write; see the module docstring."""
-    rng, fleet = np.random.default_rng(0), load_fleet("pupper_v2")
+    rng = np.random.default_rng(0)
+    fleet = load_fleet("pupper_v2")
     few, every = (true_grey_box(require_geared(fleet.sample(n, rng))) for n in (MOTORS, COUNT))
     figures: dict[str, float] = {}
     for name, exporter in EXPORTERS.items():

@@ -48,9 +48,14 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
     """The prior of one preset, without torques in the log the position-only one; made if the file does not exist."""
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     record_bench(
-        fleet=settings.fleet, motors=settings.motors, steps=settings.steps, preset=bench.name, seed=settings.seed,
-        out=bench, progress=PROGRESS,
-    )  # fmt: skip
+        fleet=settings.fleet,
+        motors=settings.motors,
+        steps=settings.steps,
+        preset=bench.name,
+        seed=settings.seed,
+        out=bench,
+        progress=PROGRESS,
+    )
     log, recorded = read_bench(bench)
     provenance = provenance_of([log], bench=recorded.as_json())
     log = log if torque else replace(log, joint_torque=None)
@@ -62,10 +67,15 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
 
 def measure(settings: Settings) -> Results:
     """All results, including the position-only prior."""
-    folder, paths = settings.out / "validate", {preset: identify(settings, preset) for preset in PRESETS}
-    results = validate_on_bench(tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS)
+    folder = settings.out / "validate"
+    paths = {preset: identify(settings, preset) for preset in PRESETS}
+    results = validate_on_bench(
+        tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS
+    )
     paths["position_only"] = alone = identify(settings, "rollout", torque=False)
-    found = validate_on_bench([alone], folder / "position_only", seed=settings.seed, progress=PROGRESS)
+    found = validate_on_bench(
+        [alone], folder / "position_only", seed=settings.seed, progress=PROGRESS
+    )
     seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
     times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
     renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
@@ -74,7 +84,8 @@ def measure(settings: Settings) -> Results:
 
 def table(results: Results, motors: str) -> str:
     """Markdown: one row per model; RMSE [mrad] and torque above 20 Hz, medians, and means in brackets."""
-    here, rows = results.where(motors=motors), []
+    here = results.where(motors=motors)
+    rows = []
     errors = here.where(quantity="bench_impact_rmse", statistic="median")
     for model in sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model)):
         cells = [cell(here, quantity, model, ".1f", 1e3) for quantity in RMSE]
@@ -84,9 +95,12 @@ def table(results: Results, motors: str) -> str:
     return markdown(HEAD, rows)
 
 
-def cell(results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None) -> str:
+def cell(
+    results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None
+) -> str:
     """Median and, in brackets, mean of a quantity; divided by that of the model ``over``, if given."""
-    found, values = results.where(quantity=quantity), []
+    found = results.where(quantity=quantity)
+    values = []
     for statistic in ("median", "mean"):
         reference = 1.0 if over is None else found.value(model=over, statistic=statistic)
         values.append(factor * found.value(model=model, statistic=statistic) / reference)
@@ -98,7 +112,9 @@ def main() -> None:
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
     write_results(settings.out, results)
-    arms = simulated_arms.figures(simulated_arms.Settings(settings.out / "arms", settings.arms, seed=settings.seed))
+    arms = simulated_arms.figures(
+        simulated_arms.Settings(settings.out / "arms", settings.arms, seed=settings.seed)
+    )
     write_json(settings.out / FIGURES, read_json(settings.out / FIGURES) | arms)
     text = f"train motors\n\n{table(results, 'train')}\n\nheld-out motors\n\n{table(results, 'held_out')}"
     write_text(settings.out / "tables.md", text + "\n")

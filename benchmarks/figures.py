@@ -13,7 +13,9 @@ from motorprior.stage import FIGURES
 PROGRESS = Lines()
 
 
-def run_benchmark(settings: type[Any], measure: Callable[[Any], Mapping[str, float]], text: str | None) -> None:
+def run_benchmark(
+    settings: type[Any], measure: Callable[[Any], Mapping[str, float]], text: str | None
+) -> None:
     """Measure with ``settings`` from the command line, print the figures, and write them to their folder ``out``."""
     given = tyro.cli(settings, description=text)
     report(measure(given), given.out / FIGURES)

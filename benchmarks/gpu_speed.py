@@ -2,10 +2,11 @@
 
     python benchmarks/gpu_speed.py --out runs/gpu_speed
 
-Worlds of pupper_v2 trot open loop, a CUDA graph per control step (a CPU has none). Paths: ``pd``, native position
-actuators; ``learned``, sampled motors, others in every world, by the launches of our mjlab actuator. figures.json, per
-number of worlds: control_steps_per_s/PATH, of all worlds, median of ROUNDS rounds; learned_over_pd, ratio of times;
-upright/PATH, share of worlds after a round.
+Worlds of pupper_v2 trot open loop, a CUDA graph per control step (a CPU has none). Paths: ``pd``,
+native position actuators; ``learned``, sampled motors, others in every world, by the launches of
+our mjlab actuator. figures.json, per number of worlds: control_steps_per_s/PATH, of all worlds,
+median of ROUNDS rounds; learned_over_pd, ratio of times; upright/PATH, share of worlds after a
+round.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
@@ -28,24 +29,37 @@ from figures import report
 from motorprior.exports.exporter import sampled
 from motorprior.exports.warp_motors import WarpMotors
 
-ROBOT, SAMPLES, STEPS, ROUNDS = mp.load_robot("pupper_v2"), 1024, 100, 7
+ROBOT = mp.load_robot("pupper_v2")
+SAMPLES = 1024
+STEPS = 100
+ROUNDS = 7
 Work = Callable[[], object]
-PATHS, SUBSTEPS = ("pd", "learned"), round(ROBOT.control_dt / ROBOT.physics_dt)
+PATHS = ("pd", "learned")
+SUBSTEPS = round(ROBOT.control_dt / ROBOT.physics_dt)
 
 
 def model_of(path: str) -> mujoco.MjModel:
     """The robot on a floor with the actuators of a path, and mjlab's integrator."""
     spec = mujoco.MjSpec.from_file(str(ROBOT.model.path))
-    spec.option.timestep, spec.option.integrator = ROBOT.physics_dt, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.timestep = ROBOT.physics_dt
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.worldbody.first_body().pos = [0.0, 0.0, ROBOT.standing_height]
-    spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0)
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=0, conaffinity=0
+    )
     for leg in ROBOT.legs:
-        spec.add_pair(geomname1="floor", geomname2=leg.foot, condim=3, friction=[ROBOT.foot_friction] * 2 + [0.0] * 3)
+        spec.add_pair(
+            geomname1="floor",
+            geomname2=leg.foot,
+            condim=3,
+            friction=[ROBOT.foot_friction] * 2 + [0.0] * 3,
+        )
     for joint in ROBOT.joints:
         actuator = spec.add_actuator(target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         if path != "learned":
             actuator.set_to_position(kp=joint.kp, kv=joint.kd)
-            actuator.forcelimited, actuator.forcerange = 1, [-joint.torque_limit, joint.torque_limit]
+            actuator.forcelimited = 1
+            actuator.forcerange = [-joint.torque_limit, joint.torque_limit]
     return spec.compile()
 
 
@@ -53,19 +67,23 @@ def trot(worlds: int) -> wp.array:
     """(STEPS, worlds, joints) position targets of trots of several sizes and phases [rad]."""
     drawn = np.random.default_rng(0).uniform(size=(2, worlds, 1))
     size = (0.3 + 0.7 * drawn[0]) * np.tile([0.0, 0.2, 0.3], 4)  # abduction, hip, knee
-    phase = drawn[1] + np.repeat([leg.phase for leg in ROBOT.legs], 3) + np.tile([0.0, 0.0, 0.25], 4)
+    phase = (
+        drawn[1] + np.repeat([leg.phase for leg in ROBOT.legs], 3) + np.tile([0.0, 0.0, 0.25], 4)
+    )
     cycles = ROBOT.require_gait().frequency * ROBOT.control_dt * np.arange(STEPS)[:, None, None]
     return wp.array(ROBOT.nominal_pose + size * np.sin(2 * np.pi * (cycles + phase)), dtype=float)
 
 
 def motors_of(model: mjw.Model, data: mjw.Data, target: wp.array) -> tuple[Work, Work]:
     """Restart of the motors, and all their launches for a physics step."""
-    shape, size = target.shape, target.size
+    shape = target.shape
+    size = target.size
     bank = sampled(mp.from_pretrained(ROBOT.name), SAMPLES, 0, ROBOT.joint_names, None)
     motors = WarpMotors(bank, size, ROBOT.physics_dt, str(wp.get_device()))
     drawn = np.random.default_rng(0).integers(0, SAMPLES, shape) * shape[1] + np.arange(shape[1])
     motors.chosen.assign(drawn.ravel())
-    pos, vel = wp.zeros(shape, dtype=float), wp.zeros(shape, dtype=float)
+    pos = wp.zeros(shape, dtype=float)
+    vel = wp.zeros(shape, dtype=float)
     model.dof_damping = wp.zeros((shape[0], model.nv), dtype=float)
 
     def drive() -> None:
@@ -95,15 +113,20 @@ def graph(work: Work) -> Work:
         return work
     with wp.ScopedCapture() as capture:
         work()
-    return lambda _owner=work: wp.capture_launch(capture.graph)  # a graph does not keep the arrays of its work
+    # a graph does not keep the arrays of its work
+    return lambda _owner=work: wp.capture_launch(capture.graph)
 
 
 def rounds_of(path: str, targets: wp.array, figures: dict[str, float]) -> Callable[[], float]:
     """Rounds from the start, which return the time of a control step [s]; writes other figures of the path."""
-    count, compiled = targets.shape[1], model_of(path)
-    model, data = mjw.put_model(compiled), mjw.make_data(compiled, nworld=count, nconmax=8, njmax=64)
+    count = targets.shape[1]
+    compiled = model_of(path)
+    model = mjw.put_model(compiled)
+    data = mjw.make_data(compiled, nworld=count, nconmax=8, njmax=64)
     start = np.tile([*compiled.qpos0[:7], *ROBOT.nominal], (count, 1)).astype(np.float32)
-    target, restart, drive = data.ctrl, lambda: None, lambda: None
+    target = data.ctrl
+    restart = lambda: None
+    drive = lambda: None
     if path == "learned":
         target = wp.zeros(targets.shape[1:], dtype=float)
         restart, drive = motors_of(model, data, target)
@@ -123,7 +146,9 @@ def rounds_of(path: str, targets: wp.array, figures: dict[str, float]) -> Callab
     return run
 
 
-def measure(out: Path = Path("runs/gpu_speed"), worlds: tuple[int, ...] = (1024, 4096, 16384)) -> None:
+def measure(
+    out: Path = Path("runs/gpu_speed"), worlds: tuple[int, ...] = (1024, 4096, 16384)
+) -> None:
     """Measure, print and write; see the module docstring."""
     figures: dict[str, float] = {}
     for count in worlds:

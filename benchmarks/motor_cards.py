@@ -2,10 +2,11 @@
 
     python benchmarks/motor_cards.py --data DIR --out src/motorprior/exports/library
 
-DIR has the folders of `real_logs.py`. The prior of go2, so101 and xl330 is fitted to all logs but those held out
-(HELD_OUT and HELD_OUT_GAIN), which give its error, zero-shot, and the fraction of angles in its 90 % bands after
-adapting to their first 10 s. That of pupper_v2 is fitted to a bench of the shipped fleet, which is calibrated on public
-logs of a standing robot. Licences are those of the logs.
+DIR has the folders of `real_logs.py`. The prior of go2, so101 and xl330 is fitted to all logs but
+those held out (HELD_OUT and HELD_OUT_GAIN), which give its error, zero-shot, and the fraction of
+angles in its 90 % bands after adapting to their first 10 s. That of pupper_v2 is fitted to a bench
+of the shipped fleet, which is calibrated on public logs of a standing robot. Licences are those of
+the logs.
 """
 
 import json
@@ -44,7 +45,8 @@ class Arguments:
     out: Path  # folder of the cards
     work: Path = Path("runs/motor_cards")  # imported logs and interrupted fits
     cards: tuple[str, ...] = ("go2", "so101", "xl330", "pupper_v2")
-    preset: str = "quick"  # of the arms' and the servo's; the quadruped's is rigid, so that it can walk
+    # of the arms' and the servo's; the quadruped's is rigid, so that it can walk
+    preset: str = "quick"
 
 
 def card_of_logs(name: str, arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | float]]:
@@ -52,17 +54,21 @@ def card_of_logs(name: str, arguments: Arguments) -> tuple[mp.MotorPrior, dict[s
     licence, source = SOURCES[name]
     paths = imported(Settings(arguments.data, arguments.work), name)
     test = [path for path in paths if _is_held_out(name, path)]
-    train = spread_windows([read_parquet(path) for path in paths if path not in test], 24.0 * FACTOR.get(name, 1.0))
+    train = spread_windows(
+        [read_parquet(path) for path in paths if path not in test], 24.0 * FACTOR.get(name, 1.0)
+    )
     preset = "rigid" if name == "go2" else arguments.preset
     prior = mp.fit_prior(train, preset, out=arguments.work / name / "prior", progress=PROGRESS)
     found = [tested(prior, read_parquet(path)) for path in test]
     return prior, {
-        "licence": licence, "source": source, "held_out_logs": ", ".join(path.stem for path in test),
+        "licence": licence,
+        "source": source,
+        "held_out_logs": ", ".join(path.stem for path in test),
         "held_out_rmse_rad": float(np.mean([each["whole"]["prior"] for each in found])),
         "held_out_coverage_90": float(np.mean([each["coverage"]["90"] for each in found])),
         "recorded": "position_target, joint_pos [rad], joint_vel [rad/s]; loads by inverse dynamics",
         "limits": LIMITS[name],
-    }  # fmt: skip
+    }
 
 
 def _is_held_out(name: str, path: Path) -> bool:
@@ -76,7 +82,9 @@ def _is_held_out(name: str, path: Path) -> bool:
 def card_of_fleet(arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | float]]:
     """Prior and front matter of the shipped robot, from its fleet."""
     log = mp.record_bench("pupper_v2", motors=32, steps=10_000)
-    prior = mp.fit_prior(log, "rollout", out=arguments.work / "pupper_v2" / "prior", progress=PROGRESS)
+    prior = mp.fit_prior(
+        log, "rollout", out=arguments.work / "pupper_v2" / "prior", progress=PROGRESS
+    )
     source = "virtual bench of the fleet pupper_v2, calibrated on logs of jietan/puppersim @8dd1b19"
     return prior, {"licence": "Apache-2.0", "source": source, "limits": LIMITS["pupper_v2"]}
 
@@ -84,7 +92,12 @@ def card_of_fleet(arguments: Arguments) -> tuple[mp.MotorPrior, dict[str, str | 
 def _without_paths(prior: mp.MotorPrior, arguments: Arguments) -> mp.MotorPrior:
     """The prior with names of logs instead of paths of this machine in its provenance."""
     text = json.dumps(prior.provenance)
-    for path in (arguments.data, arguments.data.resolve(), arguments.work, arguments.work.resolve()):
+    for path in (
+        arguments.data,
+        arguments.data.resolve(),
+        arguments.work,
+        arguments.work.resolve(),
+    ):
         text = text.replace(f"{path}/", "")
     return replace(prior, provenance=json.loads(text))
 
@@ -93,7 +106,9 @@ def main() -> None:
     """Make the cards."""
     arguments = tyro.cli(Arguments, description=__doc__)
     for name in arguments.cards:
-        prior, about = card_of_fleet(arguments) if name == "pupper_v2" else card_of_logs(name, arguments)
+        prior, about = (
+            card_of_fleet(arguments) if name == "pupper_v2" else card_of_logs(name, arguments)
+        )
         for path in write_card(_without_paths(prior, arguments), arguments.out / name, about):
             print(f"{path}: {path.stat().st_size} bytes")
 

@@ -2,9 +2,9 @@
 
     python benchmarks/noise.py --hours 2 --json noise.json
 
-The host code controls virtual robots (`simulated_port.py`) while frames are lost and damaged in both directions. Walks
-of ten minutes test walking; walks of two seconds test arming, when gains are sent. For each SHARE of lost and damaged
-frames:
+The host code controls virtual robots (`simulated_port.py`) while frames are lost and damaged in
+both directions. Walks of ten minutes test walking; walks of two seconds test arming, when gains are
+sent. For each SHARE of lost and damaged frames:
     SHARE/walked_h                hours of walking
     SHARE/faults_per_hour         long walks ended by a fault, per hour; SHARE/refused: that did not start
     SHARE/fault/KIND              faults of a kind, in all walks
@@ -40,7 +40,8 @@ from simulated_port import SimulatedPort, on_its_clock
 
 SPEED = 0.3  # commanded [m/s]
 SHARES = (0.01, 0.03, 0.1)
-LONG, SHORT = 600.0, 2.0
+LONG = 600.0
+SHORT = 2.0
 ROBOTS = 8
 
 
@@ -56,16 +57,21 @@ class NoisyWalk:
 
 def trot_policy(folder: Path) -> Path:
     """File of a policy of zero weights, the robot's own trot."""
-    robot, path = mp.load_robot(DEFAULT_ROBOT), folder / "trot.safetensors"
-    wire, ones = robot.require_wire(), np.ones(robot.num_joints)
-    kp, kd = wire.kp * wire.torque_constant * ones, wire.kd * wire.torque_constant * ones
+    robot = mp.load_robot(DEFAULT_ROBOT)
+    path = folder / "trot.safetensors"
+    wire = robot.require_wire()
+    ones = np.ones(robot.num_joints)
+    kp = wire.kp * wire.torque_constant * ones
+    kd = wire.kd * wire.torque_constant * ones
     mp.Policy.of(robot, PolicyShape(robot.num_joints).untrained(), kp, kd).save(path)
     return path
 
 
 def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> NoisyWalk:
     """One walk of so many seconds, or until a fault."""
-    loaded, timing, fault = mp.Policy.load(policy), Timing(), None
+    loaded = mp.Policy.load(policy)
+    timing = Timing()
+    fault = None
     robot = mp.load_robot(loaded.robot)
     gains = gains_for(robot, loaded)
     port = SimulatedPort(robot, noise_seed % ROBOTS, noise_seed, drop=share, corrupt=share)
@@ -99,11 +105,15 @@ def figures(long: list[NoisyWalk], short: list[NoisyWalk]) -> dict[str, float]:
 def measure(json: Path, hours: float = 2.0, armings: int = 300) -> None:
     """Measure ``hours`` of walking and ``armings`` short walks per noise level."""
     found: dict[str, float] = {}
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool,
+    ):
         policy = trot_policy(Path(folder))
         for share in SHARES:
             count = max(1, round(3600.0 * hours / LONG))
-            seconds, seeds = 3600.0 * hours / count, range(count, count + armings)
+            seconds = 3600.0 * hours / count
+            seeds = range(count, count + armings)
             long = list(pool.map(partial(noisy_walk, policy, share, seconds), range(count)))
             short = list(pool.map(partial(noisy_walk, policy, share, SHORT), seeds))
             found |= {f"{share:g}/{name}": value for name, value in figures(long, short).items()}

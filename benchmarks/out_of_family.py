@@ -2,11 +2,12 @@
 
     python benchmarks/out_of_family.py --out runs/out_of_family
 
-For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out excitation for the
-motors of the bench (train) and for new motors of the fleet after adaptation to 10 s of log (new), as in `fidelity.py`.
-References are ``floor``, the true motors with an initial error of 4 mrad; ``floor_warmth``, the true motors after 10 s
-of operation, regardless of their actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over
-motors [rad] as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and
+For each out-of-family fleet: a bench, three models of its motors, and their errors on held-out
+excitation for the motors of the bench (train) and for new motors of the fleet after adaptation to
+10 s of log (new), as in `fidelity.py`. References are ``floor``, the true motors with an initial
+error of 4 mrad; ``floor_warmth``, the true motors after 10 s of operation, regardless of their
+actual warmth; ``tuned_pd``, one PD for all motors. figures.json contains medians over motors [rad]
+as FAMILY/EXCITATION/MODEL/SET, and for samples of the rollout prior FAMILY/coverage90 and
 FAMILY/two_sample_auc. Finished stages are reused.
 """
 
@@ -25,7 +26,11 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = ("rollout", "per_motor", "latent_network")
-EXCITATIONS = {"gait": "bench_gait_rmse", "impacts": "bench_impact_rmse", "chirp": "bench_chirp_rmse"}
+EXCITATIONS = {
+    "gait": "bench_gait_rmse",
+    "impacts": "bench_impact_rmse",
+    "chirp": "bench_chirp_rmse",
+}
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,14 @@ class Settings:
 
 def measured_family(settings: Settings, family: str) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
-    folder, seed = settings.out / family, settings.seed
-    own = fidelity.Settings(folder, family, settings.motors, settings.steps, settings.adam_steps, seed)
+    folder = settings.out / family
+    seed = settings.seed
+    own = fidelity.Settings(
+        folder, family, settings.motors, settings.steps, settings.adam_steps, seed
+    )
     priors = [fidelity.identify(own, preset) for preset in PRESETS]
-    lengths, out = (ADAPTED_SECONDS,), folder / "validate"
+    lengths = (ADAPTED_SECONDS,)
+    out = folder / "validate"
     results = validate_on_bench(priors, out, seed=seed, adapt_seconds=lengths, progress=PROGRESS)
     bench = read_bench(folder / "bench" / "rollout")[1]
     figures: dict[str, float] = {}
@@ -58,15 +67,23 @@ def measured_family(settings: Settings, family: str) -> dict[str, float]:
             for model in (*PRESETS, "tuned_pd", "physical"):
                 key = f"{family}/{kind}/{'floor' if model == 'physical' else model}/{each}"
                 figures[key] = here.value(quantity=quantity, model=model)
-            figures[f"{family}/{kind}/floor_warmth/{each}"] = float(np.median(warmth[kind]["floor_warmth"]))
+            figures[f"{family}/{kind}/floor_warmth/{each}"] = float(
+                np.median(warmth[kind]["floor_warmth"])
+            )
     figures[f"{family}/coverage90"] = results.value(quantity="coverage90", part=None)
-    figures[f"{family}/two_sample_auc"] = results.value(quantity="two_sample_auc", statistic="median")
+    figures[f"{family}/two_sample_auc"] = results.value(
+        quantity="two_sample_auc", statistic="median"
+    )
     return figures
 
 
 def measure(settings: Settings) -> dict[str, float]:
     """The figures of all families."""
-    return {key: value for family in settings.families for key, value in measured_family(settings, family).items()}
+    return {
+        key: value
+        for family in settings.families
+        for key, value in measured_family(settings, family).items()
+    }
 
 
 if __name__ == "__main__":

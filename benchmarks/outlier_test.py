@@ -2,8 +2,9 @@
 
     python benchmarks/outlier_test.py runs/prior_mixed/prior.safetensors
 
-MOTORS motors of the fleet, unchanged and with one constant changed, each adapted to SECONDS of log: the fraction with a
-p-value below FALSE_ALARMS, and the median closed-loop error of the posterior means on held-out gait + impacts.
+MOTORS motors of the fleet, unchanged and with one constant changed, each adapted to SECONDS of log:
+the fraction with a p-value below FALSE_ALARMS, and the median closed-loop error of the posterior
+means on held-out gait + impacts.
 """
 
 from pathlib import Path
@@ -31,17 +32,22 @@ CHANGES: dict[str, dict[str, float]] = {
     "torque_limit / 2": {"torque_limit": 0.5},
 }
 SECONDS = 10.0
-MOTORS, STREAM = 16, 57
+MOTORS = 16
+STREAM = 57
 
 
 def measure(prior: tyro.conf.Positional[Path]) -> None:
     """Print the table for a prior of preset rollout that was identified from a bench."""
-    loaded, preset, rows = load_prior(prior, load_robot(DEFAULT_ROBOT)), bench_preset("adapt"), []
+    loaded = load_prior(prior, load_robot(DEFAULT_ROBOT))
+    preset = bench_preset("adapt")
+    rows = []
     bench = bench_from_json(loaded.provenance.get("bench"), str(prior))
     own = bench.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM]))
     for name, change in CHANGES.items():
         motors = own.scaled(change)
-        log = record(motors, preset, round(SECONDS / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet)
+        log = record(
+            motors, preset, round(SECONDS / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet
+        )
         found = adapt_to(loaded, log)
         detected = np.mean(outlier_test(loaded, log, found)[0] < FALSE_ALARMS)
         model = {"model": lambda index, z=found.mean: loaded.model.motors(z[index])}

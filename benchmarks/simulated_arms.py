@@ -2,11 +2,13 @@
 
     python benchmarks/simulated_arms.py --out runs/arms
 
-Every arm has JOINTS joints, whose motors are a PD with delayed commands, an armature, Coulomb and viscous friction in
-MuJoCo: there is no gear, no filter and no optional term to find. Commands are held at the arm's rate (RATES), angles
-are rounded to ENCODER counts per turn, gains are logged. figures.json has
+Every arm has JOINTS joints, whose motors are a PD with delayed commands, an armature, Coulomb and
+viscous friction in MuJoCo: there is no gear, no filter and no optional term to find. Commands are
+held at the arm's rate (RATES), angles are rounded to ENCODER counts per turn, gains are logged.
+figures.json has
 
-    arms/coverage90  share of true delay, armature, Coulomb and viscous friction inside the 90 % intervals of
+    arms/coverage90  share of true delay, armature, Coulomb and viscous friction inside the 90 %
+    intervals of
                      `MotorPrior.intervals` [-]
     arms/delay_bias  mean of fitted minus true delay [s]
     arms/spurious    number of arms with an optional term
@@ -35,9 +37,11 @@ RANGES = {
     "kp": (8.0, 30.0), "kd_over_kp": (0.03, 0.08), "delay": (0.005, 0.02), "armature": (0.005, 0.02),
     "coulomb": (0.05, 0.2), "viscous_damping": (0.05, 0.3),
 }  # fmt: skip
-MJCF = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}  # attributes of joints
+# attributes of joints
+MJCF = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}
 FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
-FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'  # MuJoCo's default creeps when it sticks
+# MuJoCo's default creeps when it sticks
+FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'
 ROBOT = 'name = "arm"\nmotor = "simulated"\nmodel = "arm.xml"\nbase = "fixed"\nnominal_pose = 0.0\nkp = 10.0\n'
 ROBOT += "kd = 0.5\ntorque_limit = 100.0\n"
 
@@ -56,9 +60,14 @@ class Settings:
 def write_arm(folder: Path, constants: dict[str, np.ndarray]) -> Path:
     """Model of the arm, with the armature and friction of its motors if ``constants`` has them, and its description."""
     folder.mkdir(parents=True, exist_ok=True)
-    body, end = "", ""
+    body = ""
+    end = ""
     for joint in range(JOINTS):
-        motor = " ".join(f'{mjcf}="{constants[name][joint]:.12g}"' for name, mjcf in MJCF.items() if name in constants)
+        motor = " ".join(
+            f'{mjcf}="{constants[name][joint]:.12g}"'
+            for name, mjcf in MJCF.items()
+            if name in constants
+        )
         axis, place = ("0 0 1", "0 0 0") if joint == 0 else ("0 1 0", "0.2 0 0")
         body += f'<body pos="{place}"><joint name="j{joint}" axis="{axis}" range="-3 3" {FRICTION} {motor}/>'
         body += '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>'
@@ -74,19 +83,32 @@ def commands(rng: np.random.Generator, seconds: float, rate: float) -> np.ndarra
     time = np.arange(round(seconds * rate)) / rate
     frequency = np.exp(rng.uniform(np.log(0.2), np.log(4.0), (4, JOINTS)))
     phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, 4, JOINTS))
-    waves = np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase) * (0.3 + size / (2.0 * np.pi)) * 0.15
+    waves = (
+        np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase)
+        * (0.3 + size / (2.0 * np.pi))
+        * 0.15
+    )
     steps = rng.uniform(-0.4, 0.4, (int(seconds) + 1, JOINTS))[time.astype(int)]
     return waves.sum(axis=1) + steps * (time.astype(int) % 3 == 0)[:, None]
 
 
-def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int) -> mp.MotorLog:
+def recorded(
+    folder: Path, constants: dict[str, np.ndarray], seconds: float, rate: float, seed: int
+) -> mp.MotorLog:
     """The log of an arm, on the grid of the fit and with loads."""
-    truth = mujoco.MjModel.from_xml_path(str(write_arm(folder / "true", constants).with_suffix(".xml")))
-    truth.opt.timestep, truth.opt.integrator = PHYSICS_DT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    data, target = mujoco.MjData(truth), commands(np.random.default_rng(seed), seconds, rate)
-    kp, kd = constants["kp"], constants["kp"] * constants["kd_over_kp"]
-    angles, joints = np.empty_like(target), np.arange(JOINTS)
-    data.qpos[:], step = target[0], 0
+    truth = mujoco.MjModel.from_xml_path(
+        str(write_arm(folder / "true", constants).with_suffix(".xml"))
+    )
+    truth.opt.timestep = PHYSICS_DT
+    truth.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    data = mujoco.MjData(truth)
+    target = commands(np.random.default_rng(seed), seconds, rate)
+    kp = constants["kp"]
+    kd = constants["kp"] * constants["kd_over_kp"]
+    angles = np.empty_like(target)
+    joints = np.arange(JOINTS)
+    data.qpos[:] = target[0]
+    step = 0
     for row in range(len(target)):
         angles[row] = data.qpos
         while step * PHYSICS_DT < (row + 1) / rate - 1e-9:
@@ -95,26 +117,42 @@ def recorded(folder: Path, constants: dict[str, np.ndarray], seconds: float, rat
             data.qfrc_applied[:] = kp * (delayed - data.qpos) - kd * data.qvel
             mujoco.mj_step(truth, data)
             step += 1
-    quantum, ones = 2.0 * np.pi / ENCODER, np.ones_like(target)
+    quantum = 2.0 * np.pi / ENCODER
+    ones = np.ones_like(target)
     robot = mp.load_robot(str(write_arm(folder / "known", {})))
     log = mp.MotorLog(
-        time=np.arange(len(target)) / rate, position_target=target, joint_pos=quantum * np.round(angles / quantum),
-        joint_names=robot.joint_names, robot=robot.name, motor=robot.motor, source=f"arm {seed}", logged_kp=kp * ones,
+        time=np.arange(len(target)) / rate,
+        position_target=target,
+        joint_pos=quantum * np.round(angles / quantum),
+        joint_names=robot.joint_names,
+        robot=robot.name,
+        motor=robot.motor,
+        source=f"arm {seed}",
+        logged_kp=kp * ones,
         logged_kd=kd * ones,
-    )  # fmt: skip
+    )
     return with_loads(smooth_on_grid(log, PERIOD), robot)
 
 
 def figures(settings: Settings) -> dict[str, float]:
     """The figures of all arms, by their keys."""
     inside: dict[str, list[np.ndarray]] = {name: [] for name in FITTED}
-    bias, spurious = [], 0.0
+    bias = []
+    spurious = 0.0
     for arm in range(settings.arms):
-        rng, folder = np.random.default_rng([settings.seed, arm]), settings.out / f"arm_{arm}"
-        drawn = ((name, rng.uniform(np.log(low), np.log(high), JOINTS)) for name, (low, high) in RANGES.items())
+        rng = np.random.default_rng([settings.seed, arm])
+        folder = settings.out / f"arm_{arm}"
+        drawn = (
+            (name, rng.uniform(np.log(low), np.log(high), JOINTS))
+            for name, (low, high) in RANGES.items()
+        )
         constants = {name: np.exp(logarithms) for name, logarithms in drawn}
-        log = recorded(folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm)
-        prior = mp.fit_prior(log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS)
+        log = recorded(
+            folder, constants, settings.seconds, RATES[arm % len(RATES)], settings.seed + arm
+        )
+        prior = mp.fit_prior(
+            log, settings.preset, settings.seed, out=folder / "prior", progress=PROGRESS
+        )
         for name, (low, high) in prior.intervals().items():
             if name in FITTED:
                 inside[name].append((low <= constants[name]) & (constants[name] <= high))

@@ -1,7 +1,7 @@
 """A virtual robot at a serial port with a simulated clock, which advances when the host waits: fast and reproducible.
 
-Host code, firmware and twin are the real ones. The operating system (port, priorities, watchdog process) and its delays
-are not simulated. Frames can be lost and damaged.
+Host code, firmware and twin are the real ones. The operating system (port, priorities, watchdog
+process) and its delays are not simulated. Frames can be lost and damaged.
 """
 
 import math
@@ -28,7 +28,10 @@ class NoisyLine:
     """A line that loses frames and changes bytes with the probabilities ``drop`` and ``corrupt``; ``delay`` is in s."""
 
     def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
-        self._drop, self._corrupt, self._delay, self._rng = drop, corrupt, delay, rng
+        self._drop = drop
+        self._corrupt = corrupt
+        self._delay = delay
+        self._rng = rng
         self._waiting: list[tuple[float, bytes]] = []
 
     def put(self, frame: bytes, now: float) -> None:
@@ -85,17 +88,21 @@ class SimulatedPort(SerialLink):
         corrupt: float = 0.0,
         wear: Callable[[PhysicalMotors, int], PhysicalMotors] | None = None,
     ):
-        self.port, self.now = f"simulated robot {number}", 0.0
+        self.port = f"simulated robot {number}"
+        self.now = 0.0
         self._joints = robot.num_joints
         motors = draw_motors(robot, mp.load_fleet(robot.fleets[0][0]), number)
-        self.body = SimulatedRobot(robot, motors if wear is None else wear(motors, number), suspended, noise_seed)
+        self.body = SimulatedRobot(
+            robot, motors if wear is None else wear(motors, number), suspended, noise_seed
+        )
         self._period = period
         self.firmware = Firmware(robot, self.body, period)
         self._to_host, self._to_robot = (
             NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
             for way, delay in enumerate((0.0, DELAY))
         )
-        self.reader, self.unsent = FrameReader(Telemetry, self._joints), bytearray()
+        self.reader = FrameReader(Telemetry, self._joints)
+        self.unsent = bytearray()
         self.path, self._last_position = 0.0, self.body.position()
 
     def fileno(self) -> int:
@@ -104,7 +111,9 @@ class SimulatedPort(SerialLink):
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         """See `SerialLink.wait`."""
-        next_frame = 1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
+        next_frame = (
+            1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
+        )
         self.now = max(self.now, min(until, next_frame))
         self._advance()
         return [(self.now, message) for message in self.reader.feed(self._to_host.take(self.now))]
@@ -135,7 +144,9 @@ class SimulatedPort(SerialLink):
 
     def _advance_to(self, milliseconds: int) -> None:
         while (now := self.firmware.now) < milliseconds:  # a telemetry period at a time
-            frame = self.firmware.advance(min(milliseconds, now + self._period - now % self._period) - now)
+            frame = self.firmware.advance(
+                min(milliseconds, now + self._period - now % self._period) - now
+            )
             self._to_host.put(frame, self.now)
             if self.firmware.now % 1000 == 0:
                 position = self.body.position()

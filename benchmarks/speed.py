@@ -2,8 +2,8 @@
 
     python benchmarks/speed.py --prior runs/prior/prior.safetensors
 
-Zero-policy trots of the prior's robot. Every path runs in turn in one process; figures are medians of REPEATS rounds,
-per core. Only ratios within a run are comparable between machines.
+Zero-policy trots of the prior's robot. Every path runs in turn in one process; figures are medians
+of REPEATS rounds, per core. Only ratios within a run are comparable between machines.
 """
 
 import time
@@ -27,25 +27,32 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
 
-STEPS, REPEATS = 500, 7
-TimedPath = tuple[int, Callable[[], float]]  # control steps, and a call that returns their seconds on one core
+STEPS = 500
+REPEATS = 7
+# control steps, and a call that returns their seconds on one core
+TimedPath = tuple[int, Callable[[], float]]
 
 
 @njit(cache=True, nogil=True)
-def recorded(world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray) -> None:
+def recorded(
+    world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray
+) -> None:
     """Record in ``drive`` (2, physics steps, joints) the torque and damping that the engine gets for these targets."""
-    applied, row = world.applied[world.applied.shape[0] - targets.shape[1] :], 0
+    applied = world.applied[world.applied.shape[0] - targets.shape[1] :]
+    row = 0
     for step in range(targets.shape[0]):
         for _ in range(world.substeps):
             physics_step(world, motors, targets[step])
-            drive[0, row], drive[1, row] = applied, world.damping
+            drive[0, row] = applied
+            drive[1, row] = world.damping
             row += 1
 
 
 @njit(cache=True, nogil=True)
 def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
     """Run mj_step alone with recorded torque and damping."""
-    world, drive = without_refcounts(world), without_refcounts(drive)
+    world = without_refcounts(world)
+    drive = without_refcounts(drive)
     applied = world.applied[world.applied.shape[0] - drive.shape[2] :]
     for row in range(drive.shape[1]):
         applied[:] = drive[0, row]
@@ -62,14 +69,21 @@ def timed(work: Callable[[], object]) -> float:
 
 def paths_of(robot: mp.Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
     """Episodes with every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
-    zero, learned, paths = PolicyShape(robot.num_joints).untrained(), actuators["rollout"], {}
+    zero = PolicyShape(robot.num_joints).untrained()
+    learned = actuators["rollout"]
+    paths = {}
     walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_gait().forward[1]))
     for name, motors in actuators.items():
         physics_dt = robot.physics_step(motors.kind.max_step)
         simulator = WalkSimulator(Scene(robot, lambda rng, motors=motors: motors, walk, physics_dt))
-        paths[name] = (simulator.run(zero, 0).steps, lambda own=simulator: timed(lambda: own.run(zero, 0)))
-    steps, world = paths["rollout"][0], World(robot)
-    drive, body = np.zeros((2, steps * world.substeps, robot.num_joints)), body_of(robot)
+        paths[name] = (
+            simulator.run(zero, 0).steps,
+            lambda own=simulator: timed(lambda: own.run(zero, 0)),
+        )
+    steps = paths["rollout"][0]
+    world = World(robot)
+    drive = np.zeros((2, steps * world.substeps, robot.num_joints))
+    body = body_of(robot)
     targets = open_loop_gait(body, steps, body.max_speed, body.frequency, 0.0, 1.0)
     recorded(world.arrays, world.reset(learned), targets, drive)
 
@@ -83,7 +97,8 @@ def paths_of(robot: mp.Robot, actuators: dict[str, Actuator]) -> dict[str, Timed
 def measure(prior: Path) -> None:
     """Measure and print."""
     robot = mp.load_robot(DEFAULT_ROBOT)
-    fleet, learned = load_robot_fleet(robot), load_prior(prior, robot)
+    fleet = load_robot_fleet(robot)
+    learned = load_prior(prior, robot)
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),
         "rollout": learned.sample(robot.num_joints, np.random.default_rng(0)),
@@ -96,7 +111,10 @@ def measure(prior: Path) -> None:
             run()  # warm the caches
             seconds.setdefault(name, []).append(run() / steps)
     each = {name: np.array(values) for name, values in seconds.items()}
-    figures = {f"control_steps_per_s/{name}": float(np.median(1.0 / values)) for name, values in each.items()}
+    figures = {
+        f"control_steps_per_s/{name}": float(np.median(1.0 / values))
+        for name, values in each.items()
+    }
     figures["mj_step_share"] = float(np.median(each["mj_step"] / each["rollout"]))
     figures["learned_over_pd"] = float(np.median(each["rollout"] / each["ideal_pd"]))
     report(figures, None)

@@ -4,9 +4,10 @@
 
 figures.json contains
     PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s, at all three speeds and at one.
-                                           PLACE is sampled (samples of the prior, as in training), twin (physical
-                                           motors, noisy sensors) or hard (a twin with other friction, masses, slope,
-                                           delayed sensors and pushes)
+                                           PLACE is sampled (samples of the prior, as in training),
+                                           twin (physical motors, noisy sensors) or hard (a twin
+                                           with other friction, masses, slope, delayed sensors and
+                                           pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
     PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward and stand (COMMANDS)
 
@@ -55,7 +56,8 @@ class Settings:
     out: Path  # run folder
     robot: str = DEFAULT_ROBOT  # robot
     fleet: str | None = None  # population of motors; the robot's own if not given
-    speeds: tuple[float, ...] = (0.3, 0.55, 0.8)  # commanded speeds, as shares of the robot's fastest
+    # commanded speeds, as shares of the robot's fastest
+    speeds: tuple[float, ...] = (0.3, 0.55, 0.8)
     seeds: int = 5  # policies
     iterations: int = 150  # of training
     draws: int = 24  # walks per environment and speed
@@ -73,59 +75,81 @@ class Environments:
     prior: mp.MotorPrior
     steps: int  # of a walk
 
-    def episodes(self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0) -> list[Episode]:
+    def episodes(
+        self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0
+    ) -> list[Episode]:
         """One episode per sample, with the same command [m/s, rad/s]."""
         walk = WalkConfig(self.steps, commands=Commands.steady(forward, yaw_rate))
         if place == "sampled":
             motors = simulated_motors(self.prior, self.robot)
             scene = Scene(self.robot, motors.draw, walk, motors.physics_dt)
         else:
-            scene = twin_scene(self.robot, self.fleet, replace(walk, randomization=NOISY if place == "twin" else HARD))
+            scene = twin_scene(
+                self.robot,
+                self.fleet,
+                replace(walk, randomization=NOISY if place == "twin" else HARD),
+            )
         executor = partial(ThreadExecutor, workers=self.settings.workers)
         return run_walks(scene, policy, range(self.settings.draws), executor=executor)
 
     def straight(self, place: str, policy: PolicyArrays) -> Rows:
         """All quantities of `gait_quality` by commanded speed [m/s].
 
-        A fall within two seconds counts as zero distance and full error, and is excluded from the other means.
+        A fall within two seconds counts as zero distance and full error, and is excluded from the
+        other means.
         """
         for share in self.settings.speeds:
             forward = share * self.robot.require_gait().forward[1]
             episodes = self.episodes(place, policy, forward)
             walks = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
             for quantity in dict.fromkeys(name for walk in walks for name in walk):
-                values = [walk[quantity] for walk in walks if math.isfinite(walk.get(quantity, math.nan))]
+                values = [
+                    walk[quantity] for walk in walks if math.isfinite(walk.get(quantity, math.nan))
+                ]
                 if values:
                     yield quantity, f"{forward:.3g}", float(np.mean(values))
 
     def commanded(self, place: str, policy: PolicyArrays) -> Rows:
         """Fraction of walks without a fall at each of COMMANDS, and means over these walks.
 
-        speed_off is the mean |filtered speed - command| [m/s], see `Episode.speed_error`; speed [m/s] is the distance
-        along the heading over time, and yaw_rate [rad/s] the turn over time, after the first second.
+        speed_off is the mean |filtered speed - command| [m/s], see `Episode.speed_error`; speed
+        [m/s] is the distance along the heading over time, and yaw_rate [rad/s] the turn over time,
+        after the first second.
         """
-        gait, dt = self.robot.require_gait(), self.robot.control_dt
+        gait = self.robot.require_gait()
+        dt = self.robot.control_dt
         for share, turn in COMMANDS:
-            forward, yaw_rate = share * (gait.forward[1] if share > 0.0 else -gait.forward[0]), turn * gait.yaw_rate
+            forward = share * (gait.forward[1] if share > 0.0 else -gait.forward[0])
+            yaw_rate = turn * gait.yaw_rate
             name = f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"
             episodes = self.episodes(place, policy, forward, yaw_rate)
             whole = [each for each in episodes if completed(each, self.steps)]
             yield f"{TURNS}upright", name, len(whole) / len(episodes)
             if whole:
-                walks = [gait_quality(self.robot, each, forward, yaw_rate, self.steps) for each in whole]
+                walks = [
+                    gait_quality(self.robot, each, forward, yaw_rate, self.steps) for each in whole
+                ]
                 yaws = [headings(each.trace[round(WARM_UP / dt) :]) for each in whole]
                 rates = [(yaw[-1] - yaw[0]) / (dt * (len(yaw) - 1)) for yaw in yaws]
-                yield f"{TURNS}speed_off", name, float(np.mean([each.speed_error for each in whole]))
+                yield (
+                    f"{TURNS}speed_off",
+                    name,
+                    float(np.mean([each.speed_error for each in whole])),
+                )
                 yield f"{TURNS}speed", name, float(np.mean([walk["speed"] for walk in walks]))
                 yield f"{TURNS}yaw_rate", name, float(np.mean(rates))
 
 
 def measure(settings: Settings) -> dict[str, float]:
     """All figures; those straight ahead also over speeds, for all seeds and for each."""
-    robot, folder = mp.load_robot(settings.robot), settings.out / "prior"
-    log = mp.record_bench(settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS)
+    robot = mp.load_robot(settings.robot)
+    folder = settings.out / "prior"
+    log = mp.record_bench(
+        settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS
+    )
     prior = mp.fit_prior(log, out=folder, progress=PROGRESS)
-    fleet, steps = load_robot_fleet(robot, settings.fleet), round(settings.seconds / robot.control_dt)
+    fleet = load_robot_fleet(robot, settings.fleet)
+    steps = round(settings.seconds / robot.control_dt)
     environments = Environments(settings, robot, fleet, prior, steps)
     found: defaultdict[str, list[float]] = defaultdict(list)
 
@@ -137,12 +161,22 @@ def measure(settings: Settings) -> dict[str, float]:
                 found[key].append(value)
 
     for place in PLACES:
-        add(f"untrained_{place}", environments.straight(place, PolicyShape(robot.num_joints).untrained()), 0)
+        add(
+            f"untrained_{place}",
+            environments.straight(place, PolicyShape(robot.num_joints).untrained()),
+            0,
+        )
     for seed in range(settings.seeds):
         policy = mp.train_policy(
-            settings.robot, f"prior:{folder / PRIOR}", out=settings.out / f"seed_{seed}", seed=seed,
-            iterations=settings.iterations, workers=settings.workers, name=f"seed {seed}", progress=PROGRESS,
-        ).arrays  # fmt: skip
+            settings.robot,
+            f"prior:{folder / PRIOR}",
+            out=settings.out / f"seed_{seed}",
+            seed=seed,
+            iterations=settings.iterations,
+            workers=settings.workers,
+            name=f"seed {seed}",
+            progress=PROGRESS,
+        ).arrays
         for place in PLACES:
             rows = environments.straight(place, policy), environments.commanded(place, policy)
             add(place, chain(*rows), seed)

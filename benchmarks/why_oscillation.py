@@ -2,10 +2,10 @@
 
     python benchmarks/why_oscillation.py --out runs/why
 
-Torque causes acceleration, so the last change of velocity reveals the torque. A one-step regression learns this
-relation, which is correct in open loop. A simulator closes the loop. Here the network is linearised about recorded
-states and connected to a joint. The largest eigenvalue of joint + history is the growth of disturbances per step; above
-1 the legs oscillate up to the torque limit.
+Torque causes acceleration, so the last change of velocity reveals the torque. A one-step regression
+learns this relation, which is correct in open loop. A simulator closes the loop. Here the network
+is linearised about recorded states and connected to a joint. The largest eigenvalue of joint +
+history is the growth of disturbances per step; above 1 the legs oscillate up to the torque limit.
 """
 
 import os
@@ -39,11 +39,16 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
 from motorprior.studies.robot_fidelity import CUTOFF, robot_fidelity
 
-STEPS, MOTORS = 10_000, 32
+STEPS = 10_000
+MOTORS = 32
 LOADS = np.geomspace(3e-4, 3e-2, 13)  # load inertias of the sweep [kg·m²]
-LEG = (2e-4, 1.7e-3)  # apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
-FAST, SLOW = 0.002, 0.01  # [s]
-WIDE, SINUSOIDS = bench_preset("rollout"), bench_preset("paper")
+# apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
+LEG = (2e-4, 1.7e-3)
+# [s]
+FAST = 0.002
+SLOW = 0.01
+WIDE = bench_preset("rollout")
+SINUSOIDS = bench_preset("paper")
 
 
 @dataclass(frozen=True)
@@ -54,11 +59,13 @@ class Variant:
     preset: str  # recipe of identification
     color: str
     changes: dict[str, Any] = field(default_factory=dict)  # to the recipe
-    armature: bool = False  # the engine has the rotor inertia; the learned torque acts on joint and rotor
+    # the engine has the rotor inertia; the learned torque acts on joint and rotor
+    armature: bool = False
     damping: bool = False  # the engine integrates the velocity gain kd implicitly
 
 
-# The paper's recipe and two changes to it; torque regression, which has both, and changes to it; closed-loop training
+# The paper's recipe and two changes to it; torque regression, which has both, and changes to it;
+# closed-loop training
 VARIANTS = {
     "the paper's recipe": Variant(SINUSOIDS, "paper", model_color("paper")),
     "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", model_color("paper"), {"period": FAST}),
@@ -114,31 +121,39 @@ class Learned:
         """The training motors at ``index``."""
         if not isinstance(self.model, LatentNetwork):
             return self.model.motors(self.mean[index])
-        return EngineAssisted(self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index])
+        return EngineAssisted(
+            self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index]
+        )
 
 
 def residual_log(log: mp.MotorLog, armature: np.ndarray, damping: np.ndarray) -> mp.MotorLog:
     """The log with the torque to learn if the engine has armature and damping (n,).
 
-    torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the last sample of a
-    segment repeats the previous one.
+    torque + armature·(dq' - dq)/period + damping·dq', with dq' the velocity at the next sample; the
+    last sample of a segment repeats the previous one.
     """
     assert log.joint_torque is not None and log.joint_vel is not None
     torque = log.joint_torque.copy()
     for rows in log.segment_slices():
-        velocity, period = log.joint_vel[rows], float(np.median(np.diff(log.time[rows])))
+        velocity = log.joint_vel[rows]
+        period = float(np.median(np.diff(log.time[rows])))
         torque[rows][:-1] += armature * np.diff(velocity, axis=0) / period + damping * velocity[1:]
         torque[rows][-1] = torque[rows][-2]
     return replace(log, joint_torque=torque)
 
 
-def train(settings: Settings, variant: Variant, motors: PhysicalMotors) -> tuple[Learned, mp.MotorLog]:
+def train(
+    settings: Settings, variant: Variant, motors: PhysicalMotors
+) -> tuple[Learned, mp.MotorLog]:
     """The learned motors of a variant, and their log."""
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
     log = record(motors, variant.bench, STEPS, settings.seed, mp.load_fleet(settings.fleet))
-    armature, damping = variant.armature * motors.armature, variant.damping * motors.kd
-    found = identify(training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed)
+    armature = variant.armature * motors.armature
+    damping = variant.damping * motors.kd
+    found = identify(
+        training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed
+    )
     if preset.has_armature:
         armature = found.model.armature(found.mean)
     return Learned(found.model, found.mean, armature, damping), log
@@ -149,35 +164,47 @@ def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) 
 
     ``mean`` (M, Z) are latents, ``states`` (M, N, 2T) scaled inputs from the logs.
     """
-    step, inputs = 1e-3, 2 * len(network.taps)
+    step = 1e-3
+    inputs = 2 * len(network.taps)
     scale = np.repeat([network.error_scale, network.velocity_scale], len(network.taps))
     slopes = np.zeros(states.shape)
     for column, nudge in enumerate(step * np.eye(inputs)):
         for motor, z in enumerate(mean):
-            rows, latents = states[motor], np.repeat(z[None], states.shape[1], axis=0)
-            difference = network.torque(rows + nudge, latents) - network.torque(rows - nudge, latents)
+            rows = states[motor]
+            latents = np.repeat(z[None], states.shape[1], axis=0)
+            difference = network.torque(rows + nudge, latents) - network.torque(
+                rows - nudge, latents
+            )
             slopes[motor, :, column] = difference / (2 * step) / scale[column]
     return slopes
 
 
-def growth(network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: float) -> tuple[float, float]:
+def growth(
+    network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: float
+) -> tuple[float, float]:
     """Median over motors and states of the largest |eigenvalue| per 2 ms, and its median frequency [Hz].
 
     State: errors and velocities of the last taps[-1] + 1 steps. With inertia J = load + armature,
     dq' = (dq + period·torque/J) / (1 + period·damping/J),  error' = error - period·dq'.
     """
     inertia = load + learned.armature
-    length, period, taps = network.taps[-1] + 1, network.period, np.array(network.taps)
+    length = network.taps[-1] + 1
+    period = network.period
+    taps = np.array(network.taps)
     count = slopes.shape[0] * slopes.shape[1]
     gain = period * slopes / inertia[:, None, None]
     matrix = np.zeros((count, 2 * length, 2 * length))
     shift = np.eye(length, k=-1)
-    matrix[:, :length, :length], matrix[:, length:, length:] = shift, shift
-    flat, half = gain.reshape(count, -1), len(taps)
+    matrix[:, :length, :length] = shift
+    matrix[:, length:, length:] = shift
+    flat = gain.reshape(count, -1)
+    half = len(taps)
     matrix[:, length, taps] += flat[:, :half]
     matrix[:, length, length + taps] += flat[:, half:]
     matrix[:, length, length] += 1.0
-    matrix[:, length, :] /= np.repeat(1.0 + period * learned.damping / inertia, slopes.shape[1])[:, None]
+    matrix[:, length, :] /= np.repeat(1.0 + period * learned.damping / inertia, slopes.shape[1])[
+        :, None
+    ]
     matrix[:, 0, :] = -period * matrix[:, length, :]
     matrix[:, 0, 0] += 1.0
     values = np.linalg.eigvals(matrix)
@@ -188,12 +215,15 @@ def growth(network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: f
 
 def recorded_inputs(network: LatentNetwork, log: mp.MotorLog, count: int = 12) -> np.ndarray:
     """(M, count, 2T) scaled histories from a log."""
-    first, rows = log.segment_slices()[0], np.array(network.taps)
+    first = log.segment_slices()[0]
+    rows = np.array(network.taps)
     picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
     error = (log.position_target - log.joint_pos) / network.error_scale
     assert log.joint_vel is not None
     velocity = log.joint_vel / network.velocity_scale
-    parts = [np.stack([channel[picked - age] for age in rows], axis=2) for channel in (error, velocity)]
+    parts = [
+        np.stack([channel[picked - age] for age in rows], axis=2) for channel in (error, velocity)
+    ]
     return np.concatenate(parts, axis=2).transpose(1, 0, 2)
 
 
@@ -215,11 +245,15 @@ def measure(settings: Settings) -> dict[str, Any]:
         learned, log = train(settings, variant, motors)
         own = learned.motors(np.arange(MOTORS))
         chatters = [chatter(own, load, settings.seed) for load in LOADS]
-        found[name], variants[name] = learned, {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
+        found[name] = learned
+        variants[name] = {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
         if isinstance(learned.model, LatentNetwork):  # a grey box has other state than its inputs
             slopes = sensitivities(learned.model, learned.mean, recorded_inputs(learned.model, log))
             loops = [growth(learned.model, learned, slopes, load) for load in LOADS]
-            variants[name] |= {"growth": [size for size, _ in loops], "frequency": [at for _, at in loops]}
+            variants[name] |= {
+                "growth": [size for size, _ in loops],
+                "frequency": [at for _, at in loops],
+            }
         print(f"trained: {name}", flush=True)
     true = mp.PhysicalActuator(motors)
     physical: dict[str, Any] = {"chatter": [chatter(true, load, settings.seed) for load in LOADS]}
@@ -244,7 +278,14 @@ def picture(results: dict[str, Any]) -> bytes:
     for axes, key in ((left, "growth"), (middle, "chatter")):
         for name, variant in VARIANTS.items():  # the paper's recipe diverges on a bare leg
             if variant.preset != "paper" and key in results["variants"][name]:
-                axes.plot(LOADS, results["variants"][name][key], "o-", color=variant.color, label=name, ms=3)
+                axes.plot(
+                    LOADS,
+                    results["variants"][name][key],
+                    "o-",
+                    color=variant.color,
+                    label=name,
+                    ms=3,
+                )
         axes.axvspan(*LEG, color="0.9", zorder=0)
         axes.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
         axes.legend(frameon=False, fontsize=7)
@@ -254,7 +295,8 @@ def picture(results: dict[str, Any]) -> bytes:
 
 def _bars(axes: Axes, results: dict[str, Any]) -> None:
     """Ratios of all variants, first on top."""
-    place, variants = np.arange(len(VARIANTS)), results["variants"]
+    place = np.arange(len(VARIANTS))
+    variants = results["variants"]
     for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "suspended", 0.5)):
         own = results["physical"][f"{where}_torque_hf"]
         values = [variants[name][f"{where}_torque_hf"] / own for name in VARIANTS]
@@ -271,11 +313,16 @@ def _bars(axes: Axes, results: dict[str, Any]) -> None:
 
 def table(results: dict[str, Any]) -> str:
     """Markdown: one row per variant."""
-    head, rows = ["variant", f"growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m²"], []
+    head = ["variant", f"growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m²"]
+    rows = []
     for where in ("standing", "suspended"):
         head += [f"{where}: RMSE [mrad]", "torque > 20 Hz"]
     for name, found in results["variants"].items():
-        cells = [f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz" if "growth" in found else ""]
+        cells = [
+            f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz"
+            if "growth" in found
+            else ""
+        ]
         for where in ("standing", "suspended"):
             ratio = found[f"{where}_torque_hf"] / results["physical"][f"{where}_torque_hf"]
             cells += [f"{1e3 * found[f'{where}_rmse']:.1f}", f"{ratio:.2f} ×"]

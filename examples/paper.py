@@ -2,9 +2,9 @@
 
     1 motors with friction, delay and backlash on a bench, commanded by sinusoids
     2 torque = f(history of error and velocity, z), a Gaussian over z per motor: MSE + weight·KL
-    3 a Pupper in MuJoCo on these motors, z ~ N(0, I) for every motor and episode; an ideal PD is the baseline
-    4 a trajectory generator that a linear policy modulates, trained by augmented random search
-    5 both policies on held-out physical motors
+    3 a Pupper in MuJoCo on these motors, z ~ N(0, I) for every motor and episode; an ideal PD is
+    the baseline 4 a trajectory generator that a linear policy modulates, trained by augmented
+    random search 5 both policies on held-out physical motors
 
 python examples/paper.py        # about two minutes
 """
@@ -22,27 +22,44 @@ import motorprior as mp
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.robots.build_model import build_model
 
-parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
 parser.add_argument("--motors", type=int, default=32, help="motors of the bench")
 parser.add_argument("--samples", type=int, default=10_000, help="samples of each, every 0.01 s")
 parser.add_argument("--steps", type=int, default=3000, help="Adam steps")
 parser.add_argument("--iterations", type=int, default=12, help="of the random search")
-parser.add_argument("--directions", type=int, default=8, help="of the random search, two episodes each")
+parser.add_argument(
+    "--directions", type=int, default=8, help="of the random search, two episodes each"
+)
 parser.add_argument("--seconds", type=float, default=3.0, help="of an episode")
 args = parser.parse_args()
-robot, fleet = mp.load_robot("pupper_v2"), mp.load_fleet("pupper_v2")
+robot = mp.load_robot("pupper_v2")
+fleet = mp.load_fleet("pupper_v2")
 
 # 1 Logs: error and velocity of the last TAPS samples are the input, the torque is the output.
-TAPS, PERIOD, LATENTS, NEURONS, KL_WEIGHT, BATCH = 5, 0.01, 4, 24, 1e-3, 1024
+TAPS = 5
+PERIOD = 0.01
+LATENTS = 4
+NEURONS = 24
+KL_WEIGHT = 1e-3
+BATCH = 1024
 log = mp.record_bench(robot, motors=args.motors, steps=args.samples, preset="paper")
-error, velocity, torque = log.position_target - log.joint_pos, log.joint_vel, log.joint_torque
-E, V, T = np.std(error), np.std(velocity), np.std(torque)
+error = log.position_target - log.joint_pos
+velocity = log.joint_vel
+torque = log.joint_torque
+E = np.std(error)
+V = np.std(velocity)
+T = np.std(torque)
 past = [slice(TAPS - 1 - age, len(error) - age) for age in range(TAPS)]
-inputs = np.stack([error[rows] / E for rows in past] + [velocity[rows] / V for rows in past], axis=-1)
+inputs = np.stack(
+    [error[rows] / E for rows in past] + [velocity[rows] / V for rows in past], axis=-1
+)
 outputs = torque[TAPS - 1 :] / T
 
 
-# 2 The latent actuator. Motor i has z = mean_i + std_i·noise, noise ~ N(0, I), so z ~ N(0, I) is another motor.
+# 2 The latent actuator. Motor i has z = mean_i + std_i·noise, noise ~ N(0, I), so z ~ N(0, I) is
+# another motor.
 def f(net, x, z):
     """Torque / T."""
     hidden = jax.nn.soft_sign(x @ net["w1"] + z @ net["v1"] + net["b1"])
@@ -51,7 +68,8 @@ def f(net, x, z):
 
 def loss(net, key, x, y, motor):
     """MSE + weight·KL of a batch."""
-    mean, log_var = net["mean"], net["log_var"]
+    mean = net["mean"]
+    log_var = net["log_var"]
     noise = jax.random.normal(key, (len(motor), LATENTS))
     predicted = f(net, x, mean[motor] + jnp.exp(0.5 * log_var[motor]) * noise)
     kl = 0.5 * jnp.sum(jnp.exp(log_var) + mean**2 - 1.0 - log_var, axis=1)
@@ -59,10 +77,21 @@ def loss(net, key, x, y, motor):
 
 
 rng = np.random.default_rng(0)
-shapes = {"w1": (2 * TAPS, NEURONS), "v1": (LATENTS, NEURONS), "w2": (NEURONS, NEURONS), "w3": (NEURONS,)}
-net = {name: jnp.array(rng.standard_normal(shape) / np.sqrt(shape[0])) for name, shape in shapes.items()}
+shapes = {
+    "w1": (2 * TAPS, NEURONS),
+    "v1": (LATENTS, NEURONS),
+    "w2": (NEURONS, NEURONS),
+    "w3": (NEURONS,),
+}
+net = {
+    name: jnp.array(rng.standard_normal(shape) / np.sqrt(shape[0]))
+    for name, shape in shapes.items()
+}
 net |= {"b1": jnp.zeros(NEURONS), "b2": jnp.zeros(NEURONS), "b3": jnp.zeros(())}
-net |= {"mean": jnp.zeros((args.motors, LATENTS)), "log_var": jnp.full((args.motors, LATENTS), -2.0)}
+net |= {
+    "mean": jnp.zeros((args.motors, LATENTS)),
+    "log_var": jnp.full((args.motors, LATENTS), -2.0),
+}
 adam = optax.adam(optax.cosine_decay_schedule(3e-3, args.steps))
 
 
@@ -73,48 +102,71 @@ def update(net, state, key, x, y, motor):
     return optax.apply_updates(net, change), state
 
 
-state, keys = adam.init(net), jax.random.split(jax.random.key(0), args.steps)
+state = adam.init(net)
+keys = jax.random.split(jax.random.key(0), args.steps)
 for key in keys:
-    row, motor = rng.integers(len(inputs), size=BATCH), rng.integers(args.motors, size=BATCH)
+    row = rng.integers(len(inputs), size=BATCH)
+    motor = rng.integers(args.motors, size=BATCH)
     net, state = update(net, state, key, inputs[row, motor], outputs[row, motor], motor)
-weights = {name: np.asarray(value, float) for name, value in net.items() if name not in ("mean", "log_var")}
+weights = {
+    name: np.asarray(value, float) for name, value in net.items() if name not in ("mean", "log_var")
+}
 network = LatentNetwork(
     **weights, log_armature=np.zeros(()), armature_slope=np.zeros(LATENTS), taps=tuple(range(TAPS)), period=PERIOD,
     error_scale=E, velocity_scale=V, torque_scale=T, torque_limit=float(np.abs(torque).max()), has_armature=False,
 )  # fmt: skip
 fitted = network.torque(inputs[:, 0], np.tile(np.asarray(net["mean"])[:1], (len(inputs), 1)))
-print(f"torque of the first motor: error {np.std(fitted - torque[TAPS - 1 :, 0]):.3f} of {T:.3f} N·m", file=sys.stderr)
+print(
+    f"torque of the first motor: error {np.std(fitted - torque[TAPS - 1 :, 0]):.3f} of {T:.3f} N·m",
+    file=sys.stderr,
+)
 
-# 3 Motors of an episode: samples of the prior, an ideal PD, and physical motors that neither has seen.
-joints, pose = robot.joint_names, robot.nominal_pose
-kp, kd, limit = (np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit"))
+# 3 Motors of an episode: samples of the prior, an ideal PD, and physical motors that neither has
+# seen.
+joints = robot.joint_names
+pose = robot.nominal_pose
+kp, kd, limit = (
+    np.array([getattr(joint, name) for joint in robot.joints])
+    for name in ("kp", "kd", "torque_limit")
+)
 ideal = mp.IdealPd(kp, kd, limit, np.zeros(12), np.zeros(12))
 MOTORS = {
-    "prior": lambda seed: network.motors(np.random.default_rng(seed).standard_normal((12, LATENTS))),
+    "prior": lambda seed: network.motors(
+        np.random.default_rng(seed).standard_normal((12, LATENTS))
+    ),
     "ideal PD": lambda seed: ideal,
     "held-out": lambda seed: fleet.sample(12, seed + 10_000).actuator(),
 }
 PHASES = np.array([leg.phase for leg in robot.legs])
-FREQUENCY, STRIDE, LIFT = 3.0, 0.25, 0.25  # of the gait [Hz], [rad], [rad]
-OBSERVATIONS, ACTIONS = 8, 15
+# of the gait [Hz], [rad], [rad]
+FREQUENCY = 3.0
+STRIDE = 0.25
+LIFT = 0.25
+OBSERVATIONS = 8
+ACTIONS = 15
 
 
-# 4 The gait: hips swing, legs fold while they swing forward; the policy changes its size, and every joint a little.
+# 4 The gait: hips swing, legs fold while they swing forward; the policy changes its size, and every
+# joint a little.
 def walk(policy, name, seed):
     """Distance forward [m] and share of the time upright."""
     model = build_model(robot, 0.001 if name == "held-out" else 0.002)
     data = mujoco.MjData(model)
     data.qpos[7:] = pose
-    motors, phase, steps = mp.DrivenJoints(model, data, MOTORS[name](seed), joints), 0.0, round(args.seconds / PERIOD)
+    motors = mp.DrivenJoints(model, data, MOTORS[name](seed), joints)
+    phase = 0.0
+    steps = round(args.seconds / PERIOD)
     for step in range(steps):
         w, x, y, z = data.qpos[3:7]
-        roll, pitch = 2.0 * (w * x + y * z), 2.0 * (w * y - z * x)
+        roll = 2.0 * (w * x + y * z)
+        pitch = 2.0 * (w * y - z * x)
         clock = 2.0 * np.pi * phase
         seen = np.array([roll, pitch, *(0.1 * data.qvel[3:6]), np.sin(clock), np.cos(clock), 1.0])
         action = np.tanh(policy @ seen)
         phase += PERIOD * FREQUENCY * (1.0 + 0.3 * action[0])
         leg = 2.0 * np.pi * (phase + PHASES)
-        swing, lift = STRIDE * (1.0 + action[1]) * np.cos(leg), LIFT * (1.0 + action[2]) * np.maximum(0.0, np.sin(leg))
+        swing = STRIDE * (1.0 + action[1]) * np.cos(leg)
+        lift = LIFT * (1.0 + action[2]) * np.maximum(0.0, np.sin(leg))
         target = (pose + 0.2 * action[3:]).reshape(4, 3)
         target += np.stack([0.0 * leg, swing + lift, -2.0 * lift], axis=1)
         for _ in range(round(PERIOD / model.opt.timestep)):
@@ -127,11 +179,15 @@ def walk(policy, name, seed):
 
 def train(name, noise=0.05, step_size=0.05):
     """Augmented random search (Mania et al., 2018): steps along the best of some random directions."""
-    policy, rng = np.zeros((ACTIONS, OBSERVATIONS)), np.random.default_rng(1)
+    policy = np.zeros((ACTIONS, OBSERVATIONS))
+    rng = np.random.default_rng(1)
     for iteration in range(args.iterations):
         deltas = rng.standard_normal((args.directions, *policy.shape))
         seeds = [1000 * iteration + index for index in range(args.directions)]
-        walks = [[walk(policy + s * noise * d, name, k) for s in (1, -1)] for d, k in zip(deltas, seeds, strict=True)]
+        walks = [
+            [walk(policy + s * noise * d, name, k) for s in (1, -1)]
+            for d, k in zip(deltas, seeds, strict=True)
+        ]
         returns = np.prod(walks, axis=2)  # distance times share upright
         best = np.argsort(returns.max(axis=1))[-(args.directions + 1) // 2 :]
         gain = np.tensordot(returns[best, 0] - returns[best, 1], deltas[best], 1) / len(best)
@@ -145,4 +201,6 @@ for name in ("prior", "ideal PD"):
     policy = train(name)
     for place in (name, "held-out"):
         distance, upright = np.mean([walk(policy, place, 500 + seed) for seed in range(8)], axis=0)
-        print(f"trained on {name}, on {place} motors: {distance / args.seconds:.2f} m/s, upright {100 * upright:.0f} %")
+        print(
+            f"trained on {name}, on {place} motors: {distance / args.seconds:.2f} m/s, upright {100 * upright:.0f} %"
+        )

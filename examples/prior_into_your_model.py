@@ -26,7 +26,8 @@ args = parser.parse_args()
 
 prior = mp.MotorPrior.load(args.prior)
 for seed in range(args.arms):
-    model = mujoco.MjModel.from_xml_string(ARM)  # the motors replace armature, damping and friction of its joints
+    # the motors replace armature, damping and friction of its joints
+    model = mujoco.MjModel.from_xml_string(ARM)
     data = mujoco.MjData(model)
     driven = mp.DrivenJoints(model, data, prior.sample(2, seed), ["shoulder", "elbow"])
     errors = []
@@ -36,4 +37,6 @@ for seed in range(args.arms):
         mujoco.mj_step(model, data)
         errors.append(target - data.qpos)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
-    print(f"motors {seed}: tracking error shoulder {1e3 * rms[0]:.0f} mrad, elbow {1e3 * rms[1]:.0f} mrad")
+    print(
+        f"motors {seed}: tracking error shoulder {1e3 * rms[0]:.0f} mrad, elbow {1e3 * rms[1]:.0f} mrad"
+    )

@@ -8,23 +8,34 @@ import sys
 
 import motorprior as mp
 
-parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
 parser.add_argument("prior")
 parser.add_argument("--robot", default="pupper_v2", help="a shipped legged robot, or a .toml file")
-parser.add_argument("--fleet", help="physical motors of the twin; the default fleet of the robot if not given")
+parser.add_argument(
+    "--fleet", help="physical motors of the twin; the default fleet of the robot if not given"
+)
 parser.add_argument("--iterations", type=int, default=200)
 parser.add_argument("--episode-steps", type=int, default=1000, help="steps of 10 ms")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--out", default="runs/example_policy.safetensors")
 args = parser.parse_args()
 
-robot, progress = mp.load_robot(args.robot), mp.Lines(sys.stderr)
-prior, fleet = mp.MotorPrior.load(args.prior), mp.load_fleet(args.fleet or robot.default_fleet)
+robot = mp.load_robot(args.robot)
+progress = mp.Lines(sys.stderr)
+prior = mp.MotorPrior.load(args.prior)
+fleet = mp.load_fleet(args.fleet or robot.default_fleet)
 nominal = fleet.center(1)
 ideal = mp.IdealPd.uniform(robot.num_joints, nominal.kp[0], nominal.kd[0], nominal.torque_limit[0])
 policies = {
     name: mp.train_policy(
-        robot, motors, iterations=args.iterations, episode_steps=args.episode_steps, seed=args.seed, progress=progress
+        robot,
+        motors,
+        iterations=args.iterations,
+        episode_steps=args.episode_steps,
+        seed=args.seed,
+        progress=progress,
     )
     for name, motors in (("prior", prior), ("ideal PD", ideal))
 }

@@ -1,7 +1,7 @@
 """Train mjlab's velocity task with sampled motors: python examples/train_in_mjlab.py --card go2 --worlds 4096.
 
-mjlab 1.6 has the Go1, not the Go2; its robot gets motors of the Go2's card here. Needs the extra mjlab, and a GPU for
-more than a few worlds.
+mjlab 1.6 has the Go1, not the Go2; its robot gets motors of the Go2's card here. Needs the extra
+mjlab, and a GPU for more than a few worlds.
 """
 
 import argparse
@@ -30,12 +30,17 @@ cfg = unitree_go1_flat_env_cfg()
 cfg.scene.num_envs = args.worlds
 if not args.pd:
     prior = mp.from_pretrained(args.card)
-    gains = ((30.0,) * 12, (0.8,) * 12)  # kp and kd of the policy's position servo [N·m/rad, N·m·s/rad]
-    motors = MotorPriorActuatorCfg(target_names_expr=(".*_joint",), source=prior, gains=gains, samples=256)
+    # kp and kd of the policy's position servo [N·m/rad, N·m·s/rad]
+    gains = ((30.0,) * 12, (0.8,) * 12)
+    motors = MotorPriorActuatorCfg(
+        target_names_expr=(".*_joint",), source=prior, gains=gains, samples=256
+    )
     cfg.scene.entities["robot"].articulation.actuators = (motors,)
     cfg.events["motors"] = per_world_damping()
     # a step that resolves the gears of all samples, at the same control rate
-    max_dt = float(max_steps(prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072))).min())
+    max_dt = float(
+        max_steps(prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072))).min()
+    )
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
     cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / max_dt)))
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation

@@ -9,15 +9,18 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["COLUMNS"] = "120"  # wider, a long help has two columns
-# Half of all tests' time is XLA's: what one test, worker or child process compiled is there for the others, and for the
-# next run. Entries are keyed by program, flags and versions.
+# Half of all tests' time is XLA's: what one test, worker or child process compiled is there for the
+# others, and for the next run. Entries are keyed by program, flags and versions.
 for _name, _value in {
-    "DIR": os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), ".pytest_cache", "jax"),
+    "DIR": os.path.join(
+        os.path.dirname(os.path.dirname(os.path.abspath(__file__))), ".pytest_cache", "jax"
+    ),
     "MAX_SIZE": str(500 * 2**20),
 }.items():
     os.environ.setdefault(f"JAX_COMPILATION_CACHE_{_name}", _value)
 os.environ.setdefault("JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")  # a fifth less CPU, same code
+# a fifth less CPU, same code
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")
 
 from collections.abc import Callable  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -58,7 +61,9 @@ def shared_data() -> Path:
     """Folder of real motor logs and models, from MOTORPRIOR_SHARED or `shared/data` beside the checkout, or skip."""
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
     if missing := [name for name in SHARED if not (folder / name).is_dir()]:
-        pytest.skip(f"no real motor logs: {folder} has no {', '.join(missing)}; MOTORPRIOR_SHARED names their folder")
+        pytest.skip(
+            f"no real motor logs: {folder} has no {', '.join(missing)}; MOTORPRIOR_SHARED names their folder"
+        )
     return folder
 
 
@@ -88,7 +93,11 @@ def small_search(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     def limit(*terms: str) -> None:
         servo = tuple(name for name in terms if name in term_selection.SERVO)
         limits = ((term_selection, "SELECTABLE_TERMS", terms), (term_selection, "SERVO", servo))
-        for module, name, value in (*limits, (response_fit, "RESTARTS", 4), (load_fit, "MAX_ROUNDS", 1)):
+        for module, name, value in (
+            *limits,
+            (response_fit, "RESTARTS", 4),
+            (load_fit, "MAX_ROUNDS", 1),
+        ):
             monkeypatch.setattr(module, name, value)
 
     return limit

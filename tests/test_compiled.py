@@ -31,9 +31,14 @@ def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
         import theirs
         print(ours._cache.cache_path, theirs.f._cache.cache_path, repr(numba.config.CACHE_DIR), sep="\\n")
     """
-    (tmp_path / "theirs.py").write_text("import numba\n\n\n@numba.njit(cache=True)\ndef f():\n    return 1\n")
+    (tmp_path / "theirs.py").write_text(
+        "import numba\n\n\n@numba.njit(cache=True)\ndef f():\n    return 1\n"
+    )
     chosen = str(tmp_path / "chosen")
-    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": chosen}
+    environment = os.environ | {
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "NUMBA_CACHE_DIR": chosen,
+    }
     words = [sys.executable, "-c", code, str(tmp_path)]
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     ours, theirs, setting = done.stdout.splitlines()
@@ -42,4 +47,6 @@ def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
 
 def test_every_kernel_is_cached_there():
     imports = re.compile(r"^\s*from numba import .*\bnjit\b|numba\.n?jit\b", re.MULTILINE)
-    assert [file.name for file in SOURCE.rglob("*.py") if imports.search(file.read_text("utf-8"))] == ["compiled.py"]
+    assert [
+        file.name for file in SOURCE.rglob("*.py") if imports.search(file.read_text("utf-8"))
+    ] == ["compiled.py"]

@@ -20,19 +20,30 @@ ID = "motorprior/Walk-v0"
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
-    path, motors = tmp_path_factory.mktemp("prior") / "prior.safetensors", np.zeros((12, 3))
+    path = tmp_path_factory.mktemp("prior") / "prior.safetensors"
+    motors = np.zeros((12, 3))
     MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, "servo", {}, {}).save(path)
     return path
 
 
-@pytest.mark.parametrize(("engine", "motors"), [("mujoco", "pd"), ("mujoco", "prior:"), ("pybullet", "fleet")])
+@pytest.mark.parametrize(
+    ("engine", "motors"), [("mujoco", "pd"), ("mujoco", "prior:"), ("pybullet", "fleet")]
+)
 @pytest.mark.filterwarnings("error")
 def test_check_env_is_clean(engine: str, motors: str, prior: Path):
     if engine == "pybullet":
-        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
-    settings: dict[str, Any] = {"engine": engine, "episode_steps": 10, "motors": motors.replace(":", f":{prior}")}
+        pytest.importorskip(
+            "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
+        )
+    settings: dict[str, Any] = {
+        "engine": engine,
+        "episode_steps": 10,
+        "motors": motors.replace(":", f":{prior}"),
+    }
     if engine == "mujoco":
-        settings["randomization"] = Randomization(joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1))
+        settings["randomization"] = Randomization(
+            joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1)
+        )
     env = gymnasium.make(ID, **settings)
     check_env(env.unwrapped, skip_render_check=True)
     env.close()

@@ -21,12 +21,22 @@ def run(name: str, *words: object) -> None:
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("prior")
-    run("log_to_prior.py", "--preset=paper", "--motors=3", "--samples=300", "--steps=2", "--out", out)
+    run(
+        "log_to_prior.py",
+        "--preset=paper",
+        "--motors=3",
+        "--samples=300",
+        "--steps=2",
+        "--out",
+        out,
+    )
     return out / "prior.safetensors"
 
 
 def test_own_logs_become_a_prior(prior: Path, tmp_path: Path, capsys):
-    mp.write_log(tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3))
+    mp.write_log(
+        tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3)
+    )
     sizes = ("--period=0.01", "--preset=paper", "--steps=1")
     run("log_to_prior.py", tmp_path / "mine.parquet", *sizes, "--out", tmp_path)
     out = capsys.readouterr().out
@@ -49,16 +59,27 @@ def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, capsys):
 
 @pytest.mark.slow
 def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
-    pytest.importorskip("stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'")
+    pytest.importorskip(
+        "stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'"
+    )
     run("train_ppo.py", prior, 4096)
     line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
     assert re.fullmatch(line, capsys.readouterr().out.splitlines()[-1])
 
 
 def test_the_paper_reads_top_to_bottom_and_runs(capsys):
-    sizes = ("--motors=3", "--samples=300", "--steps=3", "--iterations=1", "--directions=1", "--seconds=0.1")
+    sizes = (
+        "--motors=3",
+        "--samples=300",
+        "--steps=3",
+        "--iterations=1",
+        "--directions=1",
+        "--seconds=0.1",
+    )
     run("paper.py", *sizes)
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in lines] == [
-        f"trained on {name}, on {place} motors" for name in ("prior", "ideal PD") for place in (name, "held-out")
+        f"trained on {name}, on {place} motors"
+        for name in ("prior", "ideal PD")
+        for place in (name, "held-out")
     ]

@@ -71,9 +71,7 @@ import numpy as np, motorprior as mp
 np.savetxt("log.spaced", np.stack([np.arange(50) * 0.002, np.ones(50), np.linspace(0.0, 1.0, 50)], axis=1))
 assert mp.read_log("log.spaced").joint_names == ("knee",)
 """
-EXCITATION = (
-    '    "pulses": Excitation(lambda rng, steps, dt: 0.2 * (np.arange(steps) * dt % 1.0 < rng.uniform(0.1, 0.9))),\n'
-)
+EXCITATION = '    "pulses": Excitation(lambda rng, steps, dt: 0.2 * (np.arange(steps) * dt % 1.0 < rng.uniform(0.1, 0.9))),\n'
 USE_EXCITATION = """
 import motorprior as mp, numpy as np
 from motorprior.simulation.playback import excitation_targets
@@ -123,8 +121,14 @@ def test_an_extension_is_one_file(tmp_path: Path, file: str, entry: str, text: s
         place.write_text(content.replace(entry, entry + text), "utf-8")
     else:
         place.write_text(text, "utf-8")
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{Path(__file__).parent / 'samples'}"}
+    environment = os.environ | {
+        "PYTHONPATH": f"{tmp_path}{os.pathsep}{Path(__file__).parent / 'samples'}"
+    }
     done = subprocess.run(
-        [sys.executable, "-c", use], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, check=False
+        [sys.executable, "-c", use],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        check=False,
     )
     assert done.returncode == 0, done.stderr.decode()

@@ -42,10 +42,17 @@ def test_importing_brings_nothing_heavy_and_light_names_stay_light():
 
 @pytest.mark.parametrize(("name", "most"), [("read_log", 4000), ("fit_prior", 7000)])
 def test_a_name_loads_few_lines_of_the_package(name: str, most: int):
-    loaded = "print(*(module.__file__ for name, module in sys.modules.items() if 'motorprior' in name))"
+    loaded = (
+        "print(*(module.__file__ for name, module in sys.modules.items() if 'motorprior' in name))"
+    )
     code = f"import sys, motorprior as mp; mp.{name}; {loaded}"
-    files = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert len(files) > 10 and sum(len(Path(file).read_text("utf-8").splitlines()) for file in files) <= most
+    files = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert (
+        len(files) > 10
+        and sum(len(Path(file).read_text("utf-8").splitlines()) for file in files) <= most
+    )
 
 
 def test_every_public_name_is_there():
@@ -64,10 +71,19 @@ def prior(log: mp.MotorLog) -> mp.MotorPrior:
 
 
 def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
-    assert len(mp.fit_prior([log, replace(log, joint_names=("a", "b", "c"))], "paper", steps=1).mean) == 6
+    assert (
+        len(mp.fit_prior([log, replace(log, joint_names=("a", "b", "c"))], "paper", steps=1).mean)
+        == 6
+    )
     again = mp.fit_prior([log, log], "paper", steps=1)
-    assert len(again.mean) == 3 and again.metrics["minutes_of_log"] == pytest.approx(2 * 3 * 2.99 / 60)
-    for logs in ([], [log, replace(log, joint_names=("motor_000", "b", "c"))], [log, replace(log, robot="other")]):
+    assert len(again.mean) == 3 and again.metrics["minutes_of_log"] == pytest.approx(
+        2 * 3 * 2.99 / 60
+    )
+    for logs in (
+        [],
+        [log, replace(log, joint_names=("motor_000", "b", "c"))],
+        [log, replace(log, robot="other")],
+    ):
         with pytest.raises(mp.LogError):
             mp.fit_prior(logs, "paper", steps=1)
 
@@ -75,7 +91,9 @@ def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
 HINGE = '<mujoco><worldbody><body><joint name="hinge"/><geom size="0.02" pos="0.05 0 0"/></body></worldbody></mujoco>'
 
 
-def driven_to(target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjData, driven: mp.DrivenJoints) -> list:
+def driven_to(
+    target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjData, driven: mp.DrivenJoints
+) -> list:
     found = []
     for _ in range(steps):
         found.append(float(driven.drive(np.full(1, target))[0]))
@@ -84,7 +102,8 @@ def driven_to(target: float, steps: int, model: mujoco.MjModel, data: mujoco.MjD
 
 
 def test_motors_reset_with_the_simulation_that_they_drive(prior: mp.MotorPrior):
-    motors, model = prior.sample(1, seed=3), mujoco.MjModel.from_xml_string(HINGE)
+    motors = prior.sample(1, seed=3)
+    model = mujoco.MjModel.from_xml_string(HINGE)
     data = mujoco.MjData(model)
     driven = mp.DrivenJoints(model, data, motors, ["hinge"])
     first = driven_to(0.3, 20, model, data, driven)
@@ -101,7 +120,8 @@ def test_motors_reset_with_the_simulation_that_they_drive(prior: mp.MotorPrior):
 def test_adapt_warns_of_motors_that_did_not_move():
     log = mp.record_bench(ROBOT, motors=3, steps=600, preset="rollout")
     still = replace(log, joint_pos=log.joint_pos * [1.0, 0.0, 1.0])
-    notes, prior = StringIO(), mp.fit_prior(log, "pace")
+    notes = StringIO()
+    prior = mp.fit_prior(log, "pace")
     with pytest.warns(UserWarning, match="motor_001"):
         mp.adapt(prior, still, allow_outliers=True)
     assert mp.adapt(prior, still, allow_outliers=True, progress=mp.Lines(notes)).mean.shape[0] == 3
@@ -114,7 +134,8 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     assert observation.shape == env.observation_space.shape
     fleet = mp.load_fleet("pupper_v2")
     policies = [
-        mp.train_policy(ROBOT, motors, iterations=1, seed=0, workers=1, episode_steps=5) for motors in (prior, fleet)
+        mp.train_policy(ROBOT, motors, iterations=1, seed=0, workers=1, episode_steps=5)
+        for motors in (prior, fleet)
     ]
     again = mp.train_policy("pupper_v2", prior, iterations=1, seed=0, workers=2, episode_steps=5)
     np.testing.assert_array_equal(again.arrays.weights, policies[0].arrays.weights)
@@ -123,4 +144,7 @@ def test_motors_walk_in_environments_and_train_policies(prior: mp.MotorPrior):
     rows = mp.compare(ROBOT, {"prior": policies[0], "oracle": policies}, {"twin": fleet})
     table = {(row.quantity, row.model, row.seed): (row.unit, row.value) for row in rows}
     assert len(table) == len(rows) == 9 and {row.motors for row in rows} == {"twin"}
-    assert table["speed", "prior", 0] == table["speed", "oracle", 0] and table["drift", "oracle", 1][0] == "m"
+    assert (
+        table["speed", "prior", 0] == table["speed", "oracle", 0]
+        and table["drift", "oracle", 1][0] == "m"
+    )

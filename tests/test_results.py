@@ -21,7 +21,15 @@ ERRORS = Results(
 OTHERS = Results(
     (
         Result("real_rmse", "rad", 0.1, "rollout", statistic="median", log="1_joint"),
-        Result("real_joint_rmse", "rad", 0.1, "rollout", statistic="median", log="1_joint", part="FR_hip"),
+        Result(
+            "real_joint_rmse",
+            "rad",
+            0.1,
+            "rollout",
+            statistic="median",
+            log="1_joint",
+            part="FR_hip",
+        ),
         Result("two_sample_auc", "1", 0.7, statistic="high"),
         Result("adapt_rmse_ratio", "1", 1.2, motors="held_out", seconds=2.5),
         Result("identify_seconds", "s", 3.0, "rollout"),

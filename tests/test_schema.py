@@ -10,7 +10,8 @@ from motorprior.bounds import BOOLEAN, TABLE, TEXT, exactly, integer, many, numb
 from motorprior.exceptions import ArtifactError
 from motorprior.schema import Schema, Tensor, check_tensors
 
-PATH, REMEDY = Path("mine.file"), "write it again"
+PATH = Path("mine.file")
+REMEDY = "write it again"
 FIELDS = {
     "share": number(0.0, 1.0),
     "gain": number(above=0.0, unit="N·m/rad"),
@@ -57,7 +58,11 @@ def test_keys_are_compared_and_a_table_must_be_one():
         Schema(FIELDS, REMEDY, name="recipe").check([], PATH)
 
 
-WANTED = {"mean": Tensor(("motors", "latents")), "std": Tensor(("latents",), above=0.0), "bias": Tensor(())}
+WANTED = {
+    "mean": Tensor(("motors", "latents")),
+    "std": Tensor(("latents",), above=0.0),
+    "bias": Tensor(()),
+}
 ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
 
 

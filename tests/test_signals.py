@@ -17,8 +17,12 @@ def test_runs_of_true_are_each_from_its_first_index_to_the_one_after_its_last():
 @pytest.mark.parametrize("count", [500, 501])
 def test_a_sine_above_the_cutoff_counts_with_amplitude_over_root_two(count: int):
     time = np.arange(count) * PERIOD
-    low, high = 10 / (count * PERIOD), 60 / (count * PERIOD)  # whole periods, so no leakage: 10 and 60 Hz
-    signal = 5.0 + 0.7 * np.sin(2 * np.pi * low * time) + 0.2 * np.sin(2 * np.pi * high * time + 0.3)
+    # whole periods, so no leakage: 10 and 60 Hz
+    low = 10 / (count * PERIOD)
+    high = 60 / (count * PERIOD)
+    signal = (
+        5.0 + 0.7 * np.sin(2 * np.pi * low * time) + 0.2 * np.sin(2 * np.pi * high * time + 0.3)
+    )
     assert high_frequency_rms(signal, PERIOD, 30.0) == pytest.approx(0.2 / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 1.0) == pytest.approx(np.hypot(0.7, 0.2) / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 100.0) == pytest.approx(0.0, abs=1e-12)

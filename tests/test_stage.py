@@ -23,7 +23,11 @@ def test_a_stage_is_finished_once_it_ends_without_error(tmp_path: Path):
 
 
 def test_a_stage_that_writes_nothing_leaves_no_folder(tmp_path: Path):
-    with pytest.raises(ZeroDivisionError), locked(tmp_path / "out"), working(tmp_path / "out", WANTED):
+    with (
+        pytest.raises(ZeroDivisionError),
+        locked(tmp_path / "out"),
+        working(tmp_path / "out", WANTED),
+    ):
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
 

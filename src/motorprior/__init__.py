@@ -5,7 +5,8 @@
     motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
     torque, damping = motors.step(position_target, joint_pos, joint_vel)
 
-Each name is imported at its first use, so numba, MuJoCo, JAX and Gymnasium load only when they are needed.
+Each name is imported at its first use, so numba, MuJoCo, JAX and Gymnasium load only when they are
+needed.
 """
 
 import ast

@@ -15,7 +15,8 @@ def main() -> None:
     try:
         run()
     except SystemExit as stop:
-        if isinstance(stop.code, int) and stop.code:  # threads of stages may still run; their checkpoints are saved
+        # threads of stages may still run; their checkpoints are saved
+        if isinstance(stop.code, int) and stop.code:
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)

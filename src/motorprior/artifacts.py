@@ -32,7 +32,11 @@ def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> No
 def require_size(size: int, path: Path, error: type[MotorPriorError] = ArtifactError) -> None:
     """Raise an ``error`` if a file, or what is packed in it, has more than MAX_BYTES."""
     if size > MAX_BYTES:
-        raise error(f"more than {MAX_BYTES} bytes", where=path, remedy="split it, or check that it is the right file")
+        raise error(
+            f"more than {MAX_BYTES} bytes",
+            where=path,
+            remedy="split it, or check that it is the right file",
+        )
 
 
 def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> bytes:
@@ -42,7 +46,9 @@ def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> byte
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as reason:
-        raise error(f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source") from reason
+        raise error(
+            f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source"
+        ) from reason
     require_size(len(data), path, error)
     return data
 
@@ -52,7 +58,9 @@ def read_text(path: Path, error: type[MotorPriorError] = ArtifactError) -> str:
     try:
         return read_bytes(path, error).decode("utf-8-sig")
     except UnicodeDecodeError as reason:
-        raise error(f"not a text file ({reason})", where=path, remedy="save it as UTF-8") from reason
+        raise error(
+            f"not a text file ({reason})", where=path, remedy="save it as UTF-8"
+        ) from reason
 
 
 def read_toml(path: Path, remedy: str) -> dict[str, Any]:
@@ -80,7 +88,9 @@ def read_json(path: Path) -> Any:
     try:
         return parse_json(read_text(path))
     except (ValueError, RecursionError) as error:
-        raise ArtifactError(f"not valid JSON ({error})", where=path, remedy="write it again") from error
+        raise ArtifactError(
+            f"not valid JSON ({error})", where=path, remedy="write it again"
+        ) from error
 
 
 @contextmanager
@@ -98,7 +108,9 @@ def atomic_path(final: Path) -> Iterator[Path]:
         temporary.replace(final)
     except OSError as error:
         problem = f"cannot write ({error.strerror or error})"
-        raise ArtifactError(problem, where=final, remedy="choose a writable folder with free space") from error
+        raise ArtifactError(
+            problem, where=final, remedy="choose a writable folder with free space"
+        ) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
@@ -142,8 +154,12 @@ def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, TypeError, KeyError, ValueError, RecursionError) as error:
         remedy = "give a .safetensors file that motorprior wrote: `identify` writes a prior, `walk` a policy"
-        raise ArtifactError(f"not a complete safetensors file ({error})", where=path, remedy=remedy) from error
+        raise ArtifactError(
+            f"not a complete safetensors file ({error})", where=path, remedy=remedy
+        ) from error
     for name, value in tensors.items():
         if (index := first_not_finite(value)) is not None:
-            raise ArtifactError(f"tensor {name}{index} is not finite", where=path, remedy="train it again")
+            raise ArtifactError(
+                f"tensor {name}{index} is not finite", where=path, remedy="train it again"
+            )
     return tensors, header

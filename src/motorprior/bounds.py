@@ -25,10 +25,16 @@ class Field:
 
 def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER) -> bool:
     """Whether a value is a real number, not a bool, in [minimum, maximum]; False for NaN."""
-    return isinstance(value, Real) and not isinstance(value, bool) and bool(minimum <= value <= maximum)  # pyright: ignore[reportOperatorIssue]
+    return (
+        isinstance(value, Real)
+        and not isinstance(value, bool)
+        and bool(minimum <= value <= maximum)
+    )  # pyright: ignore[reportOperatorIssue]
 
 
-def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = "") -> Field:
+def number(
+    minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: float = -inf, unit: str = ""
+) -> Field:
     """A finite number in [minimum, maximum] and above ``above``, not a bool."""
     meaning = f"a finite number{_range(minimum, maximum, above)} {unit}".rstrip()
     return Field(meaning, lambda value: is_number(value, minimum, maximum) and value > above)
@@ -37,7 +43,9 @@ def number(minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER, above: flo
 def integer(minimum: int, maximum: float = MAX_NUMBER) -> Field:
     """An integer in [minimum, maximum], not a bool."""
     meaning = f"an integer{_range(minimum, maximum, -inf)}"
-    return Field(meaning, lambda value: isinstance(value, Integral) and is_number(value, minimum, maximum))
+    return Field(
+        meaning, lambda value: isinstance(value, Integral) and is_number(value, minimum, maximum)
+    )
 
 
 def _range(minimum: float, maximum: float, above: float) -> str:
@@ -75,7 +83,9 @@ TABLE = Field("a table", lambda value: isinstance(value, Mapping))
 def require(key: str, value: Any, field: Field, where: str | Path | None, remedy: str) -> None:
     """Raise ArtifactError unless the entry ``key`` of a file is as declared."""
     if not field.accepts(value):
-        raise ArtifactError(f"{key} = {quoted(value)} is not {field.meaning}", where=where, remedy=remedy)
+        raise ArtifactError(
+            f"{key} = {quoted(value)} is not {field.meaning}", where=where, remedy=remedy
+        )
 
 
 def require_argument(name: str, value: Any, field: Field) -> None:
@@ -100,7 +110,11 @@ def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_
 def require_range(name: str, value: Any, minimum: float, maximum: float) -> None:
     """`require_argument` for a pair (low, high) of numbers in [minimum, maximum], low <= high."""
     meaning = f"a range within {minimum:g}..{maximum:g}, the smaller number first"
-    is_pair = isinstance(value, tuple) and len(value) == 2 and all(is_number(each, minimum, maximum) for each in value)
+    is_pair = (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(is_number(each, minimum, maximum) for each in value)
+    )
     require_argument(name, value, Field(meaning, lambda pair: is_pair and pair[0] <= pair[1]))
 
 

@@ -24,7 +24,8 @@ else:
         def decorate(function: Callable) -> Callable:
             if numba is None:
                 return function
-            # Numba reads this global setting when it decorates a function; the user's own functions keep theirs.
+            # Numba reads this global setting when it decorates a function; the user's own functions
+            # keep theirs.
             users = numba.config.CACHE_DIR
             numba.config.CACHE_DIR = users or kernel_folder()
             try:
@@ -46,10 +47,15 @@ def source_digest(package: Path) -> str:
 def kernel_folder() -> str:
     """Cache folder for the current sources; "" (numba's default) if the home folder is not writable.
 
-    Numba checks only a kernel's own file: after a change in a function that it calls, it would reuse old machine code.
+    Numba checks only a kernel's own file: after a change in a function that it calls, it would
+    reuse old machine code.
     """
     try:
-        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "motorprior" / "kernels"
+        root = (
+            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            / "motorprior"
+            / "kernels"
+        )
         folder = root / source_digest(Path(__file__).parent)
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
@@ -57,6 +63,7 @@ def kernel_folder() -> str:
         return ""
     with suppress(OSError):  # another process removes old folders at the same time
         for old in root.iterdir():
-            if old.stat().st_mtime < time.time() - 7 * 24 * 3600:  # a younger one may belong to a running command
+            # a younger one may belong to a running command
+            if old.stat().st_mtime < time.time() - 7 * 24 * 3600:
                 shutil.rmtree(old, ignore_errors=True)
     return str(folder)

@@ -1,7 +1,7 @@
 """Delay line: a ring buffer of rows, one per step, in the rows of a memory (rows, n) from row ``first`` on.
 
-Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the whole steps of the maximum age for
-`interpolated` and `held`.
+Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the whole steps of the
+maximum age for `interpolated` and `held`.
 """
 
 import math

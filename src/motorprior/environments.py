@@ -3,9 +3,10 @@
     import gymnasium, motorprior.environments
     env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", motors="prior:prior.safetensors")
 
-Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors are the physical
-ones of the robot's fleet, and nothing else is randomized. A fatal error of MuJoCo (out of memory, a broken model) ends
-the process, since compiled code cannot raise: save your training from time to time.
+Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors
+are the physical ones of the robot's fleet, and nothing else is randomized. A fatal error of MuJoCo
+(out of memory, a broken model) ends the process, since compiled code cannot raise: save your
+training from time to time.
 """
 
 from pathlib import Path
@@ -22,18 +23,22 @@ from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 ENV_ID = "motorprior/Walk-v0"
 
 
-def make_env(robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any) -> WalkEnv:
+def make_env(
+    robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any
+) -> WalkEnv:
     """Make one Gymnasium environment that samples new motors in each episode, for policies as of `train_policy`.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
-        motors: motors of the episodes: a text such as "prior:FILE", "pd:kp=9" or "fleet", the robot's own physical
-            motors (`actuator.registry`); a prior, a posterior or a fleet to sample; fixed motors; or a function that
-            samples them with a generator.
-        options: fields of `WalkConfig`, such as engine, task, randomization, commands and episode_steps.
+        motors: motors of the episodes: a text such as "prior:FILE", "pd:kp=9" or "fleet", the
+            robot's own physical motors (`actuator.registry`); a prior, a posterior or a fleet to
+            sample; fixed motors; or a function that samples them with a generator.
+        options: fields of `WalkConfig`, such as engine, task, randomization, commands and
+            episode_steps.
 
     Raises:
-        ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be used.
+        ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be
+        used.
         TypeError: an unknown option.
     """
     walk = WalkConfig(**options)

@@ -13,7 +13,9 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 40
 
 def cut(text: str, max_letters: int) -> str:
     """The beginning of a text, as one printable line of at most ``max_letters``."""
-    line = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in " ".join(text.split()))
+    line = "".join(
+        letter if letter.isprintable() else ascii(letter)[1:-1] for letter in " ".join(text.split())
+    )
     return line if len(line) <= max_letters else line[: max_letters - 1] + "…"
 
 
@@ -39,22 +41,34 @@ class MotorPriorError(Exception):
     """
 
     def __init__(
-        self, problem: str, *, where: str | Path | None = None, remedy: str | None = None, argument: str | None = None
+        self,
+        problem: str,
+        *,
+        where: str | Path | None = None,
+        remedy: str | None = None,
+        argument: str | None = None,
     ):
         super().__init__(problem)
-        self.problem, self.where, self.argument = cut(problem, _MAX_PART), where, argument
+        self.problem = cut(problem, _MAX_PART)
+        self.where = where
+        self.argument = argument
         self.remedy = None if remedy is None else cut(remedy, _MAX_PART)
 
     def __str__(self) -> str:
         text = f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
-        return text if self.where is None else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
+        return (
+            text
+            if self.where is None
+            else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
+        )
 
     def on_command_line(self) -> str:
         """The message with the argument as an option: ``task.max_speed`` becomes ``--task.max-speed``."""
         if self.argument is None:
             return str(self)
         place, problem, remedy = str(self).partition(self.problem)
-        name, option = rf"(?<![\w.]){re.escape(self.argument)}(?!\w)", "--" + self.argument.replace("_", "-")
+        name = rf"(?<![\w.]){re.escape(self.argument)}(?!\w)"
+        option = "--" + self.argument.replace("_", "-")
         return place + re.sub(name, option, problem + remedy, count=1)
 
 
@@ -84,11 +98,13 @@ class RobotFault(MotorPriorError):
     Args:
         kind: short name of the fault, as in the table of docs/hardware.md.
         problem: see `MotorPriorError`.
-        safe_state: "idle" if motors must lose their current at once, "crouch" if there is time to sit down.
+        safe_state: "idle" if motors must lose their current at once, "crouch" if there is time to
+            sit down.
         more: ``remedy`` and ``argument`` of `MotorPriorError`.
     """
 
     def __init__(self, kind: str, problem: str, *, safe_state: str = "idle", **more: str | None):
         super().__init__(problem, where=f"robot fault {kind!r}", **more)
         self.args = (kind, problem)  # pickle rebuilds the exception from these
-        self.kind, self.safe_state = kind, safe_state
+        self.kind = kind
+        self.safe_state = safe_state

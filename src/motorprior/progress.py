@@ -18,7 +18,11 @@ class Task:
     """A unit of work that reports its finished parts every ten seconds."""
 
     def __init__(self, line: Callable[[str], None], name: str, total: int):
-        self._line, self._name, self._total, self._done, self._printed = line, name, total, 0, time.monotonic()
+        self._line = line
+        self._name = name
+        self._total = total
+        self._done = 0
+        self._printed = time.monotonic()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Add ``count`` finished parts; ``note`` is printed next to the progress."""
@@ -31,8 +35,11 @@ class Task:
 class Progress:
     """Gives notes of stages to ``note``, and start, progress and end of each unit of work to ``line``."""
 
-    def __init__(self, note: Callable[[str], None], line: Callable[[str], None] = lambda text: None):
-        self.note, self.line = note, line
+    def __init__(
+        self, note: Callable[[str], None], line: Callable[[str], None] = lambda text: None
+    ):
+        self.note = note
+        self.line = line
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Task]:
@@ -63,18 +70,25 @@ def _warn(text: str) -> None:
 
 SILENT = Progress(lambda text: None)
 WARNED = Progress(_warn)  # warnings become Python warnings; default of the Python API
-SHOWN = Progress(_warn, Lines().line)  # and units of work are lines on stderr; default of what takes minutes
+# and units of work are lines on stderr; default of what takes minutes
+SHOWN = Progress(_warn, Lines().line)
 
 
 def usable_threads(workers: int, progress: Progress) -> int:
     """The smaller of ``workers`` and the number of cores."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     if workers > cores:
-        progress.note(f"note: {workers} workers requested, this machine has {cores} cores: using {cores}")
+        progress.note(
+            f"note: {workers} workers requested, this machine has {cores} cores: using {cores}"
+        )
     return min(workers, cores)
 
 
-def in_parallel(works: Sequence[Callable[[Progress], T]], threads: int, progress: Progress) -> list[T]:
+def in_parallel(
+    works: Sequence[Callable[[Progress], T]], threads: int, progress: Progress
+) -> list[T]:
     """Results of functions of a `Progress`, in order, ``threads`` at a time.
 
     Raises the first error of a function. Functions that already run continue, no other starts.

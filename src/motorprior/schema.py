@@ -16,9 +16,12 @@ from motorprior.bounds import TABLE, Field, exactly, require
 from motorprior.exceptions import ArtifactError, quoted
 
 
-def require_keys(given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str) -> None:
+def require_keys(
+    given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str
+) -> None:
     """Raise ArtifactError, with unknown and missing keys, unless a table has exactly the wanted keys."""
-    given, wanted = set(given), set(wanted)
+    given = set(given)
+    wanted = set(wanted)
     kinds = {"unknown": sorted(given - wanted), "missing": sorted(wanted - given)}
     problems = [f"{kind} keys {quoted(keys, 300)}" for kind, keys in kinds.items() if keys]
     if problems:
@@ -39,7 +42,9 @@ class Schema:
         where = f"{where}[{self.name}]" if self.name else where
         require("content", table, TABLE, where, self.remedy)
         keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
-        require_keys(table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys)
+        require_keys(
+            table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys
+        )
         for key in table:
             require(key, table[key], self.fields[key], where, self.remedy)
 
@@ -67,7 +72,9 @@ def check_tensors(
         for size, length in zip(tensor.shape, value.shape, strict=False):
             if isinstance(size, str):
                 known.setdefault(size, length)
-        shape = tuple(known.get(size, size) if isinstance(size, str) else size for size in tensor.shape)
+        shape = tuple(
+            known.get(size, size) if isinstance(size, str) else size for size in tensor.shape
+        )
         if value.dtype != np.float64 or value.shape != shape:
             problem = f"{name} is {value.dtype}{value.shape}, wanted float64{shape}"
             raise ArtifactError(problem, where=where, remedy=remedy)
@@ -104,9 +111,12 @@ class Header:
     def check(self, header: Any, where: str | Path | None) -> None:
         """Raise ArtifactError for another kind, a newer version, or an entry that is not as declared."""
         require("header", header, TABLE, where, self.remedy)
-        found, version = header.get("kind"), header.get("schema_version")
+        found = header.get("kind")
+        version = header.get("schema_version")
         if found != self.kind:
-            raise ArtifactError(f"a {quoted(str(found))[1:-1]}, not a {self.kind}", where=where, remedy=self._give)
+            raise ArtifactError(
+                f"a {quoted(str(found))[1:-1]}, not a {self.kind}", where=where, remedy=self._give
+            )
         if isinstance(version, int) and version > self.version:
             problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
             raise ArtifactError(problem, where=where, remedy="update motorprior")

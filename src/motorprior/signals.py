@@ -15,7 +15,9 @@ def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None
 
 def runs_of_true(mask: np.ndarray) -> np.ndarray:
     """(R, 2) first index of each run of True in a mask (T,), and the index after the run."""
-    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
+    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(
+        -1, 2
+    )
 
 
 def encoder_step(readings: np.ndarray) -> float:
@@ -25,13 +27,18 @@ def encoder_step(readings: np.ndarray) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def mean_command(time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float) -> np.ndarray:
+def mean_command(
+    time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float
+) -> np.ndarray:
     """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
     edges = np.append(grid, grid[-1] + period)
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
-    area = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)])
+    area = np.concatenate(
+        [np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)]
+    )
     area = area[row] + command[row] * (edges - time[row])[:, None]
-    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1  # row in force at the end
+    # row in force at the end
+    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1
     same = (row[:-1] == last)[:, None]
     return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
 

@@ -1,7 +1,8 @@
 """A stage of work in a folder: settings + digests of the inputs + version -> folder.
 
-``stage.json`` is written last. A stage whose file holds the same description is not run again, so an interrupted
-command continues where it stopped. The description excludes paths: a folder that was moved or copied is still finished.
+``stage.json`` is written last. A stage whose file holds the same description is not run again, so
+an interrupted command continues where it stopped. The description excludes paths: a folder that was
+moved or copied is still finished.
 """
 
 import hashlib
@@ -17,7 +18,10 @@ from motorprior import __version__
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
 
-RESULTS, FIGURES, PAGE, MARKER = "results.json", "figures.json", "report.html", "stage.json"
+RESULTS = "results.json"
+FIGURES = "figures.json"
+PAGE = "report.html"
+MARKER = "stage.json"
 LOCK = ".lock"
 
 
@@ -27,11 +31,16 @@ def digest(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise ArtifactError(f"cannot read ({error.strerror})", where=path, remedy="check the path") from error
+        raise ArtifactError(
+            f"cannot read ({error.strerror})", where=path, remedy="check the path"
+        ) from error
 
 
 def description(
-    name: str, settings: Mapping[str, Any], inputs: Sequence[Path], recipe: Mapping[str, Any] | None = None
+    name: str,
+    settings: Mapping[str, Any],
+    inputs: Sequence[Path],
+    recipe: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Description of a stage as JSON: version, settings, and names and digests of its inputs.
 
@@ -54,7 +63,11 @@ def _plain(value: Any) -> Any:
     """JSON values without paths and fleet files, whose digests are among the inputs."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
-    return [_plain(item) for item in value if not _is_path(item)] if isinstance(value, list | tuple) else value
+    return (
+        [_plain(item) for item in value if not _is_path(item)]
+        if isinstance(value, list | tuple)
+        else value
+    )
 
 
 def _is_path(value: Any) -> bool:

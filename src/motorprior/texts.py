@@ -15,9 +15,13 @@ def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
     def line(row: Sequence[str]) -> str:
         first, *others = zip(row, widths, strict=True)
-        return "  ".join([first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]).rstrip()
+        return "  ".join(
+            [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]
+        ).rstrip()
 
-    return "\n".join([line(cells[0]), "  ".join("-" * width for width in widths), *map(line, cells[1:])])
+    return "\n".join(
+        [line(cells[0]), "  ".join("-" * width for width in widths), *map(line, cells[1:])]
+    )
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,9 @@ class Overview:
         return "\n".join(self._lines[:MAX_LINES])
 
     def __str__(self) -> str:
-        return "\n".join([*self._lines, *([text_table(self.columns, self.rows)] if self.rows else [])])
+        return "\n".join(
+            [*self._lines, *([text_table(self.columns, self.rows)] if self.rows else [])]
+        )
 
 
 class Printable:

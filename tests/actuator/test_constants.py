@@ -16,23 +16,33 @@ from motorprior.exceptions import ConfigError
 @pytest.fixture
 def prior(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     box = grey_box(spread=0.2)
-    z, metrics = np.zeros((2, 3)), {"identified_kp": 1.0, "identified_coulomb": 0.0, "replay_rmse": 0.004}
+    z = np.zeros((2, 3))
+    metrics = {"identified_kp": 1.0, "identified_coulomb": 0.0, "replay_rmse": 0.004}
     return MotorPrior(box, z, z, "rollout", "pendulum", "a servo", {"text": "x" * 20_000}, metrics)
 
 
 def test_a_prior_has_the_quantiles_of_its_samples(prior: MotorPrior):
     kp = prior.constants()["kp"]
     samples = prior.sample(4000, 1).constants()["kp"]  # pyright: ignore[reportAttributeAccessIssue]
-    np.testing.assert_allclose([kp.low, kp.median, kp.high], np.quantile(samples, [0.05, 0.5, 0.95]), rtol=0.05)
+    np.testing.assert_allclose(
+        [kp.low, kp.median, kp.high], np.quantile(samples, [0.05, 0.5, 0.95]), rtol=0.05
+    )
     assert (kp.unit, kp.identifiable) == ("N·m/rad", True)
-    assert [prior.constants()[name].identifiable for name in ("coulomb", "armature")] == [False, None]
+    assert [prior.constants()[name].identifiable for name in ("coulomb", "armature")] == [
+        False,
+        None,
+    ]
 
 
 def test_gains_of_a_firmware_have_units_of_their_own(prior: MotorPrior):
-    firmware = replace(prior, model=replace(prior.model, gain_unit="firmware"), gains=np.ones((2, 2)))
+    firmware = replace(
+        prior, model=replace(prior.model, gain_unit="firmware"), gains=np.ones((2, 2))
+    )
     row = firmware.constants()["kp_per_logged"]
     assert row.unit.startswith("N·m/rad per unit") and row.identifiable
-    physical = replace(prior, model=replace(prior.model, gain_unit="N·m/rad"), gains=np.full((2, 2), 3.0))
+    physical = replace(
+        prior, model=replace(prior.model, gain_unit="N·m/rad"), gains=np.full((2, 2), 3.0)
+    )
     assert physical.constants()["kp"].median == pytest.approx(3.0 * prior.constants()["kp"].median)
 
 

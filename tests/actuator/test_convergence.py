@@ -20,7 +20,9 @@ MOTORS = 16
 
 
 def case(kind: str) -> Trial:
-    return bench_trial(np.random.default_rng(5), kind, HELD_OUT.segment_steps, MOTORS, HELD_OUT, hold=False)
+    return bench_trial(
+        np.random.default_rng(5), kind, HELD_OUT.segment_steps, MOTORS, HELD_OUT, hold=False
+    )
 
 
 def motors():
@@ -29,8 +31,12 @@ def motors():
 
 def simulated(known: GreyBoxActuator, given: Trial, parts: int) -> np.ndarray:
     """Joint positions at the trial's own times, in steps of dt / parts."""
-    targets, external = (np.repeat(rows, parts, axis=0) for rows in (given.position_target, given.external_torque))
-    return run(known, Trial(targets, external, given.load_inertia, given.dt / parts)).joint_pos[::parts]
+    targets, external = (
+        np.repeat(rows, parts, axis=0) for rows in (given.position_target, given.external_torque)
+    )
+    return run(known, Trial(targets, external, given.load_inertia, given.dt / parts)).joint_pos[
+        ::parts
+    ]
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
@@ -41,7 +47,8 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 @pytest.mark.parametrize("kind", ["gait", "impacts"])
 def test_halving_the_step_halves_the_error_at_least_and_leads_to_the_physical_motor(kind: str):
     """2 ms to 0.125 ms. Measured: 2.3 to 3.4 per halving, and 0.2 mrad left: the physical bench has a step, too."""
-    given, known = case(kind), true_grey_box(motors())
+    given = case(kind)
+    known = true_grey_box(motors())
     finest = simulated(known, given, 16)
     errors = [apart(simulated(known, given, parts), finest) for parts in (1, 2, 4)]
     assert errors[0] > 1.9 * errors[1] > 1.9 * 1.9 * errors[2]
@@ -53,10 +60,14 @@ def test_a_gear_that_is_too_stiff_for_the_step_acts_like_a_stiff_one():
 
     Measured: 0.15 mrad and at most 0.51; 0.22 and 0.59 if they see it.
     """
-    known, given, rows = true_grey_box(motors()), case("gait"), np.array(PARAMETERS)
-    center, slope = known.model.center.copy(), known.model.slope.copy()
+    known = true_grey_box(motors())
+    given = case("gait")
+    rows = np.array(PARAMETERS)
+    center = known.model.center.copy()
+    slope = known.model.slope.copy()
     for name, value in {"gear_stiffness": 1e5, "backlash": 1e-6}.items():
-        center[rows == name], slope[:, rows == name] = np.log(value), 0.0
+        center[rows == name] = np.log(value)
+        slope[:, rows == name] = 0.0
     stiff = replace(known, model=replace(known.model, center=center, slope=slope))
     errors = rms(simulated(stiff, given, 1) - simulated(stiff, given, 16), axis=0)
     assert np.median(errors) < 0.18e-3 and errors.max() < 0.55e-3

@@ -62,23 +62,43 @@ def energy_of(values, load, q, dq, rotor_pos, rotor_vel):
     return kinetic + 0.5 * values["gear_stiffness"] * wound**2
 
 
-def simulate(actuator: GreyBoxActuator, dt, load, target, external, start: State | None = None) -> Motion:
+def simulate(
+    actuator: GreyBoxActuator, dt, load, target, external, start: State | None = None
+) -> Motion:
     """A joint of inertia ``load`` (n,) as engines integrate it; target and external (steps, n)."""
-    n, values = actuator.num_motors, actuator.constants()
-    arrays, torque = actuator.arrays(dt), np.zeros(n)
+    n = actuator.num_motors
+    values = actuator.constants()
+    arrays = actuator.arrays(dt)
+    torque = np.zeros(n)
     start = start or at_rest(n)
-    q, dq = start.q.copy(), start.dq.copy()
+    q = start.q.copy()
+    dq = start.dq.copy()
     reset_actuator(arrays, target[0].copy(), q)
     motor = arrays.memory
     motor[ROTOR_POS] += start.rotor_pos
-    motor[ROTOR_VEL], motor[FILTERED_VEL], motor[JOINT_VEL] = start.rotor_vel, start.rotor_vel, dq
-    rotor_vel, rows = start.rotor_vel, []
+    motor[ROTOR_VEL] = start.rotor_vel
+    motor[FILTERED_VEL] = start.rotor_vel
+    motor[JOINT_VEL] = dq
+    rotor_vel = start.rotor_vel
+    rows = []
 
     def note():
         momentum = load * dq + values["armature"] * rotor_vel
         # positions are half a step ahead of the velocities
-        energy = energy_of(values, load, q - 0.5 * dt * dq, dq, motor[ROTOR_POS] - 0.5 * dt * rotor_vel, rotor_vel)
-        rows.append([q.copy(), dq.copy(), motor[ROTOR_POS].copy(), torque.copy(), rotor_vel - dq, momentum, energy])
+        energy = energy_of(
+            values, load, q - 0.5 * dt * dq, dq, motor[ROTOR_POS] - 0.5 * dt * rotor_vel, rotor_vel
+        )
+        rows.append(
+            [
+                q.copy(),
+                dq.copy(),
+                motor[ROTOR_POS].copy(),
+                torque.copy(),
+                rotor_vel - dq,
+                momentum,
+                energy,
+            ]
+        )
 
     note()
     for wanted, push in zip(target.copy(), external, strict=True):
@@ -87,7 +107,8 @@ def simulate(actuator: GreyBoxActuator, dt, load, target, external, start: State
         dq = (dq + dt * (torque + push) / load) / (1.0 + dt * arrays.damping / load)
         q = q + dt * dq
         torque -= arrays.damping * dq
-        # what the engine's implicit damping took, less the expected momentum, is the rotor's from the next step on
+        # what the engine's implicit damping took, less the expected momentum, is the rotor's from
+        # the next step on
         late = dq - before - motor[MotorState._fields.index("expected_change")]
         rotor_vel = motor[ROTOR_VEL] + dt * arrays.damping * late / values["armature"]
         note()
@@ -108,7 +129,9 @@ def values_of(low: float, high: float):
 
 
 LOADS = drawn(float, MOTORS, elements=st.floats(np.log(1e-4), np.log(3e-2))).map(np.exp)
-STARTS = st.builds(State, values_of(-1, 1), values_of(-10, 10), values_of(-0.05, 0.05), values_of(-10, 10))
+STARTS = st.builds(
+    State, values_of(-1, 1), values_of(-10, 10), values_of(-0.05, 0.05), values_of(-10, 10)
+)
 
 
 @STEPS_OF_PHYSICS
@@ -126,19 +149,24 @@ def test_rotor_and_joint_keep_their_momentum(grey_box, dt, z, load, start):
 @pytest.mark.parametrize("friction", [FREE, {}], ids=["free", "with friction"])
 @settings(max_examples=5, deadline=None)
 @given(z=latents(), load=LOADS, start=STARTS)
-def test_an_unpowered_motor_adds_no_energy_whatever_the_start(grey_box, dt, friction, z, load, start):
+def test_an_unpowered_motor_adds_no_energy_whatever_the_start(
+    grey_box, dt, friction, z, load, start
+):
     box: GreyBox = grey_box(**friction, **LIMP)
     motion = simulate(GreyBoxActuator(box, z), dt, load, still(0.4, dt), still(0.4, dt), start)
-    # A blow may be seen a step too late: the energy of a spring wound by one step's twist. It is never more than that,
-    # however long the joint bounces in its play; friction takes it again.
-    late = 0.5 * box.constants(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
+    # A blow may be seen a step too late: the energy of a spring wound by one step's twist. It is
+    # never more than that, however long the joint bounces in its play; friction takes it again.
+    late = (
+        0.5 * box.constants(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
+    )
     assert np.all(motion.energy <= motion.energy[0] + late + 1e-12)
     if not friction:
         assert np.all(motion.energy[-1] <= motion.energy[0] + 1e-12)
 
 
 def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_box):
-    dt, n = 0.002, MOTORS
+    dt = 0.002
+    n = MOTORS
     box: GreyBox = grey_box(spread=0.1, coulomb=0.1, stribeck_torque=0.05, load_friction=0.2)
     motors = GreyBoxActuator(box, np.random.default_rng(5).uniform(-1, 1, (n, 3)))
     values = box.constants(motors.z)
@@ -147,18 +175,25 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     ramp = np.minimum(np.arange(1500) * dt / 1.0, 1.0)[:, None]
     load = np.full(n, 0.01)
     held = simulate(motors, dt, load, target, 0.8 * breakaway * ramp)
-    assert np.max(np.abs(held.rotor_pos[-1] - held.rotor_pos[0])) < 1e-4  # but for the blow that takes up the play
+    # but for the blow that takes up the play
+    assert np.max(np.abs(held.rotor_pos[-1] - held.rotor_pos[0])) < 1e-4
     late = held.rotor_pos[750:]
     np.testing.assert_array_equal(late, np.broadcast_to(late[0], late.shape))  # for ever
-    np.testing.assert_allclose(held.torque[-1], -0.8 * breakaway, rtol=0.02)  # the gear carries what the law does not
+    # the gear carries what the law does not
+    np.testing.assert_allclose(held.torque[-1], -0.8 * breakaway, rtol=0.02)
     moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
     expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
     assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
 
 
-def rigid_response(inertia: float, kp: float, damping: float, delay: float, target: np.ndarray, dt: float):
+def rigid_response(
+    inertia: float, kp: float, damping: float, delay: float, target: np.ndarray, dt: float
+):
     """Angles [rad] of a rigid motor on a PD, commands held from each step of ``dt`` and delayed; steps of dt/40."""
-    q, dq, h, angles = 0.0, 0.0, dt / 40, np.empty(len(target))
+    q = 0.0
+    dq = 0.0
+    h = dt / 40
+    angles = np.empty(len(target))
     for step in range(40 * len(target)):
         if step % 40 == 0:
             angles[step // 40] = q
@@ -171,14 +206,18 @@ def rigid_response(inertia: float, kp: float, damping: float, delay: float, targ
 
 @pytest.mark.parametrize("load", [0.004, 0.06])
 def test_a_stiff_gear_moves_a_load_as_a_rigid_motor(load: float):
-    dt, values = 0.002, dict(kp=20.0, kd_over_kp=0.05, delay=0.01, armature=0.01, viscous_damping=0.1)
-    none = dict.fromkeys(("velocity_filter", "coulomb", "stribeck_torque", "load_friction", "backlash"), 1e-6)
+    dt = 0.002
+    values = dict(kp=20.0, kd_over_kp=0.05, delay=0.01, armature=0.01, viscous_damping=0.1)
+    none = dict.fromkeys(
+        ("velocity_filter", "coulomb", "stribeck_torque", "load_friction", "backlash"), 1e-6
+    )
     stiff = dict(torque_limit=500.0, gear_stiffness=1e4, gear_damping=1.0)
     center = encoded(values | none | stiff, ())
     motors = GreyBox(center, np.eye(len(center)), dt).motors(np.zeros((1, len(center))))
     target = np.repeat(np.random.default_rng(3).uniform(-0.3, 0.3, 16) * (np.arange(16) > 0), 125)
     trial = Trial(target[:, None], np.zeros((len(target), 1)), np.array([load]), dt)
     exact = rigid_response(load + 0.01, 20.0, 20.0 * 0.05 + 0.1, 0.01, target, dt)
-    error, vel = run(motors, trial).joint_pos[:, 0] - exact, np.gradient(exact, dt)
+    error = run(motors, trial).joint_pos[:, 0] - exact
+    vel = np.gradient(exact, dt)
     assert abs(error @ vel / (vel @ vel)) < 0.1 * dt  # delay of the simulated joint
     assert np.sqrt(np.mean(error**2)) < 0.6e-3

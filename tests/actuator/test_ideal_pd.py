@@ -17,7 +17,9 @@ def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
     rng = np.random.default_rng(0)
     actuator = IdealPd(*(rng.uniform(0.1, 2.0, 5) for _ in range(4)), delay=np.zeros(5))
     target, q, dq = inputs = rng.normal(0.0, 1.0, (3, 200, 5))
-    law = np.clip(actuator.kp * (target - q) - actuator.kd * dq, -actuator.torque_limit, actuator.torque_limit)
+    law = np.clip(
+        actuator.kp * (target - q) - actuator.kd * dq, -actuator.torque_limit, actuator.torque_limit
+    )
     np.testing.assert_allclose(torques(actuator, inputs) - actuator.kd * dq, law, atol=1e-12)
     assert 0.2 < np.mean(np.abs(law) == actuator.torque_limit) < 0.9  # both branches are seen
     np.testing.assert_array_equal(actuator.damping, actuator.kd)
@@ -42,9 +44,13 @@ def test_scaled_motors_are_those_with_scaled_constants(coulomb: float):
     scales = scales if coulomb else scales._replace(coulomb=np.ones(3))
     one, other = (
         IdealPd(kp, kd, limit, np.full(3, 0.003), np.full(3, 0.01), dry)
-        for kp, kd, limit, dry in (np.outer(values, np.ones(3)), np.array(scales) * np.array(values)[:, None])
+        for kp, kd, limit, dry in (
+            np.outer(values, np.ones(3)),
+            np.array(scales) * np.array(values)[:, None],
+        )
     )
-    found, wanted = with_factors(one, scales).arrays(DT), other.arrays(DT)
+    found = with_factors(one, scales).arrays(DT)
+    wanted = other.arrays(DT)
     np.testing.assert_allclose(found.parameters, wanted.parameters, rtol=1e-12)
     np.testing.assert_allclose(found.damping, wanted.damping, rtol=1e-12)
 
@@ -57,7 +63,8 @@ SPEEDS = np.linspace(-3.0, 3.0, 61)[:, None] * np.array([1.0, 0.1, 0.01, 0.0])
 
 def effort(actuator: IdealPd, velocity: np.ndarray) -> np.ndarray:
     """(steps, 4) what acts on a joint that keeps its velocity, where its target is [N·m]."""
-    arrays, out = actuator.arrays(DT), np.zeros(velocity.shape)
+    arrays = actuator.arrays(DT)
+    out = np.zeros(velocity.shape)
     there = np.zeros(4)
     reset_actuator(arrays, there, there)
     for step, row in enumerate(velocity):
@@ -69,19 +76,26 @@ def effort(actuator: IdealPd, velocity: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("pd", [PD, LIGHT])
 def test_it_is_against_the_motion_whole_when_fast_and_linear_when_slow(pd: IdealPd):
     friction = effort(pd, SPEEDS) - effort(replace(pd, coulomb=np.full(4, COULOMB)), SPEEDS)
-    fast, slow = np.abs(SPEEDS) > 0.5, (SPEEDS != 0.0) & (np.abs(SPEEDS) < 0.05)
+    fast = np.abs(SPEEDS) > 0.5
+    slow = (SPEEDS != 0.0) & (np.abs(SPEEDS) < 0.05)
     np.testing.assert_allclose(friction[fast], COULOMB * np.sign(SPEEDS[fast]))
     slope = friction[slow] / SPEEDS[slow]
     np.testing.assert_allclose(slope, slope[0])
     assert slope[0] > COULOMB / 0.5 and np.all(friction[SPEEDS == 0.0] == 0.0)
 
 
-def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float):
+def motion(
+    pd: IdealPd, coulomb: float, load: float, start: float, target: float, h: float, seconds: float
+):
     """(steps,) velocity of a joint with a load [kg·m²], as an engine takes torque and damping."""
     one = IdealPd(*(getattr(pd, field.name)[:1] for field in fields(IdealPd)))
     actuator = replace(one, coulomb=np.array([coulomb]))
-    arrays, inertia = actuator.arrays(h), load + one.armature
-    pos, velocity, torque, found = np.zeros(1), np.array([start]), np.zeros(1), []
+    arrays = actuator.arrays(h)
+    inertia = load + one.armature
+    pos = np.zeros(1)
+    velocity = np.array([start])
+    torque = np.zeros(1)
+    found = []
     reset_actuator(arrays, np.array([target]), pos)
     for _ in range(round(seconds / h)):
         step_actuator(arrays, h, np.array([target]), pos, velocity, torque)
@@ -94,7 +108,9 @@ def motion(pd: IdealPd, coulomb: float, load: float, start: float, target: float
 @pytest.mark.parametrize("kd", [0.0, 0.73])
 @pytest.mark.parametrize("armature", [0.0, 0.0015])
 @pytest.mark.parametrize("load", [3.4e-4, 0.01])
-def test_a_joint_that_coasts_is_stopped_and_not_turned_round(kd: float, armature: float, load: float):
+def test_a_joint_that_coasts_is_stopped_and_not_turned_round(
+    kd: float, armature: float, load: float
+):
     limp = IdealPd.uniform(1, kp=0.0, kd=kd, torque_limit=10.0, armature=armature)
     for start in (0.11, 0.15, 0.19, 0.25, 0.3, 0.4, 1.0):
         speeds = motion(limp, COULOMB, load, start, 0.0, DT, 0.3)

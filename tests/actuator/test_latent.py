@@ -22,13 +22,17 @@ def scaled_history(net, inputs):
     rows = []
     for step in range(len(error)):
         past = [step - tap for tap in TAPS]
-        rows.append([error[max(k, 0)] for k in past] + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past])
+        rows.append(
+            [error[max(k, 0)] for k in past]
+            + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past]
+        )
     return np.array(rows).transpose(0, 2, 1)
 
 
 @pytest.mark.parametrize(("n", "neurons"), [(1, 4), (17, 32)])
 def test_compiled_network_equals_the_reference(n, neurons):
-    net, inputs = network(neurons, taps=TAPS), motion(n)
+    net = network(neurons, taps=TAPS)
+    inputs = motion(n)
     z = np.random.default_rng(2).standard_normal((n, 3))
     expected = np.array([net.torque(row, z) for row in scaled_history(net, inputs)])
     found = torques(NetworkActuator(net, z), inputs)

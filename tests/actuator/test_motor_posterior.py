@@ -31,10 +31,13 @@ def posterior(motors: int) -> MotorPosterior:
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_samples_have_the_posteriors_moments_and_a_share_of_the_priors(share: float):
-    rng, given = np.random.default_rng(0), posterior(12)
+    rng = np.random.default_rng(0)
+    given = posterior(12)
     z = np.stack([given.sample(12, rng, prior_share=share).z for _ in range(4000)])
     np.testing.assert_allclose(z.mean(axis=0), given.mean, atol=0.03)
-    np.testing.assert_allclose(np.cov(z[:, 5].T), given.covariance[5] + share**2 * np.eye(2), atol=0.02)
+    np.testing.assert_allclose(
+        np.cov(z[:, 5].T), given.covariance[5] + share**2 * np.eye(2), atol=0.02
+    )
 
 
 def test_a_posterior_that_is_the_prior_identifies_nothing():
@@ -53,7 +56,9 @@ def test_a_joint_that_was_not_moved_identifies_nothing_although_its_motor_was_re
 
 
 def test_ranges_of_a_posteriors_constants_contain_the_error_of_the_model():
-    row = replace(posterior(1), mean=np.zeros((1, 2)), covariance=1e-4 * np.eye(2)[None]).constants()["kp"]
+    row = replace(
+        posterior(1), mean=np.zeros((1, 2)), covariance=1e-4 * np.eye(2)[None]
+    ).constants()["kp"]
     # kp = exp(z1 + z2), with a standard deviation of 0.01 of each without that error
     assert np.log(row.high / row.low) > 1.2 * (2 * 1.645 * 0.01 * np.sqrt(2))
 
@@ -68,7 +73,8 @@ def test_frozen_constants_are_those_of_the_mean_motor():
         PRIOR.with_frozen("colour")
     copula = Copula(np.eye(2), 0.3 + SCORES[:, None] * np.ones(2))
     moved = replace(PRIOR, model=replace(PRIOR.model, copula=copula))
-    frozen, mean = moved.with_frozen("friction").sample(2, 0), moved.sample(2, 0, spread=0.0)
+    frozen = moved.with_frozen("friction").sample(2, 0)
+    mean = moved.sample(2, 0, spread=0.0)
     assert isinstance(frozen, GreyBoxActuator) and isinstance(mean, GreyBoxActuator)
     np.testing.assert_allclose(frozen.constants()["coulomb"], mean.constants()["coulomb"])
 
@@ -76,11 +82,15 @@ def test_frozen_constants_are_those_of_the_mean_motor():
 def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_box):
     box = grey_box(spread=0.2, kp=9.0, torque_limit=1.26)
     prior = MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
-    known = MotorPosterior(prior, np.eye(3), np.tile(1e-6 * np.eye(3), (3, 1, 1)), ("a", "b", "c"), 10.0, (0.5,) * 3)
+    known = MotorPosterior(
+        prior, np.eye(3), np.tile(1e-6 * np.eye(3), (3, 1, 1)), ("a", "b", "c"), 10.0, (0.5,) * 3
+    )
     plain, following = (known.sample(3, 0, limit_follows_gain=follows) for follows in (False, True))
     assert isinstance(plain, GreyBoxActuator) and isinstance(following, GreyBoxActuator)
     share = box.constants(plain.z)["kp"] / 9.0
-    assert np.abs(share - 1.0).max() > 0.1 and plain.factors is None and following.factors is not None
+    assert (
+        np.abs(share - 1.0).max() > 0.1 and plain.factors is None and following.factors is not None
+    )
     np.testing.assert_array_equal(following.z, plain.z)
     np.testing.assert_allclose(following.factors.torque_limit, share, rtol=1e-9)
 
@@ -90,6 +100,10 @@ def test_a_file_keeps_the_posterior_and_refuses_another_prior(tmp_path: Path):
     loaded = MotorPosterior.load(tmp_path / "p.safetensors", PRIOR)
     np.testing.assert_array_equal(loaded.mean, posterior(2).mean)
     np.testing.assert_array_equal(loaded.covariance, posterior(2).covariance)
-    assert (loaded.joint_names, loaded.outlier_p_value, loaded.seconds) == (("joint0", "joint1"), (0.5, 0.5), 10.0)
+    assert (loaded.joint_names, loaded.outlier_p_value, loaded.seconds) == (
+        ("joint0", "joint1"),
+        (0.5, 0.5),
+        10.0,
+    )
     with pytest.raises(ConfigError, match="another prior"):
         MotorPosterior.load(tmp_path / "p.safetensors", replace(PRIOR, preset="another"))

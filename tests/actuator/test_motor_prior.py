@@ -27,9 +27,14 @@ def prior(request: pytest.FixtureRequest, grey_box: Callable[..., GreyBox]) -> M
     if request.param == "network":
         model = network(taps=(0, 2))
     else:
-        model = replace(grey_box(encoder_zero=-0.02), copula=Copula(np.eye(3), np.tile(SCORES[:, None], 3)))
-    mean, log_var = rng.standard_normal((5, 3)), rng.uniform(-4, 0, (5, 3))
-    return MotorPrior(model, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5})
+        model = replace(
+            grey_box(encoder_zero=-0.02), copula=Copula(np.eye(3), np.tile(SCORES[:, None], 3))
+        )
+    mean = rng.standard_normal((5, 3))
+    log_var = rng.uniform(-4, 0, (5, 3))
+    return MotorPrior(
+        model, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5}
+    )
 
 
 @pytest.fixture
@@ -42,9 +47,12 @@ def saved(prior: MotorPrior, tmp_path: Path) -> Path:
 @pytest.fixture
 def gain_scaled(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     """A prior of motors with logged gains."""
-    box, mean = replace(grey_box(), gain_unit="N·m/rad"), np.random.default_rng(1).standard_normal((3, 3))
+    box = replace(grey_box(), gain_unit="N·m/rad")
+    mean = np.random.default_rng(1).standard_normal((3, 3))
     gains = np.array([[20.0, 20.0, 40.0], [1.0, 1.5, 2.0]])
-    return MotorPrior(box, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains)
+    return MotorPrior(
+        box, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains
+    )
 
 
 def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp_path: Path):
@@ -69,7 +77,9 @@ def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp
 def classed(gain_scaled: MotorPrior) -> MotorPrior:
     """A prior with three classes of one motor each."""
     means = np.array([[-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 0.0, 5.0]])
-    classes = JointClasses(("hip", "thigh", "calf"), ("hip", "thigh", "calf"), means, np.full(3, 4.0))
+    classes = JointClasses(
+        ("hip", "thigh", "calf"), ("hip", "thigh", "calf"), means, np.full(3, 4.0)
+    )
     return replace(gain_scaled, given_classes=classes, misfit=np.array([0.5, 1.0, 2.0]))
 
 
@@ -79,7 +89,9 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     joints = tuple(
         replace(joint, name=f"{side}_{kind}", kp=float(row), kd=1.0)
         for side in ("FL", "FR")
-        for row, (kind, joint) in enumerate(zip(("calf", "hip", "thigh"), PUPPER_V2.joints, strict=False), 1)
+        for row, (kind, joint) in enumerate(
+            zip(("calf", "hip", "thigh"), PUPPER_V2.joints, strict=False), 1
+        )
     )
     robot = replace(PUPPER_V2, joints=joints, given_classes=())
     assert robot.joint_classes == ("calf", "hip", "thigh") * 2
@@ -88,11 +100,18 @@ def test_a_joint_gets_a_motor_of_its_class(classed: MotorPrior, tmp_path: Path):
     away = motors.z - prior.classes.mean[[2, 0, 1] * 2]
     assert np.abs(away).max() < 4.0
     np.testing.assert_array_equal(motors.gains, [[1.0, 2.0, 3.0] * 2, np.ones(6)])
-    np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2])
+    np.testing.assert_array_equal(
+        prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1] * 2]
+    )
     # other words in the robot's file for joints that were recorded
-    recorded = tuple(replace(joint, name=name) for joint, name in zip(joints, ("calf", "hip", "thigh"), strict=False))
+    recorded = tuple(
+        replace(joint, name=name)
+        for joint, name in zip(joints, ("calf", "hip", "thigh"), strict=False)
+    )
     robot = replace(PUPPER_V2, joints=recorded, given_classes=("knee", "abad", "upper"))
-    np.testing.assert_array_equal(prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1]])
+    np.testing.assert_array_equal(
+        prior.sample(robot, 0, spread=0.0).z, prior.classes.mean[[2, 0, 1]]
+    )
     unseen = prior.sample(("tail",) * 500, 0)
     assert unseen.z.std() > 3.5 and np.abs(unseen.z.mean()) < 0.4
     one = prior.sample(("calf",), 0)
@@ -110,11 +129,17 @@ def test_joints_are_expected_by_name_and_class(classed: MotorPrior):
 
 
 def test_intervals_hold_the_constants_and_narrow_with_the_log(gain_scaled: MotorPrior):
-    sure, unsure = (replace(gain_scaled, log_var=np.full((3, 3), value)).intervals() for value in (-8.0, -2.0))
+    sure, unsure = (
+        replace(gain_scaled, log_var=np.full((3, 3), value)).intervals() for value in (-8.0, -2.0)
+    )
     assert isinstance(gain_scaled.model, GreyBox)
-    for name, value in named_constants(gain_scaled.model, gain_scaled.mean, gain_scaled.gains).items():
+    for name, value in named_constants(
+        gain_scaled.model, gain_scaled.mean, gain_scaled.gains
+    ).items():
         low, high = sure[name]
-        assert np.all(low <= value * (1 + 1e-9) + 1e-12) and np.all(high >= value * (1 - 1e-9) - 1e-12)
+        assert np.all(low <= value * (1 + 1e-9) + 1e-12) and np.all(
+            high >= value * (1 - 1e-9) - 1e-12
+        )
     assert np.all(np.ptp(sure["kp"], axis=0) < 0.2 * np.ptp(unsure["kp"], axis=0))
 
 
@@ -122,7 +147,9 @@ def rewrite(path: Path, tensors: dict, header: dict, without: tuple[str, ...] = 
     """Change some tensors and header keys of a file, and drop others."""
     old_tensors, old_header = read_tensors(path)
     both = (old_tensors | tensors, old_header | header)
-    write_tensors(path, *({key: value for key, value in one.items() if key not in without} for one in both))
+    write_tensors(
+        path, *({key: value for key, value in one.items() if key not in without} for one in both)
+    )
 
 
 def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):

@@ -17,24 +17,37 @@ H = 0.002
 EVERY = tuple(TERMS)
 CASES = pytest.mark.parametrize("terms", [("dead_zone",), ("profile", "heat"), EVERY], ids=len)
 MOTORS = 11  # eight lanes and three alone
-STRONG = {"asymmetry": 0.3, "dead_zone": 0.02, "heat_loss": 0.3, "output_damping": 0.02, "temperature_loss": 0.3}
+STRONG = {
+    "asymmetry": 0.3,
+    "dead_zone": 0.02,
+    "heat_loss": 0.3,
+    "output_damping": 0.02,
+    "temperature_loss": 0.3,
+}
 
 
-def drawn_states(motors: GreyBoxActuator, terms: tuple[str, ...], rng: np.random.Generator) -> dict[str, Any]:
+def drawn_states(
+    motors: GreyBoxActuator, terms: tuple[str, ...], rng: np.random.Generator
+) -> dict[str, Any]:
     """Random states of motors with these terms: rotor, joint, delayed target, and what the terms remember."""
-    n, constants = motors.num_motors, motors.model.constants(motors.z)
+    n = motors.num_motors
+    constants = motors.model.constants(motors.z)
     q = rng.uniform(-0.3, 0.3, n)
     moving = np.arange(n) % 3 > 0
     names = "dq", "rotor_vel", "filtered_vel", "joint_vel", "vel_change", "expected_change"
     velocities = {name: 4.0 * rng.standard_normal(n) * moving for name in names}
     drawn = velocities | {
-        "q": q, "target": rng.uniform(-0.4, 0.4, n), "rotor_pos": q + 0.02 * rng.standard_normal(n),
+        "q": q,
+        "target": rng.uniform(-0.4, 0.4, n),
+        "rotor_pos": q + 0.02 * rng.standard_normal(n),
         "damping": 0.1 * rng.random(n),
-    }  # fmt: skip
+    }
     if terms:
         yielding = constants["coulomb"] / constants.get("bristle_stiffness", 1e9)
         drawn |= {
-            "reference": drawn["target"] + 0.1 * rng.standard_normal(n) if "profile" in terms else drawn["target"],
+            "reference": drawn["target"] + 0.1 * rng.standard_normal(n)
+            if "profile" in terms
+            else drawn["target"],
             "reference_vel": rng.standard_normal(n) * ("profile" in terms),
             "integral": 0.1 * rng.standard_normal(n) * ("integral" in terms),
             "current": 0.5 * rng.standard_normal(n) * ("current" in terms),
@@ -51,14 +64,18 @@ def stepped(constants: StepConstants, drawn: dict[str, Any], terms: tuple[str, .
 
 @CASES
 def test_the_compiled_step_is_the_formula(grey_box: Networks, terms: tuple[str, ...]):
-    rng, box = np.random.default_rng(5), grey_box(spread=0.3, terms=terms, **STRONG)
-    motors = GreyBoxActuator(box, rng.standard_normal((MOTORS, 3)), OperatingConditions(rng.random(MOTORS), 0.8, 20.0))
+    rng = np.random.default_rng(5)
+    box = grey_box(spread=0.3, terms=terms, **STRONG)
+    motors = GreyBoxActuator(
+        box, rng.standard_normal((MOTORS, 3)), OperatingConditions(rng.random(MOTORS), 0.8, 20.0)
+    )
     drawn = drawn_states(motors, terms, rng)
     values = motors.constants()
     alone = stepped(step_constants(values, H, terms), drawn, terms)
     every = stepped(step_constants(values, H, terms), drawn, EVERY)
 
-    arrays, torque = motors.arrays(H), np.zeros(MOTORS)
+    arrays = motors.arrays(H)
+    torque = np.zeros(MOTORS)
     reset_actuator(arrays, drawn["target"].copy(), drawn["q"].copy())
     for row, name in enumerate(MotorState._fields):
         arrays.memory[row] = drawn[name]
@@ -98,25 +115,34 @@ def at(**changes: float) -> MotorState:
     return MotorState(**{name: np.array([value]) for name, value in values.items()})
 
 
-def rotor_accelerations(p: StepConstants, state: MotorState, target: float, steps: int, terms: tuple[str, ...]):
+def rotor_accelerations(
+    p: StepConstants, state: MotorState, target: float, steps: int, terms: tuple[str, ...]
+):
     """(steps,) accelerations of the rotor, held in place: what its torque is, over the armature."""
     found = []
     for _ in range(steps):
         moved = step(p, state, np.array([target]), np.zeros(1), np.zeros(1), H, NUMPY, terms)[0]
         found.append(float((moved.rotor_vel - state.rotor_vel)[0] / H))
-        state = moved._replace(rotor_pos=state.rotor_pos, rotor_vel=state.rotor_vel, filtered_vel=state.filtered_vel)
+        state = moved._replace(
+            rotor_pos=state.rotor_pos, rotor_vel=state.rotor_vel, filtered_vel=state.filtered_vel
+        )
     return np.array(found)
 
 
 def test_a_profile_keeps_within_speed_and_acceleration_and_lands_without_overshoot():
-    rng, count = np.random.default_rng(0), 400
-    speeds, accelerations = np.exp(rng.uniform(-1, 3, count)), np.exp(rng.uniform(1, 7, count))
+    rng = np.random.default_rng(0)
+    count = 400
+    speeds = np.exp(rng.uniform(-1, 3, count))
+    accelerations = np.exp(rng.uniform(1, 7, count))
     limits = {"profile_speed": speeds, "profile_acceleration": accelerations}
     values = {name: np.full(count, value) for name, value in SERVO.items()} | limits
     p = step_constants(values, H, ("profile",))
     target, begin = rng.uniform(-2, 2, (2, count))
-    state = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count)))._replace(reference=begin)
-    references, still = [begin], np.zeros(count)
+    state = MotorState(**dict.fromkeys(MotorState._fields, np.zeros(count)))._replace(
+        reference=begin
+    )
+    references = [begin]
+    still = np.zeros(count)
     for _ in range(20_000):
         state = step(p, state, target, still, still, H, NUMPY, ("profile",))[0]
         state = state._replace(rotor_pos=still, rotor_vel=still, filtered_vel=still)
@@ -126,8 +152,11 @@ def test_a_profile_keeps_within_speed_and_acceleration_and_lands_without_oversho
     assert np.all(np.abs(speed) <= speeds * (1 + 1e-9))
     assert np.all(np.abs(np.diff(speed, axis=0)) <= accelerations * H * (1 + 1e-9) + 1e-9)
     # no further than whole steps make it: an eighth of what one step's acceleration moves
-    travel, beyond = (moved - begin) * np.sign(target - begin), accelerations * H * H / 8 + 1e-9
-    assert np.all(travel <= np.abs(target - begin) + beyond) and np.all(np.diff(travel, axis=0) >= -beyond)
+    travel = (moved - begin) * np.sign(target - begin)
+    beyond = accelerations * H * H / 8 + 1e-9
+    assert np.all(travel <= np.abs(target - begin) + beyond) and np.all(
+        np.diff(travel, axis=0) >= -beyond
+    )
     np.testing.assert_allclose(moved[-1], target, atol=1e-6)
 
 
@@ -154,12 +183,18 @@ def test_a_voltage_leaves_no_torque_at_the_no_load_speed_and_all_of_it_at_rest()
     for velocity, torque in ((0.0, 2.0), (10.0, 1.0), (20.0, 0.0), (30.0, 0.0), (-10.0, 3.0)):
         found = 0.002 * rotor_accelerations(p, at(rotor_vel=velocity), 1.0, 1, ("torque_speed",))[0]
         assert found == pytest.approx(torque, rel=1e-9, abs=1e-9)
-        mirrored = 0.002 * rotor_accelerations(p, at(rotor_vel=-velocity), -1.0, 1, ("torque_speed",))[0]
+        mirrored = (
+            0.002 * rotor_accelerations(p, at(rotor_vel=-velocity), -1.0, 1, ("torque_speed",))[0]
+        )
         assert mirrored == pytest.approx(-torque, rel=1e-9, abs=1e-9)
 
 
 def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slides_at_its_friction():
-    p = law({"kp": 1e-3, "coulomb": 0.1, "viscous_damping": 0.05}, ("presliding",), bristle_stiffness=8.0)
+    p = law(
+        {"kp": 1e-3, "coulomb": 0.1, "viscous_damping": 0.05},
+        ("presliding",),
+        bristle_stiffness=8.0,
+    )
     for torque in (0.03, 0.08, -0.08):
         state = at()
         for share in np.minimum(1.0, np.arange(4000) / 3000):  # so gently that it does not swing
@@ -176,8 +211,16 @@ def test_a_rotor_yields_by_torque_over_stiffness_before_it_breaks_away_and_slide
 
 
 @pytest.mark.parametrize(("share", "law"), [(1.0, 0.8), (0.0, 1.0), (20.0, 0.1)])
-def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(share: float, law: float):
-    values = dict.fromkeys(("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0)
+def test_a_voltage_limits_speed_and_torque_and_where_it_drives_the_motor_scales_the_law(
+    share: float, law: float
+):
+    values = dict.fromkeys(
+        ("kp", "torque_limit", "integral_limit", "stall_torque", "no_load_speed", "coulomb"), 2.0
+    )
     found = at_conditions(OperatingConditions(supply=0.8), values | {"supply_share": share})
-    assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx([2.0 * law] * 3)
-    assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx([1.6, 1.6, 2.0])
+    assert [found[name] for name in ("kp", "torque_limit", "integral_limit")] == pytest.approx(
+        [2.0 * law] * 3
+    )
+    assert [found[name] for name in ("stall_torque", "no_load_speed", "coulomb")] == pytest.approx(
+        [1.6, 1.6, 2.0]
+    )

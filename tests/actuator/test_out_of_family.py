@@ -15,14 +15,22 @@ DT = 1e-4
 
 def motor(**constants: float) -> OutOfFamilyMotors:
     """One motor of which everything is off but what is given, a rotor and a stiff gear."""
-    known = {"torque_limit": 1e3, "armature": 0.004, "gear_stiffness": 4000.0, "gear_damping": 1.0} | constants
+    known = {
+        "torque_limit": 1e3,
+        "armature": 0.004,
+        "gear_stiffness": 4000.0,
+        "gear_damping": 1.0,
+    } | constants
     names = [field.name for field in fields(OutOfFamilyMotors)]
     assert set(known) <= set(names)
     return OutOfFamilyMotors(**{name: np.array([known.get(name, 0.0)]) for name in names})
 
 
 def respond(
-    motors: OutOfFamilyMotors, target: np.ndarray, external: np.ndarray | float = 0.0, load: float = 0.01
+    motors: OutOfFamilyMotors,
+    target: np.ndarray,
+    external: np.ndarray | float = 0.0,
+    load: float = 0.01,
 ) -> Response:
     """Of one motor to (steps,) targets [rad] and torques [N·m], in steps of DT."""
     torque = np.broadcast_to(external, target.shape)
@@ -36,29 +44,46 @@ def step(height: float, seconds: float) -> np.ndarray:
 
 
 def test_with_everything_off_it_is_a_second_order_system():
-    kp, kd, viscous, inertia = 9.0, 0.3, 0.05, 0.014  # of rotor and load
+    # of rotor and load
+    kp = 9.0
+    kd = 0.3
+    viscous = 0.05
+    inertia = 0.014
     answer = respond(motor(kp=kp, kd=kd, viscous_damping=viscous), step(0.1, 0.6)).joint_pos[:, 0]
-    decay, time = (kd + viscous) / (2 * inertia), DT * np.arange(len(answer))
+    decay = (kd + viscous) / (2 * inertia)
+    time = DT * np.arange(len(answer))
     omega = np.sqrt(kp / inertia - decay**2)
-    known = 0.1 * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))
+    known = 0.1 * (
+        1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time))
+    )
     np.testing.assert_allclose(answer, known, atol=0.0008)
 
 
 def test_before_it_slides_friction_is_lu_gres_spring():
     """dz/dx = 1 - sigma·z/g loaded slowly and one way: x = -g/sigma·ln(1 - torque/g)."""
-    g, sigma, torque, stiffness = 0.05, 20.0, 0.04, 4000.0
-    motors = motor(coulomb=g, bristle_stiffness=sigma, viscous_damping=0.5, gear_stiffness=stiffness)
+    g = 0.05
+    sigma = 20.0
+    torque = 0.04
+    stiffness = 4000.0
+    motors = motor(
+        coulomb=g, bristle_stiffness=sigma, viscous_damping=0.5, gear_stiffness=stiffness
+    )
     external = torque * np.clip(np.linspace(0.0, 1.5, 20_000), 0.0, 1.0)
     moved = respond(motors, np.zeros(20_000), external, load=0.001).joint_pos[-1, 0]
-    assert moved == pytest.approx(-g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01)
+    assert moved == pytest.approx(
+        -g / sigma * np.log(1 - torque / g) + torque / stiffness, rel=0.01
+    )
 
 
 def friction_at(motors: OutOfFamilyMotors, speed: float) -> float:
     """Friction [N·m] of a heavy rotor that has long moved at this speed [rad/s]."""
-    arrays, still, gear = motors.actuator().arrays(DT), np.zeros(1), np.zeros(1)
+    arrays = motors.actuator().arrays(DT)
+    still = np.zeros(1)
+    gear = np.zeros(1)
     reset_actuator(arrays, still, still)
     for _ in range(1000):
-        arrays.memory[rows.ROTOR_POS, 0], arrays.memory[rows.ROTOR_VEL, 0] = 0.0, speed
+        arrays.memory[rows.ROTOR_POS, 0] = 0.0
+        arrays.memory[rows.ROTOR_VEL, 0] = speed
         step_actuator(arrays, DT, still, still, np.array([speed]), gear)
     return float((speed - arrays.memory[rows.ROTOR_VEL, 0]) * motors.armature[0] / DT - gear[0])
 
@@ -66,20 +91,28 @@ def friction_at(motors: OutOfFamilyMotors, speed: float) -> float:
 @pytest.mark.parametrize("speed", [0.05, 0.2, 3.0])
 def test_friction_falls_from_that_at_rest_to_that_of_sliding(speed):
     """Stribeck: coulomb + static_torque·exp(-(w / stribeck_velocity)²)."""
-    motors = motor(armature=100.0, coulomb=0.05, static_torque=0.04, stribeck_velocity=0.2, bristle_stiffness=400.0)
+    motors = motor(
+        armature=100.0,
+        coulomb=0.05,
+        static_torque=0.04,
+        stribeck_velocity=0.2,
+        bristle_stiffness=400.0,
+    )
     known = 0.05 + 0.04 * np.exp(-((speed / 0.2) ** 2))
     for direction in (1.0, -1.0):
         assert friction_at(motors, direction * speed) == pytest.approx(direction * known, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("speed", "min_torque", "max_torque"), [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)]
+    ("speed", "min_torque", "max_torque"),
+    [(15.0, -3.0, 1.0), (-15.0, -1.0, 3.0), (45.0, -5.0, 0.0)],
 )
 def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, min_torque, max_torque):
     """stall·(±1 - w / no_load_speed): back-EMF is against the drive and with the brake."""
     for target, known in ((1e3, max_torque), (-1e3, min_torque)):
         motors = motor(kp=1e3, armature=1e9, stall_torque=2.0, no_load_speed=30.0)
-        arrays, still = motors.actuator().arrays(DT), np.zeros(1)
+        arrays = motors.actuator().arrays(DT)
+        still = np.zeros(1)
         reset_actuator(arrays, np.array([target]), still)
         arrays.memory[rows.ROTOR_VEL, 0] = speed
         step_actuator(arrays, DT, np.array([target]), still, np.array([speed]), np.zeros(1))
@@ -88,7 +121,9 @@ def test_the_voltage_leaves_more_torque_to_brake_than_to_drive(speed, min_torque
 
 def twisted(motors: OutOfFamilyMotors, twist: np.ndarray) -> np.ndarray:
     """(steps,) torque of the gear [N·m] behind a rotor that does not move."""
-    arrays, torque, still = motors.actuator().arrays(DT), np.zeros((len(twist), 1)), np.zeros(1)
+    arrays = motors.actuator().arrays(DT)
+    torque = np.zeros((len(twist), 1))
+    still = np.zeros(1)
     reset_actuator(arrays, still, still)
     for angle, out in zip(twist, torque, strict=True):
         step_actuator(arrays, DT, still, np.array([-angle]), still, out)

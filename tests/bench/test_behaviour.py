@@ -11,7 +11,9 @@ from motorprior.bench import behaviour
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 
-KP, KD, ARMATURE = np.array([8.0, 12.0]), np.array([0.8, 0.9]), np.array([0.002, 0.004])
+KP = np.array([8.0, 12.0])
+KD = np.array([0.8, 0.9])
+ARMATURE = np.array([0.002, 0.004])
 
 
 def pd(delay=0.0, kd=KD, limit=50.0):
@@ -21,7 +23,9 @@ def pd(delay=0.0, kd=KD, limit=50.0):
 def central(**changes):
     """Two central motors of the fleet, changed."""
     motors = require_geared(load_fleet("pupper_v2").center(2))
-    return replace(motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()})
+    return replace(
+        motors, **{name: np.broadcast_to(value, 2).astype(float) for name, value in changes.items()}
+    )
 
 
 @pytest.mark.parametrize(("frequency", "delay"), [(1, 0.0), (8, 0.012)])
@@ -32,12 +36,17 @@ def test_gain_and_lag_are_those_of_the_second_order_system(frequency, delay):
     gain, lag = behaviour.frequency_response(pd(delay), frequency)
     np.testing.assert_allclose(gain, np.abs(expected), rtol=0.03)
     phase = np.mod(-np.angle(expected), 2 * np.pi)
-    np.testing.assert_allclose(lag, phase / (2 * np.pi * frequency), atol=0.0015)  # a target holds for 2 ms
+    # a target holds for 2 ms
+    np.testing.assert_allclose(lag, phase / (2 * np.pi * frequency), atol=0.0015)
 
 
 def test_stall_torque_is_the_limit_of_a_pd_and_the_limit_less_friction_of_a_motor():
     np.testing.assert_allclose(behaviour.stall_torque(pd(limit=1.3)), 1.3, rtol=1e-6)
     np.testing.assert_allclose(behaviour.stall_torque(pd()), KP * behaviour.STALL_ERROR, rtol=1e-3)
     motors = central(coulomb=[0.05, 0.2], load_friction=[0.0, 0.3], backlash=0.0)
-    expected = (motors.torque_limit - motors.coulomb - motors.stribeck_torque) / (1 + motors.load_friction)
-    np.testing.assert_allclose(behaviour.stall_torque(PhysicalActuator(motors)), expected, rtol=0.02)
+    expected = (motors.torque_limit - motors.coulomb - motors.stribeck_torque) / (
+        1 + motors.load_friction
+    )
+    np.testing.assert_allclose(
+        behaviour.stall_torque(PhysicalActuator(motors)), expected, rtol=0.02
+    )

@@ -17,7 +17,8 @@ def limp(kd=0.0, armature=0.0):
 
 @pytest.mark.parametrize("dt", [0.002, 0.01])
 def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
-    steps, torque = 50, np.array([0.3, -0.2])
+    steps = 50
+    torque = np.array([0.3, -0.2])
     trial = Trial(np.zeros((steps, 2)), np.tile(torque, (steps, 1)), LOAD, dt)
     response = run(limp(armature=0.004), trial)
     acceleration = torque / (LOAD + 0.004)
@@ -25,7 +26,9 @@ def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
     np.testing.assert_allclose(response.joint_vel, acceleration * time, rtol=1e-12, atol=1e-12)
     # semi-implicit Euler with steps h <= 2 ms: q = a·h²·m·(m+1)/2 after m steps = a·t·(t + h)/2
     h = min(dt, 0.002)
-    np.testing.assert_allclose(response.joint_pos, acceleration * time * (time + h) / 2, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        response.joint_pos, acceleration * time * (time + h) / 2, rtol=1e-9, atol=1e-15
+    )
     np.testing.assert_array_equal(response.joint_torque, 0.0)
 
 
@@ -37,9 +40,13 @@ def test_a_recorded_log_obeys_newton(preset):
     for part in log.segments():
         assert part.joint_vel is not None and part.joint_torque is not None
         assert part.load_inertia is not None and part.external_torque is not None
-        gained = part.load_inertia[:-1] * np.diff(part.joint_vel, axis=0) / BENCH_PRESETS[preset].period
+        gained = (
+            part.load_inertia[:-1] * np.diff(part.joint_vel, axis=0) / BENCH_PRESETS[preset].period
+        )
         # joint_torque is the mean over the sample, so the identity is exact but for rounding
-        np.testing.assert_allclose(gained, (part.joint_torque + part.external_torque)[:-1], atol=1e-9)
+        np.testing.assert_allclose(
+            gained, (part.joint_torque + part.external_torque)[:-1], atol=1e-9
+        )
         moved = np.diff(part.joint_pos, axis=0) / BENCH_PRESETS[preset].period
         # the mean speed of a sample lies near its two ends': within the acceleration's share
         slack = np.abs(np.diff(part.joint_vel, axis=0)).max()

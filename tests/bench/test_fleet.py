@@ -20,7 +20,10 @@ SHIPPED_TEXT = fleet_path("pupper_v2").read_text(encoding="utf-8")
 def with_table(tmp_path: Path, parameter: str, body: str) -> Path:
     """The shipped fleet with the table of one parameter replaced."""
     tables = SHIPPED_TEXT.split("\n[")
-    changed = [f"{parameter}]\n{body}\n" if table.startswith(f"{parameter}]") else table for table in tables]
+    changed = [
+        f"{parameter}]\n{body}\n" if table.startswith(f"{parameter}]") else table
+        for table in tables
+    ]
     assert changed != tables
     path = tmp_path / "mine.toml"
     path.write_text("\n[".join(changed), encoding="utf-8")
@@ -32,13 +35,15 @@ KP = 'unit = "N·m/rad"\nsource = "test"\n'
 
 @pytest.mark.parametrize("name", NAMES)
 def test_samples_have_the_median_and_spread_of_the_file(name):
-    fleet, count = load_fleet(name), 20000
+    fleet = load_fleet(name)
+    count = 20000
     motors = fleet.sample(count, np.random.default_rng(0))
     values = {field: getattr(motors, field) for field in fleet.parameters if field != "kd_over_kp"}
     values["kd_over_kp"] = motors.kd / motors.kp
     for field, distribution in fleet.parameters.items():
         numbers = distribution.values
-        low, middle, high = np.quantile(values[field], [0.1587, 0.5, 0.8413])  # one sigma either side
+        # one sigma either side
+        low, middle, high = np.quantile(values[field], [0.1587, 0.5, 0.8413])
         if distribution.kind == "constant":
             np.testing.assert_allclose(values[field], numbers["center"])
         elif distribution.kind == "uniform":
@@ -47,7 +52,8 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
             expected = numbers["low"] + width * np.array([0.1587, 0.5, 0.8413])
             np.testing.assert_allclose([low, middle, high], expected, atol=0.015 * width)
         else:
-            # the quantiles' own standard error is 0.009-0.011 sigma for 20000 samples; 0.04 is four of them
+            # the quantiles' own standard error is 0.009-0.011 sigma for 20000 samples; 0.04 is four
+            # of them
             sigma = np.hypot(numbers["spread"], numbers["center_uncertainty"])
             log = np.log if distribution.kind == "lognormal" else np.asarray
             center = log(numbers["center"])
@@ -59,7 +65,9 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
 
 def test_same_generator_same_motors_and_the_center_is_the_median():
     fleet = load_fleet("pupper_v2")
-    a, b, other = (require_geared(fleet.sample(5, np.random.default_rng(seed))).coulomb for seed in (3, 3, 4))
+    a, b, other = (
+        require_geared(fleet.sample(5, np.random.default_rng(seed))).coulomb for seed in (3, 3, 4)
+    )
     np.testing.assert_array_equal(a, b)
     assert np.any(a != other)
     center = fleet.center(2)
@@ -86,7 +94,8 @@ def test_a_wrong_table_is_rejected_by_name(tmp_path, body, problem):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_fleet_that_was_written_is_the_one_that_is_read(tmp_path: Path, name: str):
-    fleet, path = load_fleet(name), tmp_path / "fleet.toml"
+    fleet = load_fleet(name)
+    path = tmp_path / "fleet.toml"
     write_fleet(path, fleet, dict.fromkeys(fleet.parameters, 'a log called "µ \\ 1"'), "by a test")
     assert load_fleet(path) == fleet
 
@@ -96,8 +105,14 @@ def test_a_bench_gives_its_motors_back(tmp_path, name):
     run_bench(Bench(tmp_path, name, "rollout", 3, 1200, 5))
     log, bench = read_bench(tmp_path)
     fleet = load_fleet(name)
-    assert bench.fleet == fleet and (log.num_joints, log.num_rows) == (3, 1200) and log.motor == fleet.motor
-    drawn, again = (found.physical_motors() for found in (bench, bench_from_json(bench.as_json(), "here")))
+    assert (
+        bench.fleet == fleet
+        and (log.num_joints, log.num_rows) == (3, 1200)
+        and log.motor == fleet.motor
+    )
+    drawn, again = (
+        found.physical_motors() for found in (bench, bench_from_json(bench.as_json(), "here"))
+    )
     np.testing.assert_array_equal(drawn.kp, again.kp)
     text = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert text.get("family", "geared") == fleet.family and ("family" in text) == (name != "mixed")

@@ -39,12 +39,25 @@ def sample(method: str = "recorded") -> LearnedExcitation:
     windows = np.concatenate([target[..., None], torque], axis=2)
     limits = np.array([[0.15, 3.0, 100.0, 1.0], [0.5, 12.0, 400.0, 1.5]])
     shapes = {"codes": (20, CODE), **weight_shapes(2)}.items()
-    weights = {n: rng.standard_normal(s) / np.sqrt(np.prod(s[:-1])) if len(s) > 1 else np.zeros(s) for n, s in shapes}
+    weights = {
+        n: rng.standard_normal(s) / np.sqrt(np.prod(s[:-1])) if len(s) > 1 else np.zeros(s)
+        for n, s in shapes
+    }
     scales = np.stack([windows[which == kind].std(axis=(0, 1)) for kind in (0, 1)])
     return LearnedExcitation(
-        method, ("hip", "knee"), DT, windows, which, np.zeros(20), frequency, scales, limits,
-        np.array([[1e-3, 2e-3], [1e-4, 2e-4]]), weights, {"trained_on": [{"source": "made up"}]},
-    )  # fmt: skip
+        method,
+        ("hip", "knee"),
+        DT,
+        windows,
+        which,
+        np.zeros(20),
+        frequency,
+        scales,
+        limits,
+        np.array([[1e-3, 2e-3], [1e-4, 2e-4]]),
+        weights,
+        {"trained_on": [{"source": "made up"}]},
+    )
 
 
 @settings(max_examples=30, deadline=None)
@@ -72,7 +85,9 @@ def test_a_signal_well_inside_the_bounds_is_kept():
 @pytest.mark.parametrize("method", ["recorded", "surrogate", "generated"])
 def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
     excitation = sample(method)
-    frames, which = 500, np.array([0, 1, 1])  # eight windows long
+    # eight windows long
+    frames = 500
+    which = np.array([0, 1, 1])
     target, torque = excitation.frames(np.random.default_rng(1), frames, which)
     again, _ = excitation.frames(np.random.default_rng(1), frames, which)
     limits = excitation.bounds[which]
@@ -89,7 +104,9 @@ def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
 def test_a_channel_that_is_constant_in_the_runs_stays_constant():
     runs = sample("generated")
     scales = np.column_stack([runs.scales[:, :1], np.full((2, SUB), MIN_SCALE)])
-    target, torque = replace(runs, scales=scales).frames(np.random.default_rng(1), 50, np.array([0, 1]))
+    target, torque = replace(runs, scales=scales).frames(
+        np.random.default_rng(1), 50, np.array([0, 1])
+    )
     assert target.std() > 0.0 and np.abs(torque).max() < 100 * MIN_SCALE
 
 
@@ -97,10 +114,14 @@ def test_recorded_windows_are_all_played_and_seams_fade():
     runs = sample()
     raw = recorded(runs, np.random.default_rng(0), 10 * (64 - FADE), 1)
     middles = raw.reshape(10, 64 - FADE, CHANNELS)[:, FADE:]
-    played = {int(np.argmin([np.abs(own[FADE:-FADE] - middle).max() for own in runs.windows])) for middle in middles}
+    played = {
+        int(np.argmin([np.abs(own[FADE:-FADE] - middle).max() for own in runs.windows]))
+        for middle in middles
+    }
     assert played == set(range(10, 20))
     steps = np.abs(np.diff(raw[:, 0])).max()
-    assert steps < 0.4 * 2 * np.pi * 3.0 * DT + 0.8 * np.pi / 2 / FADE  # own speed, and a fade over at most 0.8 rad
+    # own speed, and a fade over at most 0.8 rad
+    assert steps < 0.4 * 2 * np.pi * 3.0 * DT + 0.8 * np.pi / 2 / FADE
 
 
 def test_surrogates_have_the_marginals_and_the_frequency_of_the_runs():
@@ -108,7 +129,9 @@ def test_surrogates_have_the_marginals_and_the_frequency_of_the_runs():
     raw = surrogate(runs, np.random.default_rng(0), 4096, 1)
     knees = runs.windows[runs.window_class == 1].reshape(-1, CHANNELS)
     shares = np.linspace(0.05, 0.95, 19)
-    assert np.quantile(raw, shares, axis=0) == pytest.approx(np.quantile(knees, shares, axis=0), abs=0.02)
+    assert np.quantile(raw, shares, axis=0) == pytest.approx(
+        np.quantile(knees, shares, axis=0), abs=0.02
+    )
     power = np.abs(np.fft.rfft(raw[:, 0])) ** 2
     at = np.fft.rfftfreq(len(raw), DT)
     assert power[(at > 0.3) & (at < 4.0)].sum() > 0.8 * power[1:].sum()
@@ -120,7 +143,9 @@ def test_targets_are_held_and_torques_averaged_at_other_periods():
     coarse = excitation.streams(np.random.default_rng(2), 200, DT, ["FR_knee"])
     assert np.array_equal(fine.position_target[::5], coarse.position_target)
     assert np.all(np.diff(fine.position_target.reshape(200, 5), axis=1) == 0.0)
-    assert fine.external_torque.reshape(200, 5).mean(axis=1) == pytest.approx(coarse.external_torque[:, 0])
+    assert fine.external_torque.reshape(200, 5).mean(axis=1) == pytest.approx(
+        coarse.external_torque[:, 0]
+    )
     assert fine.load_inertia is not None and 1e-4 <= fine.load_inertia[0] <= 2e-4  # of the knees
     with pytest.raises(ConfigError, match=r"0\.02 s"):
         excitation.streams(np.random.default_rng(2), 10, 0.02, ["FR_knee"])
@@ -130,7 +155,10 @@ def test_a_file_gives_the_same_streams_and_one_look_up_finds_it(tmp_path: Path):
     path = tmp_path / "walk.safetensors"
     sample("generated").save(path)
     found = excitation_of(str(path))
-    streams = [each.streams(np.random.default_rng(4), 60, DT, ["a_hip", "b"]) for each in (sample("generated"), found)]
+    streams = [
+        each.streams(np.random.default_rng(4), 60, DT, ["a_hip", "b"])
+        for each in (sample("generated"), found)
+    ]
     assert streams[0].position_target.tobytes() == streams[1].position_target.tobytes()
     assert excitation_of("sine") is EXCITATIONS["sine"]
     with pytest.raises(ConfigError, match="waltz"):

@@ -20,7 +20,9 @@ def recorded(seed=0, steps=2100, preset=ROLLOUT):
 
 
 def test_same_seed_same_bytes():
-    one, same, other = ({name: each.tobytes() for name, each in channels(recorded(s)).items()} for s in (5, 5, 6))
+    one, same, other = (
+        {name: each.tobytes() for name, each in channels(recorded(s)).items()} for s in (5, 5, 6)
+    )
     assert one == same != other
 
 
@@ -44,7 +46,9 @@ def test_every_segment_starts_from_rest_at_its_target(steps):
 
 def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
     preset = replace(BENCH_PRESETS["rollout"], kinds=("creep",))
-    weak = replace(require_geared(MOTORS), torque_limit=require_geared(MOTORS).torque_limit * [1.0, 0.3, 1.0])
+    weak = replace(
+        require_geared(MOTORS), torque_limit=require_geared(MOTORS).torque_limit * [1.0, 0.3, 1.0]
+    )
     both = [record(motors, preset, 3000, 0, FLEET) for motors in (MOTORS, weak)]
     usual, held_back = (log.external_torque for log in both)
     assert usual is not None and held_back is not None

@@ -50,7 +50,11 @@ def motorprior(capsys: pytest.CaptureFixture[str]) -> Command:
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
+    return {
+        path: path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != ".lock"
+    }
 
 
 def assert_one_error(err: str, words: tuple[str, ...]) -> None:
@@ -84,7 +88,8 @@ def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
 @pytest.fixture
 def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Send this process SIGINT at the n-th advance of a unit of work from now on; 0 for never again."""
-    old = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background ignores it
+    # a process in the background ignores it
+    old = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def at(advance_number: int) -> None:
         calls = 0
@@ -112,7 +117,11 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
     """The file of a prior for the motors of `bench`."""
-    path, settings, motors = bench.parent / "prior.safetensors", read_bench(bench)[1], np.zeros((12, 3))
+    path = bench.parent / "prior.safetensors"
+    settings = read_bench(bench)[1]
+    motors = np.zeros((12, 3))
     provenance = {"bench": settings.as_json()}
-    MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance, {}).save(path)
+    MotorPrior(
+        grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance, {}
+    ).save(path)
     return path

@@ -14,7 +14,14 @@ from motorprior.commands.identify import Identify, run_identify
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.results import read_results
 
-LOG_BASELINES = ("pure_delay", "second_order", "servo_limits", "per_motor", "pooled_network", "tuned_pd")
+LOG_BASELINES = (
+    "pure_delay",
+    "second_order",
+    "servo_limits",
+    "per_motor",
+    "pooled_network",
+    "tuned_pd",
+)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +36,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, motorprior):
-    prior, out = folder / "prior" / "prior.safetensors", tmp_path / "posterior"
+    prior = folder / "prior" / "prior.safetensors"
+    out = tmp_path / "posterior"
     first = motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out)
     assert first.code == 0 and "motor posterior of 12 motors" in first.out
     known = MotorPrior.load(prior)
@@ -40,31 +48,57 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("adapt", prior, folder / "new" / "log.parquet", "--out", out).code == 0
     assert (out / "posterior.safetensors").stat().st_mtime_ns == written
     motors = f"posterior:{out / 'posterior.safetensors'},prior={prior}"
-    walk = ("walk", "--motors", motors, "--iterations", 1, "--episode-steps", 20, "--out", tmp_path / "walk")
+    walk = (
+        "walk",
+        "--motors",
+        motors,
+        "--iterations",
+        1,
+        "--episode-steps",
+        20,
+        "--out",
+        tmp_path / "walk",
+    )
     assert motorprior(*walk).code == 0
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior, small_search):
-    prior, out = folder / "prior" / "prior.safetensors", tmp_path / "log"
+def test_a_held_out_log_takes_the_place_of_the_truth(
+    folder: Path, tmp_path: Path, motorprior, small_search
+):
+    prior = folder / "prior" / "prior.safetensors"
+    out = tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
     small_search("profile")
     done = motorprior("validate-log", prior, held_out, "--adam-steps", 20, "--out", out)
     assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)
     for quantity in ("free_run_rmse", "whole_run_rmse"):
-        errors = {row.model: row.value for row in found.where(quantity=quantity, statistic="median")}
-        assert list(errors)[:2] == ["adapted", "prior"] and set(errors) == {"adapted", "prior", *LOG_BASELINES}
+        errors = {
+            row.model: row.value for row in found.where(quantity=quantity, statistic="median")
+        }
+        assert list(errors)[:2] == ["adapted", "prior"] and set(errors) == {
+            "adapted",
+            "prior",
+            *LOG_BASELINES,
+        }
         assert errors["adapted"] < errors["prior"] and errors["adapted"] < 0.5 * errors["tuned_pd"]
         assert errors["second_order"] < errors["pure_delay"]
         each = found.where(quantity=quantity, model="per_motor", statistic=None)
         assert [row.part for row in each] == ["motor_000", "motor_001", "motor_002"]
-    for coverage in ("coverage", "whole_run_coverage"):  # how wide the bands of three motors are, rounding decides
+    # how wide the bands of three motors are, rounding decides
+    for coverage in ("coverage", "whole_run_coverage"):
         for model in ("adapted", "prior"):
-            half, most = (found.value(quantity=f"{coverage}{level}", model=model) for level in (50, 90))
+            half, most = (
+                found.value(quantity=f"{coverage}{level}", model=model) for level in (50, 90)
+            )
             assert 0.0 < half < most <= 1.0 and most > 0.3
     figures = read_json(out / "figures.json")
-    assert {"coverage90/adapted", "whole_run_coverage50/prior", "whole_run_rmse_mean/adapted"} <= set(figures)
+    assert {
+        "coverage90/adapted",
+        "whole_run_coverage50/prior",
+        "whole_run_rmse_mean/adapted",
+    } <= set(figures)
     assert "Held-out log" in (out / "report.html").read_text("utf-8")
 
 
@@ -73,24 +107,44 @@ def test_outliers_are_rejected(folder: Path, tmp_path: Path, motorprior):
     log = read_parquet(folder / "held_out" / "log.parquet")
     shaken = log.joint_pos + 0.5 * np.sin(np.arange(log.num_rows))[:, None]
     write_log(tmp_path / "shaken.parquet", replace(log, joint_pos=shaken))
-    line = ("adapt", folder / "prior" / "prior.safetensors", tmp_path / "shaken.parquet", "--out", tmp_path / "out")
+    line = (
+        "adapt",
+        folder / "prior" / "prior.safetensors",
+        tmp_path / "shaken.parquet",
+        "--out",
+        tmp_path / "out",
+    )
     outcome = motorprior(*line)
     assert outcome.code == 2 and "outliers" in outcome.err
     assert not (tmp_path / "out" / "posterior.safetensors").exists()
-    assert motorprior(*line, "--allow-outliers").code == 0 and (tmp_path / "out" / "posterior.safetensors").is_file()
+    assert (
+        motorprior(*line, "--allow-outliers").code == 0
+        and (tmp_path / "out" / "posterior.safetensors").is_file()
+    )
 
 
 @pytest.mark.slow
 def test_validate_measures_held_out_motors(folder: Path, tmp_path: Path, motorprior):
-    line = ("validate", folder / "prior" / "prior.safetensors", "--adapt-seconds", 1, "--out", tmp_path / "v")
+    line = (
+        "validate",
+        folder / "prior" / "prior.safetensors",
+        "--adapt-seconds",
+        1,
+        "--out",
+        tmp_path / "v",
+    )
     assert motorprior(*line).code == 0
-    figures, found = read_json(tmp_path / "v" / "figures.json"), read_results(tmp_path / "v")
+    figures = read_json(tmp_path / "v" / "figures.json")
+    found = read_results(tmp_path / "v")
     for metric in ("bench_impact_rmse", "standing_rmse", "suspended_torque_hf"):
         for model in ("ideal_pd", "tuned_pd", "pace", "physical"):
             assert figures[f"{metric}/{model}/train"] == figures[f"{metric}/{model}"]
             assert np.isfinite(figures[f"{metric}/{model}/held_out"])
     assert figures["suspended_rmse/physical"] < figures["suspended_rmse/tuned_pd"]
     assert 0.1 < figures["coverage50"] < figures["coverage90"]
-    areas = [found.where(quantity="two_sample_auc").value(statistic=name) for name in ("low", "median", "high")]
+    areas = [
+        found.where(quantity="two_sample_auc").value(statistic=name)
+        for name in ("low", "median", "high")
+    ]
     assert areas == sorted(areas) and areas[1] > 0.5
     assert 12 * figures["adapt_false_alarms/1"] < 6 and 0.5 < figures["adapt_rmse_ratio/1"] < 20.0

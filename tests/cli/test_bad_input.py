@@ -47,7 +47,8 @@ def truncate(path: Path) -> None:
 
 def test_a_broken_log_is_rejected_by_every_reader(refused: Command, tmp_path: Path, bench: Path):
     copy = shutil.copytree(bench, tmp_path / "bench")
-    log, out = copy / "log.parquet", ("--out", tmp_path / "out")
+    log = copy / "log.parquet"
+    out = ("--out", tmp_path / "out")
     truncate(log)
     for line in (("identify", copy, *out), ("logs", "check", log), ("logs", "import", log, *out)):
         refused(*line, words=(str(log), "not a complete Parquet file"))
@@ -68,7 +69,9 @@ BROKEN_PRIORS = {
     "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
     "newer schema": (
         resave(schema_version=SCHEMA_VERSION + 1),
-        (f"schema_version {SCHEMA_VERSION + 1}, this one reads {SCHEMA_VERSION} -> update motorprior",),
+        (
+            f"schema_version {SCHEMA_VERSION + 1}, this one reads {SCHEMA_VERSION} -> update motorprior",
+        ),
     ),
     "a policy": (resave(kind="policy"), ("a policy, not a motor prior", "identify")),
 }
@@ -101,7 +104,9 @@ def test_a_broken_policy_is_refused(
     refused("transfer", copy, "--out", tmp_path / "out", words=words)
 
 
-def test_a_damaged_checkpoint_is_refused_with_a_way_out(refused: Command, tmp_path: Path, prior: Path):
+def test_a_damaged_checkpoint_is_refused_with_a_way_out(
+    refused: Command, tmp_path: Path, prior: Path
+):
     walk = tmp_path / "walk"
     walk.mkdir()
     shutil.copy(prior, walk / "search.safetensors")

@@ -30,10 +30,14 @@ def test_a_folder_of_logs_becomes_the_same_fleet_each_time(motorprior, logs: Pat
     out = tmp_path / "fitted"
     outcome = motorprior("calibrate", logs, "--out", out, *SMALL)
     assert outcome.code == 0, outcome.err
-    assert re.search("in_the_air.*suspended", outcome.err) and re.search("on_the_floor.*standing", outcome.err)
+    assert re.search("in_the_air.*suspended", outcome.err) and re.search(
+        "on_the_floor.*standing", outcome.err
+    )
     figures = json.loads((out / "figures.json").read_text("utf-8"))
     for model in ("start", "center", "left_out", "per_motor", "per_motor_left_out"):
-        mean = np.mean([figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")])
+        mean = np.mean(
+            [figures[f"calibrate_rmse/{log}/{model}"] for log in ("in_the_air", "on_the_floor")]
+        )
         assert figures[f"calibrate_rmse/{model}"] == pytest.approx(mean)
     fleet = load_fleet(out / "fleet.toml")
     assert fleet.robot == ROBOT.name

@@ -47,7 +47,9 @@ def blocks(page: str, language: str, chapter: str = "") -> list[str]:
 def commands(page: str, chapter: str = "") -> Iterator[list[str]]:
     """The words of every `motorprior …` on a page; of a loop those of its first turn."""
     for block in blocks(page, "sh", chapter):
-        for line in re.sub(r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", first_turn, block, flags=re.DOTALL).splitlines():
+        for line in re.sub(
+            r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", first_turn, block, flags=re.DOTALL
+        ).splitlines():
             if line.startswith("motorprior "):
                 yield shlex.split(line)[1:]
 
@@ -71,7 +73,10 @@ def run(words: list[str]) -> None:
 def robots(shared_data: Path, tmp_path: Path, small_search: Callable[..., None]) -> Iterator[Path]:
     """A folder with two models and the examples' descriptions of them; commands run in it."""
     for name in ("go2", "so101"):
-        for path in (shared_data / "robots" / f"{name}.xml", *(ROOT / "examples" / "robots").glob(f"{name}*.toml")):
+        for path in (
+            shared_data / "robots" / f"{name}.xml",
+            *(ROOT / "examples" / "robots").glob(f"{name}*.toml"),
+        ):
             shutil.copy(path, tmp_path)
     small_search()
     with chdir(tmp_path):
@@ -83,9 +88,15 @@ def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
     """The same with the logs that the pages name, cut."""
     for name in ("go2", "so101", "xl330"):
         (robots / name).mkdir()
-    tables = [*(shared_data / "go2").glob("traj_[03].csv.gz"), *sorted((shared_data / "so101").glob("c*.csv.gz"))[:2]]
+    tables = [
+        *(shared_data / "go2").glob("traj_[03].csv.gz"),
+        *sorted((shared_data / "so101").glob("c*.csv.gz"))[:2],
+    ]
     for path in tables:
-        with gzip.open(path, "rt") as whole, gzip.open(robots / path.parent.name / path.name, "wt") as cut:
+        with (
+            gzip.open(path, "rt") as whole,
+            gzip.open(robots / path.parent.name / path.name, "wt") as cut,
+        ):
             cut.writelines(islice(whole, ROWS))
     shutil.copy(shared_data / "go2" / "traj_0.pt", robots / "go2")
     for path in sorted((shared_data / "xl330").glob("*_10h2[89]m[0123]*.json.gz")):
@@ -111,9 +122,15 @@ def test_every_command_on_logs_runs(folder: Path, page: str):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("--logs go2 --columns go2_identification --robot go2.toml --suspended", ("prior", "tuned PD", "traj_3")),
+        (
+            "--logs go2 --columns go2_identification --robot go2.toml --suspended",
+            ("prior", "tuned PD", "traj_3"),
+        ),
         ("--logs go2 --columns go2_identification", ("loads: unknown", "dead_band")),
-        ("--logs so101 --columns so101_sage --robot so101.toml", ("rigid bodies of so101", "prior")),
+        (
+            "--logs so101 --columns so101_sage --robot so101.toml",
+            ("rigid bodies of so101", "prior"),
+        ),
         ("--logs xl330", ("loads: from the logs", "pendulum")),
     ],
 )
@@ -124,9 +141,18 @@ def test_a_demo_begins_with_the_logs(folder: Path, line: str, words: tuple[str, 
     assert "Your motors" in page and all(word in page for word in words)
 
 
-def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_draws_it(robots: Path):
+def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_draws_it(
+    robots: Path,
+):
     every = list(commands("your-robot.md", "A legged robot"))
-    assert [words[0] for words in every] == ["walk", "bench", "identify", "walk", "report", "transfer"]
+    assert [words[0] for words in every] == [
+        "walk",
+        "bench",
+        "identify",
+        "walk",
+        "report",
+        "transfer",
+    ]
     for words in every:
         run(words)
     policy = Policy.load(robots / "runs" / "walk" / "rollout_0" / "policy.safetensors")
@@ -139,7 +165,15 @@ def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_dr
 @pytest.mark.slow
 def test_an_arm_goes_through_bench_identify_adapt_and_simulate(robots: Path):
     every = list(commands("your-robot.md", "An arm"))
-    assert [words[0] for words in every] == ["bench", "identify", "simulate", "logs", "adapt", "simulate", "replay"]
+    assert [words[0] for words in every] == [
+        "bench",
+        "identify",
+        "simulate",
+        "logs",
+        "adapt",
+        "simulate",
+        "replay",
+    ]
     for words in every:
         run(words)
     assert (robots / "runs" / "arm" / "simulated" / "log.parquet").is_file()

@@ -45,14 +45,17 @@ def test_a_fatal_error_keeps_finished_iterations_and_the_same_command_goes_on(tm
         line = [sys.executable, *head, *words, *tail]
         return subprocess.run(line, capture_output=True, text=True, check=False, cwd=tmp_path)
 
-    # an iteration has 32 episodes, the evaluations at the start and after the tenth 16 each: episode 366 is in the 11th
+    # an iteration has 32 episodes, the evaluations at the start and after the tenth 16 each:
+    # episode 366 is in the 11th
     failed = run("-c", SABOTAGE, tail=("366",))
     assert failed.returncode == 2
     output = failed.stderr.strip().splitlines()[-1]
     assert output.startswith("error: ") and "mj_stackAlloc" in output
     state, header = read_tensors(tmp_path / "walk" / "search.safetensors")
     assert int(state["iteration"]) == len(header["curve"]) == 10
-    assert not (tmp_path / "walk" / "stage.json").exists() and not list(tmp_path.glob("MUJOCO_LOG*"))
+    assert not (tmp_path / "walk" / "stage.json").exists() and not list(
+        tmp_path.glob("MUJOCO_LOG*")
+    )
     assert run("-m", "motorprior").returncode == 0
 
 

@@ -21,7 +21,9 @@ def test_every_option_is_explained_with_its_unit(motorprior: Callable[..., Any],
     assert outcome.code == 0 and outcome.out.startswith("usage: motorprior"), outcome.err
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
     pieces = re.split(r"^ *(--[a-z][\w.-]+)", plain, flags=re.MULTILINE)
-    for option, text in zip(pieces[1::2], (" ".join(piece.split()) for piece in pieces[2::2]), strict=True):
+    for option, text in zip(
+        pieces[1::2], (" ".join(piece.split()) for piece in pieces[2::2]), strict=True
+    ):
         explanation = re.sub(r" \((default|required).*", "", text)
         assert " " in explanation, f"{option} is not explained: {text}"
         if "FLOAT" in text.split(" ")[0] and option not in WITHOUT_UNIT:
@@ -36,7 +38,8 @@ def test_the_help_of_common_options_fits_a_screen(motorprior: Callable[..., Any]
     assert outcome.code == 0 and len(outcome.out.splitlines()) <= 45, outcome.out
     if (name := command.split(" ")[-1]) in COMMON:
         assert HELP_ALL in outcome.out
-        shown, settings = COMMON[name], dict([*COMMANDS.items(), *LOGS.items()])[name][0]
+        shown = COMMON[name]
+        settings = dict([*COMMANDS.items(), *LOGS.items()])[name][0]
         assert set(shown) <= {each.name for each in fields(settings)}
         assert len(outcome.out) < len(motorprior(*command.split(), HELP_ALL).out)
 
@@ -50,6 +53,17 @@ def test_the_version_and_a_mistyped_command(motorprior: Callable[..., Any]):
 
 def test_the_start_does_not_wait_for_heavy_libraries():
     code = "import sys, motorprior.cli.main; print(*sys.modules)"
-    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
-    heavy = {"jax", "optax", "matplotlib", "jinja2", "pyarrow", "scipy.optimize", "serial", "msgpack"}
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
+    heavy = {
+        "jax",
+        "optax",
+        "matplotlib",
+        "jinja2",
+        "pyarrow",
+        "scipy.optimize",
+        "serial",
+        "msgpack",
+    }
     assert set(loaded) & heavy == set()

@@ -16,16 +16,28 @@ JOINTS = ("FR_hip", "FR_knee", "FL_hip")
 
 def written(folder: Path, size: float = 0.3) -> tuple[Path, Path]:
     """A table of joints that follow their commands, and its map."""
-    time, columns = 0.01 * np.arange(600), folder / "map.toml"
-    target, angle = (size * np.sin(np.pi * np.outer(time - late, [1.0, 1.6, 2.2])) for late in (0.0, 0.05))
+    time = 0.01 * np.arange(600)
+    columns = folder / "map.toml"
+    target, angle = (
+        size * np.sin(np.pi * np.outer(time - late, [1.0, 1.6, 2.2])) for late in (0.0, 0.05)
+    )
     columns.write_text(TABLE_MAP + "".join(f"[joints.{joint}]\n" for joint in JOINTS), "utf-8")
-    return write_table(log_of(time, target, angle, joint_names=JOINTS), folder / "mine.csv"), columns
+    return write_table(
+        log_of(time, target, angle, joint_names=JOINTS), folder / "mine.csv"
+    ), columns
 
 
 @pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
-def test_a_table_without_a_map_is_rejected_with_a_remedy(refused: Command, tmp_path: Path, command: tuple):
+def test_a_table_without_a_map_is_rejected_with_a_remedy(
+    refused: Command, tmp_path: Path, command: tuple
+):
     table, _ = written(tmp_path)
-    words = ("mine.csv: a table of unknown format", "'goal_FR_hip'", "with --columns", "your-motors.md")
+    words = (
+        "mine.csv: a table of unknown format",
+        "'goal_FR_hip'",
+        "with --columns",
+        "your-motors.md",
+    )
     refused("logs", *command, table, words=words)
     pq.write_table(pa.table({"t": [0.0, 1.0]}), tmp_path / "mine.parquet")
     refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns", "your-motors.md"))
@@ -34,7 +46,11 @@ def test_a_table_without_a_map_is_rejected_with_a_remedy(refused: Command, tmp_p
 @pytest.mark.parametrize(
     ("factors", "says", "entry"),
     [
-        ([1, 1, -1, 1, 1, 1, 1], "[joints.….position_target]", "[joints.FR_knee.position_target]\nsign = -1\n"),
+        (
+            [1, 1, -1, 1, 1, 1, 1],
+            "[joints.….position_target]",
+            "[joints.FR_knee.position_target]\nsign = -1\n",
+        ),
         ([1] + 6 * [180 / np.pi], 'angle = "deg"', '[units]\nangle = "deg"\n'),
         ([1e3] + 6 * [1], 'time = "s", "ms"', '[units]\ntime = "ms"\n'),
     ],

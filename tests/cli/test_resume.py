@@ -30,12 +30,23 @@ def results(folder: Path) -> list[Any]:
 def whole_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A walk without interruption."""
     folder = tmp_path_factory.mktemp("whole") / "walk"
-    words = [sys.executable, "-m", "motorprior", *map(str, WALK), "--workers", "1", "--out", str(folder)]
+    words = [
+        sys.executable,
+        "-m",
+        "motorprior",
+        *map(str, WALK),
+        "--workers",
+        "1",
+        "--out",
+        str(folder),
+    ]
     subprocess.run(words, check=True, capture_output=True)
     return folder
 
 
-def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ctrl_c: Callable, tmp_path: Path):
+def test_a_checkpoint_of_other_settings_is_not_continued(
+    motorprior: Command, ctrl_c: Callable, tmp_path: Path
+):
     line = ("walk", "--episode-steps", 20, "--workers", 1, "--iterations", 4)
     ctrl_c(3)
     assert motorprior(*line, "--motors", "pd:kp=9", "--out", tmp_path / "mixed").code == 130
@@ -48,9 +59,21 @@ def test_a_checkpoint_of_other_settings_is_not_continued(motorprior: Command, ct
 
 @pytest.mark.usefixtures("whole_walk")  # compiled once: the process ends between two compilations
 def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(tmp_path: Path):
-    signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in the background
+    # ignored in the background
+    signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{signals}\nfrom motorprior.__main__ import main\nmain()"
-    words = [sys.executable, "-c", code, *WALK, "--iterations", 1_000_000, "--seeds", 2, "--out", tmp_path / "walk"]
+    words = [
+        sys.executable,
+        "-c",
+        code,
+        *WALK,
+        "--iterations",
+        1_000_000,
+        "--seeds",
+        2,
+        "--out",
+        tmp_path / "walk",
+    ]
     process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     for _ in range(2):  # both trainings have begun
@@ -65,11 +88,16 @@ def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(t
 
 
 def modified(folder: Path) -> dict[Path, int]:
-    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
+    return {
+        path: path.stat().st_mtime_ns
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != ".lock"
+    }
 
 
 def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
-    fleet, out = tmp_path / "mine.toml", tmp_path / "bench"
+    fleet = tmp_path / "mine.toml"
+    out = tmp_path / "bench"
     text = fleet_path("pupper_v2").read_text("utf-8")
     line = ("bench", "--motors", 1, "--steps", 10, "--fleet", fleet, "--out", out)
     fleet.write_text(text, "utf-8")
@@ -86,7 +114,8 @@ def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
 def test_an_interrupted_identification_ends_at_the_same_bytes(
     motorprior: Command, ctrl_c: Callable[[int], None], tmp_path: Path
 ):
-    bench, out = tmp_path / "bench", tmp_path / "prior"
+    bench = tmp_path / "bench"
+    out = tmp_path / "prior"
     assert motorprior("bench", "--motors", 2, "--steps", 1500, "--out", bench).code == 0
     line = ("identify", bench, "--out")
     assert motorprior(*line, tmp_path / "whole").code == 0

@@ -28,26 +28,47 @@ def policy_file(path: Path, **changes) -> Path:
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """The machine that runs tests has other work: a host may be late."""
-    late = {"tick_delay": 100.0, "late_ticks": 100, "stalled_time": 100.0, "telemetry_age": 0.5, "watchdog": 0.5}
+    late = {
+        "tick_delay": 100.0,
+        "late_ticks": 100,
+        "stalled_time": 100.0,
+        "telemetry_age": 0.5,
+        "watchdog": 0.5,
+    }
     wire = PUPPER_V2.require_wire()
     lenient = replace(PUPPER_V2, wire=replace(wire, safety=replace(wire.safety, **late)))
     monkeypatch.setattr(load, "SHIPPED", (lenient,))
 
 
 @pytest.mark.real_time
-def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(motorprior: Callable, tmp_path: Path):
-    walk, policy = tmp_path / "walk", policy_file(tmp_path / "policy.safetensors")
+def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(
+    motorprior: Callable, tmp_path: Path
+):
+    walk = tmp_path / "walk"
+    policy = policy_file(tmp_path / "policy.safetensors")
     robot = ("--virtual", "--robot.currents")
-    done = motorprior("deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk)
-    assert done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err, done.err
+    done = motorprior(
+        "deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk
+    )
+    assert (
+        done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err
+    ), done.err
     run = json.loads((walk / "run.json").read_text())
-    assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and run["policy"] == str(policy)
+    assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and run["policy"] == str(
+        policy
+    )
     assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
-    assert 1.8 < read_deploy_recording(walk / "run.csv", PUPPER_V2).duration < 5.0, "a second, and one to stop"
-    done = motorprior("logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log")
+    assert 1.8 < read_deploy_recording(walk / "run.csv", PUPPER_V2).duration < 5.0, (
+        "a second, and one to stop"
+    )
+    done = motorprior(
+        "logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log"
+    )
     assert done.code == 0, done.err
     imported = tmp_path / "log" / "run.parquet"
-    done = motorprior("identify", imported, "--preset", "paper", "--steps", 2, "--out", tmp_path / "prior")
+    done = motorprior(
+        "identify", imported, "--preset", "paper", "--steps", 2, "--out", tmp_path / "prior"
+    )
     assert done.code == 0, done.err
     assert len(MotorPrior.load(tmp_path / "prior" / "prior.safetensors").mean) == 12
 
@@ -63,9 +84,12 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
     done = motorprior("logs", "import", out / "run.csv", "--suspended", "--out", tmp_path / "log")
     assert done.code == 0, done.err
     log = read_parquet(tmp_path / "log" / "run.parquet")
-    assert log.joint_torque is None and 1.8 < log.duration < 2.1, "a current is not the joint's torque"
+    assert log.joint_torque is None and 1.8 < log.duration < 2.1, (
+        "a current is not the joint's torque"
+    )
     assert (
-        np.median(np.diff(log.time)) == pytest.approx(PUPPER_V2.physics_dt) and log.joint_names == PUPPER_V2.joint_names
+        np.median(np.diff(log.time)) == pytest.approx(PUPPER_V2.physics_dt)
+        and log.joint_names == PUPPER_V2.joint_names
     )
 
 
@@ -81,7 +105,9 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
         ("record --port /dev/null --yes --out {used}", ("run.csv", "exists already")),
     ],
 )
-def test_bad_input_is_one_error(refused: Callable, tmp_path: Path, command: str, words: tuple[str, ...]):
+def test_bad_input_is_one_error(
+    refused: Callable, tmp_path: Path, command: str, words: tuple[str, ...]
+):
     (tmp_path / "used").mkdir()
     (tmp_path / "used" / "run.csv").write_text("precious")
     files = {

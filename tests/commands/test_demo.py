@@ -32,9 +32,16 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     except pytest.skip.Exception:
         logs = None
     config = Demo(
-        folder / "run", logs=logs, motors=12, bench_steps=1500, adam_steps=30, iterations=1, directions=2, seeds=2,
+        folder / "run",
+        logs=logs,
+        motors=12,
+        bench_steps=1500,
+        adam_steps=30,
+        iterations=1,
+        directions=2,
+        seeds=2,
         walks=2,
-    )  # fmt: skip
+    )
     run_demo(config)
     return config
 
@@ -54,12 +61,21 @@ def test_every_figure_is_a_finite_number_and_the_page_has_every_chapter(demo: De
         for end in ("", "/low", "/high")
     }
     assert {*wanted, "seconds"} <= set(found)
-    assert [name for name, value in found.items() if type(value) not in (int, float) or not math.isfinite(value)] == []
+    assert [
+        name
+        for name, value in found.items()
+        if type(value) not in (int, float) or not math.isfinite(value)
+    ] == []
     if demo.logs is not None:
-        assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(found)
+        assert {f"real_motors_rmse/{model}" for model in ("pure_delay", "second_order")} <= set(
+            found
+        )
     page = (demo.out / "report.html").read_text("utf-8")
     titles = [title for title in re.findall(r"<h2[^>]*>(.*?)</h2>", page) if title != "Settings"]
-    assert titles == [*([] if demo.logs is None else ["Your motors"]), *SECTIONS] and "not complete" not in page
+    assert (
+        titles == [*([] if demo.logs is None else ["Your motors"]), *SECTIONS]
+        and "not complete" not in page
+    )
     assert len(page) < 1_500_000 and page.count("<img") <= 12
     assert (demo.out / FILM).read_bytes()[:3] == b"GIF"
 
@@ -68,9 +84,15 @@ def test_every_figure_is_a_finite_number_and_the_page_has_every_chapter(demo: De
 def test_a_second_run_finds_every_stage_done(demo: Demo):
     def modified() -> dict[Path, int]:
         folders = [demo.out / f"bench_{demo.seed}", demo.out / "real_motors"]
-        return {path: path.stat().st_mtime_ns for each in folders for path in each.rglob("*") if path.is_file()}
+        return {
+            path: path.stat().st_mtime_ns
+            for each in folders
+            for path in each.rglob("*")
+            if path.is_file()
+        }
 
-    before, found = modified(), figures(demo)
+    before = modified()
+    found = figures(demo)
     run_demo(replace(demo, workers=1))
     assert modified() == before
     assert {**figures(demo), "seconds": 0.0} == {**found, "seconds": 0.0}
@@ -78,7 +100,9 @@ def test_a_second_run_finds_every_stage_done(demo: Demo):
 
 @pytest.mark.parametrize(("baseline", "is_as_good"), [(0.6, False), (0.95, True)])
 def test_the_page_says_first_if_a_baseline_is_as_good(baseline: float, is_as_good: bool):
-    shares = dict.fromkeys(CONDITIONS, 0.95) | dict.fromkeys(("ideal_pd", "friction_pd", "random_pd", "paper"), 0.4)
+    shares = dict.fromkeys(CONDITIONS, 0.95) | dict.fromkeys(
+        ("ideal_pd", "friction_pd", "random_pd", "paper"), 0.4
+    )
     shares["friction_pd"] = baseline
     walks = [
         {"bench": 0, "environment": environment, "condition": name, "seed": seed, "walk": draw}

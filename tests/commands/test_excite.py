@@ -25,7 +25,13 @@ def suspended_run() -> MotorLog:
     knees = np.array([name.endswith("knee") for name in PUPPER_V2.joint_names])
     target = PUPPER_V2.nominal_pose + 0.2 * knees * np.sin(2 * np.pi * 2.0 * time)[:, None]
     speed = 0.2 * knees * 4.0 * np.pi * np.cos(2 * np.pi * 2.0 * time)[:, None]
-    return log_of(time, target, joint_vel=speed, joint_torque=np.full_like(target, 0.1), **joints_of(PUPPER_V2))
+    return log_of(
+        time,
+        target,
+        joint_vel=speed,
+        joint_torque=np.full_like(target, 0.1),
+        **joints_of(PUPPER_V2),
+    )
 
 
 def test_the_torque_balance_closes():
@@ -41,9 +47,12 @@ def test_the_torque_balance_closes():
 
 
 def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Path):
-    run, out = tmp_path / "run.parquet", tmp_path / "walk.safetensors"
+    run = tmp_path / "run.parquet"
+    out = tmp_path / "walk.safetensors"
     write_log(run, suspended_run())
-    found = run_excite(Excite((run,), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0))
+    found = run_excite(
+        Excite((run,), out, "recorded", robot="pupper_v2", max_torque=0.5, csv_seconds=2.0)
+    )
     assert found.classes == ("knee",) and found.bounds[0, 3] <= 0.5
     table = np.loadtxt(tmp_path / "walk.csv", delimiter=",", skiprows=1)
     assert table.shape == (200, 4) and np.abs(table[:, 1]).max() <= found.bounds[0, 0]
@@ -61,17 +70,27 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     assert np.abs(np.diff(targets, axis=0)).max() <= 2.0 * PUPPER_V2.control_dt + 1e-9
     assert np.all(targets[[0, -1]] == PUPPER_V2.nominal_pose)
     slow = hardware_targets(PUPPER_V2, str(out), joints, 5.0, amplitude=0.1, speed=0.6, seed=0)
-    assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065  # scaled to the speed it would have 0.06
+    # scaled to the speed it would have 0.06
+    assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065
     assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
 
 
 def test_a_plan_is_a_second_file_and_checked_before_the_training(tmp_path: Path):
     write_log(tmp_path / "run.parquet", suspended_run())
-    config = Excite((tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2")
-    found, before = run_excite(config), config.out.read_bytes()
-    plan = replace(config, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR)), csv_seconds=1.0)
+    config = Excite(
+        (tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2"
+    )
+    found = run_excite(config)
+    before = config.out.read_bytes()
+    plan = replace(
+        config, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR)), csv_seconds=1.0
+    )
     assert run_excite(plan).provenance != found.provenance
-    assert 0 < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows) < len(found.windows)
+    assert (
+        0
+        < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows)
+        < len(found.windows)
+    )
     assert (tmp_path / "walk.plan.csv").exists() and not (tmp_path / "walk.csv").exists()
     plan = replace(plan, method="generated")
     with pytest.raises(ConfigError, match="of robot 'go2', the runs of pupper_v2"):

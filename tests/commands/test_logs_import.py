@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from motor_logs import TABLE_MAP, joints_of, log_of, of_check, write_table
 from swinging_bars import INERTIA, bars_table, swing
-from third_party_files import ANGLE, JOINTS, ROWS, TIME, write_csv, write_lerobot, write_parquet, write_pt
+from third_party_files import (
+    ANGLE,
+    JOINTS,
+    ROWS,
+    TIME,
+    write_csv,
+    write_lerobot,
+    write_parquet,
+    write_pt,
+)
 
 from motorprior.commands.logs_import import LogsImport, import_logs
 from motorprior.exceptions import ConfigError, LogError
@@ -31,7 +40,8 @@ def imported(config: LogsImport) -> str:
 
 def write_swing(folder: Path) -> tuple[Path, str]:
     """12 s of a joint that swings by 0.8 rad, at 100 Hz, without the rows from 6 to 8.5 s; and a map of it."""
-    rng, time = np.random.default_rng(1), 0.01 * np.arange(1200)
+    rng = np.random.default_rng(1)
+    time = 0.01 * np.arange(1200)
     time = time[(time <= 6.0) | (time >= 8.5)]
     goal, angle = (0.8 * np.sin(3.0 * (time - late)) for late in (0.0, 0.05))
     log = log_of(time, goal, angle + 1e-3 * rng.standard_normal(len(time)))
@@ -40,13 +50,17 @@ def write_swing(folder: Path) -> tuple[Path, str]:
 
 
 def of_pupper(posture: np.ndarray | None = None) -> MotorLog:
-    return log_of(TIME, np.tile(ANGLE[:, :1], (1, PUPPER.num_joints)), posture=posture, **joints_of(PUPPER))
+    return log_of(
+        TIME, np.tile(ANGLE[:, :1], (1, PUPPER.num_joints)), posture=posture, **joints_of(PUPPER)
+    )
 
 
 @pytest.mark.parametrize("write", [write_pt, write_csv])
 def test_tables_and_tensors_need_a_map_and_no_robot(tmp_path: Path, write):
     columns = str(tmp_path / "columns.toml")
-    output = imported(LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None))
+    output = imported(
+        LogsImport((write(tmp_path),), tmp_path / "out", columns=columns, period=None)
+    )
     log = read_parquet(tmp_path / "out" / "log.parquet")
     low, high = np.rad2deg([log.joint_pos[:, 0].min(), log.joint_pos[:, 0].max()])
     assert log.joint_names == JOINTS
@@ -73,20 +87,29 @@ def test_an_unknown_load_is_fitted_to_all_tables_and_reported(tmp_path: Path, mo
         for inertia, armature, gravity in zip(INERTIA, (0.1, 0.7), bars.gravity, strict=True)
     ]
     rows = []
-    monkeypatch.setattr(load_fit, "fit_loads", lambda log, report: rows.append(log.num_rows) or given)
-    lines = imported(LogsImport((table, again), tmp_path / "out", columns=str(columns), fit_load=True)).splitlines()
+    monkeypatch.setattr(
+        load_fit, "fit_loads", lambda log, report: rows.append(log.num_rows) or given
+    )
+    lines = imported(
+        LogsImport((table, again), tmp_path / "out", columns=str(columns), fit_load=True)
+    ).splitlines()
     logs = [read_parquet(tmp_path / "out" / f"{name}.parquet") for name in ("swing", "again")]
     for log in logs:
         assert log.load_inertia is not None and log.joint_names == ("left", "right")
         np.testing.assert_array_equal(log.load_inertia[0], INERTIA)
     assert rows == [sum(log.num_rows for log in logs)], "both tables together"
     left, right = (line for line in lines if line.startswith("joint "))
-    assert "left" in left and "0.005 kg·m² (1 σ ×/÷ 1.11, of the armature 1.11)" in left and "0.4 ± 0.01" in left
+    assert (
+        "left" in left
+        and "0.005 kg·m² (1 σ ×/÷ 1.11, of the armature 1.11)" in left
+        and "0.4 ± 0.01" in left
+    )
     assert "right" in right and "of the armature 2.01" in right
 
 
 def test_a_recording_is_not_overwritten_by_its_own_import(tmp_path: Path):
-    path, columns = write_parquet(tmp_path), str(tmp_path / "columns.toml")
+    path = write_parquet(tmp_path)
+    columns = str(tmp_path / "columns.toml")
     before = path.read_bytes()
     (tmp_path / "deeper").mkdir()
     with pytest.raises(ConfigError, match="overwrite"):
@@ -99,17 +122,21 @@ def test_a_gap_begins_a_segment(tmp_path: Path, period: float | None):
     path, columns = write_swing(tmp_path)
     output = imported(LogsImport((path,), tmp_path / "out", columns=columns, period=period))
     log = read_parquet(tmp_path / "out" / "swing.parquet")
-    assert [part.num_rows for part in log.segments()] == ([601, 350] if period is None else [3001, 1746])
+    assert [part.num_rows for part in log.segments()] == (
+        [601, 350] if period is None else [3001, 1746]
+    )
     assert not np.any((log.time > 6.0 + 1e-9) & (log.time < 8.5 - 1e-9))
     assert not of_check(check_log(log), "gaps")
     assert f"{path}: " in output and "2.5 s before row 601, at 8.5 s" in output
 
 
 def test_several_gains_are_reported_with_their_joints(tmp_path: Path):
-    path, out = write_csv(tmp_path), tmp_path / "out"
+    path = write_csv(tmp_path)
+    out = tmp_path / "out"
     columns = str(tmp_path / "columns.toml")
     assert "pan 20, lift 16" in imported(LogsImport((path,), out, columns=columns, kp=(20.0, 16.0)))
-    gains, path = tuple(float(number) for number in range(1, 1 + PUPPER.num_joints)), tmp_path / "walk.parquet"
+    gains = tuple(float(number) for number in range(1, 1 + PUPPER.num_joints))
+    path = tmp_path / "walk.parquet"
     write_log(path, of_pupper())
     import_logs(LogsImport((path,), out, kp=gains, robot=PUPPER.name))
     logged = read_parquet(out / "walk.parquet").logged_kp
@@ -126,9 +153,14 @@ def test_a_map_says_the_units_of_a_dataset(tmp_path: Path):
         '[joints.0]\nname = "pan"\n[joints.1]\nname = "lift"\nscale = 0.01\nzero = 0.3\n',
         "utf-8",
     )
-    output = imported(LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml"), period=None))
+    output = imported(
+        LogsImport((path,), tmp_path / "out", columns=str(tmp_path / "map.toml"), period=None)
+    )
     assert "does not contain its units" not in output
-    log, degrees = read_parquet(tmp_path / "out" / "dataset.parquet"), read_log(path)
+    log = read_parquet(tmp_path / "out" / "dataset.parquet")
+    degrees = read_log(path)
     assert log.joint_names == JOINTS and len(log.segment_slices()) == 2
     np.testing.assert_allclose(log.joint_pos[:, 0], degrees.joint_pos[:, 0])
-    np.testing.assert_allclose(log.joint_pos[:, 1], 0.3 + 0.01 * np.rad2deg(degrees.joint_pos[:, 1]))
+    np.testing.assert_allclose(
+        log.joint_pos[:, 1], 0.3 + 0.01 * np.rad2deg(degrees.joint_pos[:, 1])
+    )

@@ -32,7 +32,10 @@ def logs(tmp_path: Path) -> Path:
     motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
     for seed, name in enumerate(("first", "second")):
         log = record(motors, BENCH_PRESETS["rollout"], 6000, seed, fleet)
-        write_log(tmp_path / "logs" / f"{name}.parquet", replace(log, joint_names=JOINTS, joint_torque=None))
+        write_log(
+            tmp_path / "logs" / f"{name}.parquet",
+            replace(log, joint_names=JOINTS, joint_torque=None),
+        )
     return tmp_path / "logs"
 
 
@@ -45,7 +48,8 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     found, notes = report_of(logs, out)
     for quantity in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
         prior, pd = (
-            found.value(quantity=quantity, model=model, part=None, log=None) for model in ("prior", "tuned_pd")
+            found.value(quantity=quantity, model=model, part=None, log=None)
+            for model in ("prior", "tuned_pd")
         )
         assert prior < 0.4 * pd
     assert {"kp", "armature"} <= {row[0] for row in notes["constants"][1]}
@@ -57,23 +61,39 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert (out / "traces.png").stat().st_mtime_ns == before, "once"
 
 
-def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path, small_search: Callable[..., None]):
+def test_logs_without_loads_get_responses(
+    logs: Path, tmp_path: Path, small_search: Callable[..., None]
+):
     small_search()
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))
     found, notes = report_of(logs, tmp_path / "out")
-    assert set(found.where(quantity=WHOLE_RUN_RMSE).distinct("model")) == {"pure_delay", "second_order", "servo_limits"}
+    assert set(found.where(quantity=WHOLE_RUN_RMSE).distinct("model")) == {
+        "pure_delay",
+        "second_order",
+        "servo_limits",
+    }
     assert any(line.startswith("loads: unknown") for line in notes["lines"])
     assert "bandwidth" in {row[0] for row in notes["constants"][1]}
-    total = {row.model: row.value for row in found.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)}
+    total = {
+        row.model: row.value for row in found.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)
+    }
     assert total["second_order"] < total["pure_delay"]
 
 
 @pytest.mark.parametrize(
-    "postures", [("suspended", "suspended"), ("suspended", None), ("suspended", "fixed"), ("standing", "fallen")]
+    "postures",
+    [
+        ("suspended", "suspended"),
+        ("suspended", None),
+        ("suspended", "fixed"),
+        ("standing", "fallen"),
+    ],
 )
-def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(tmp_path: Path, postures: tuple[str | None, ...]):
+def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(
+    tmp_path: Path, postures: tuple[str | None, ...]
+):
     robot = load_robot("pupper_v2")
     target = np.tile(np.linspace(0.0, 1.0, 50)[:, None], (1, robot.num_joints))
     log = log_of(0.01 * np.arange(50), target, joint_names=robot.joint_names)

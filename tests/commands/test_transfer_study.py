@@ -26,9 +26,18 @@ NUM_WALKS = 2
 def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
-        tmp_path_factory.mktemp("study") / "run", benches=2, seeds=1, walks=NUM_WALKS, seconds=2.5, iterations=1,
-        conditions=tuple(CONDITIONS), motors=12, bench_steps=1500, adam_steps=30, workers=2,
-    )  # fmt: skip
+        tmp_path_factory.mktemp("study") / "run",
+        benches=2,
+        seeds=1,
+        walks=NUM_WALKS,
+        seconds=2.5,
+        iterations=1,
+        conditions=tuple(CONDITIONS),
+        motors=12,
+        bench_steps=1500,
+        adam_steps=30,
+        workers=2,
+    )
     run_study(config)
     return config
 
@@ -38,9 +47,15 @@ def test_every_policy_walks_every_draw_in_its_environments(done: Study):
     walks = read_walks(done.out / WALKS)
     for environment in (OWN, *ENVIRONMENTS):
         for condition in done.conditions:
-            cell = [walk for walk in walks if (walk["environment"], walk["condition"]) == (environment, condition)]
+            cell = [
+                walk
+                for walk in walks
+                if (walk["environment"], walk["condition"]) == (environment, condition)
+            ]
             assert scores(cell, "speed").shape == (done.benches, done.seeds, NUM_WALKS)
-    own_out_of_family = {walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY}
+    own_out_of_family = {
+        walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY
+    }
     assert own_out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
 
 
@@ -53,7 +68,11 @@ def test_walks_have_the_command_of_the_training(done: Study):
     walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
     seed_of = partial(walk_seed, 0)
     episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(NUM_WALKS), seed_of)
-    rows = [walk for walk in read_walks(done.out / WALKS) if (walk["bench"], walk["environment"]) == (0, OWN)]
+    rows = [
+        walk
+        for walk in read_walks(done.out / WALKS)
+        if (walk["bench"], walk["environment"]) == (0, OWN)
+    ]
     found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
     assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)
 
@@ -63,7 +82,9 @@ def test_figures_have_intervals_and_p_values(done: Study):
     figures = read_json(done.out / "figures.json")
     for twin in ENVIRONMENTS:
         for condition in done.conditions:
-            low, value, high = (figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high"))
+            low, value, high = (
+                figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high")
+            )
             assert low <= value <= high
             if condition != REFERENCE:
                 assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
@@ -88,7 +109,10 @@ def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
 def test_a_short_training_has_fewer_iterations_and_the_sampled_priors_motors(tmp_path: Path):
     bench = Study(tmp_path, conditions=("sampled_prior", "short_training"), iterations=120)
     one, short = policy_runs_of(bench, 0)
-    assert (one.bench.iterations, short.bench.iterations) == (120, 40) and one.motors == short.motors
+    assert (one.bench.iterations, short.bench.iterations) == (
+        120,
+        40,
+    ) and one.motors == short.motors
 
 
 @pytest.mark.parametrize(

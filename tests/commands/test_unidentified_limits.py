@@ -21,7 +21,9 @@ def fitted(excitation: str, notes: io.StringIO, steps: int = 1500) -> MotorPrior
     return mp.fit_prior(log, "pace", progress=Lines(notes))
 
 
-def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_in_training(tmp_path: Path):
+def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_in_training(
+    tmp_path: Path,
+):
     notes = io.StringIO()
     prior = fitted("narrow", notes)
     found = unidentified_limits(prior.metrics)
@@ -29,9 +31,17 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
     assert f"{found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
     assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
-    motors, notes = f"prior:{tmp_path / 'prior.safetensors'}", io.StringIO()
+    motors = f"prior:{tmp_path / 'prior.safetensors'}"
+    notes = io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
-    walk = Walk(out=tmp_path / "walk", motors=motors, iterations=1, episode_steps=20, search=search, workers=1)
+    walk = Walk(
+        out=tmp_path / "walk",
+        motors=motors,
+        iterations=1,
+        episode_steps=20,
+        search=search,
+        workers=1,
+    )
     run_walk(walk, Lines(notes))
     assert "1.26" in notes.getvalue(), "the robot's own limit"
 
@@ -43,9 +53,13 @@ def torque_limits(prior: MotorPrior) -> np.ndarray:
 
 def test_impacts_identify_limits_unless_the_log_is_too_short():
     short, long = (fitted("rollout", io.StringIO(), steps) for steps in (750, 1500))
-    limits, noted = torque_limits(short), unidentified_limits(short.metrics)
+    limits = torque_limits(short)
+    noted = unidentified_limits(short.metrics)
     assert limits.max() > 5.0 and noted["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
-    limits, noted = torque_limits(long), unidentified_limits(long.metrics)
+    limits = torque_limits(long)
+    noted = unidentified_limits(long.metrics)
     assert np.median(limits) == pytest.approx(1.26, rel=0.1)
     # the search finds another optimum for one of the motors on some processors
-    assert noted.get("torque_limit", 0.0) == (pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0)
+    assert noted.get("torque_limit", 0.0) == (
+        pytest.approx(limits.max(), rel=0.2) if np.any(limits > 2.0) else 0.0
+    )

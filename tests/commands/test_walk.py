@@ -16,7 +16,12 @@ from motorprior.commands.walk import PICTURE, Walk, run_walk, run_walk_seeds
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.policy import Policy
-from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES, PolicySearch, episode_seed
+from motorprior.locomotion.policy_search import (
+    EVALUATION,
+    EVALUATION_EPISODES,
+    PolicySearch,
+    episode_seed,
+)
 from motorprior.progress import Progress, Task
 from motorprior.report.sections import write_training_page
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -28,7 +33,13 @@ from motorprior.stage import MARKER
 
 def walk(folder: Path, seed: int = 2, **changes) -> Walk:
     search = ArsConfig(seed=seed, num_directions=2, num_top_directions=2)
-    settings = {"motors": "pd:kp=8", "iterations": 3, "episode_steps": 10, "workers": 1, "search": search} | changes
+    settings = {
+        "motors": "pd:kp=8",
+        "iterations": 3,
+        "episode_steps": 10,
+        "workers": 1,
+        "search": search,
+    } | changes
     return Walk(out=folder, **settings)
 
 
@@ -42,7 +53,9 @@ def test_a_training_does_not_overwrite_the_policy_that_it_starts_from(tmp_path: 
     assert run_walk(replace(again, out=tmp_path / "further"))
 
 
-def test_a_start_that_nothing_improves_on_is_kept_and_one_of_another_shape_is_rejected(tmp_path: Path):
+def test_a_start_that_nothing_improves_on_is_kept_and_one_of_another_shape_is_rejected(
+    tmp_path: Path,
+):
     run_walk(walk(tmp_path / "first", episode_steps=20))
     start = tmp_path / "first" / POLICY
     wild = ArsConfig(seed=2, num_directions=2, num_top_directions=2, step_size=100.0)
@@ -60,7 +73,9 @@ def test_every_seed_is_the_training_of_that_seed_and_is_not_repeated(tmp_path: P
     assert results.distinct("seed") == [3, 4, 5]
     run_walk(walk(tmp_path / "one", seed=4))
     for name in (POLICY, METRICS):
-        assert (tmp_path / "seeds" / "seed_4" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+        assert (tmp_path / "seeds" / "seed_4" / name).read_bytes() == (
+            tmp_path / "one" / name
+        ).read_bytes()
     written = {path: path.stat().st_mtime_ns for path in config.out.glob(f"*/{POLICY}")}
     assert len({path.read_bytes() for path in written}) == 3 and (config.out / PICTURE).is_file()
     assert run_walk_seeds(config) == results
@@ -74,8 +89,12 @@ def test_the_policy_that_is_kept_has_the_score_that_it_has_on_the_validation_fle
     robot = PUPPER_V2.with_speed_range(policy.forward)
     motors = simulated_motors("fleet:mixed", robot)
     there = WalkSimulator(Scene(robot, motors.draw, config, motors.physics_dt))
-    seeds = [episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
-    assert policy.provenance["best_return"] == np.mean([there.run(policy.arrays, seed).total for seed in seeds])
+    seeds = [
+        episode_seed(config.search.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)
+    ]
+    assert policy.provenance["best_return"] == np.mean(
+        [there.run(policy.arrays, seed).total for seed in seeds]
+    )
     assert policy.provenance["validation"] == "mixed"
 
 
@@ -110,19 +129,25 @@ def test_a_training_that_ends_early_is_the_same_with_threads_and_after_interrupt
     monkeypatch.setattr(PolicySearch, "advance", None)  # no iteration is repeated
     assert not (tmp_path / "parts" / MARKER).exists() and (tmp_path / "parts" / CHECKPOINT).exists()
     run_walk(parts, Stops(99))
-    assert (tmp_path / "parts" / MARKER).is_file() and not (tmp_path / "parts" / CHECKPOINT).exists()
+    assert (tmp_path / "parts" / MARKER).is_file() and not (
+        tmp_path / "parts" / CHECKPOINT
+    ).exists()
     for name in (POLICY, CURVE, METRICS):
         assert (tmp_path / "parts" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     lines = (tmp_path / "parts" / METRICS).read_text("utf-8").splitlines()
     assert [json.loads(line) for line in lines] == read_json(tmp_path / "parts" / CURVE)
 
 
-def test_the_page_shows_each_training_once_by_the_name_of_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_page_shows_each_training_once_by_the_name_of_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     with pytest.raises(ConfigError, match=r"policy\.safetensors"):
         write_training_page(tmp_path, "pupper_v2", "motorprior report")
     for name, seed in (("slow_0", 0), ("slow_1", 1), ("quick", 0)):
         run_walk(walk(tmp_path / name, seed, iterations=1, episode_steps=5))
-    page = unescape(write_training_page(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8"))
+    page = unescape(
+        write_training_page(tmp_path, "pupper_v2", "motorprior report").read_text("utf-8")
+    )
     assert page.count("data:image/gif") == 2
     assert all(f"Trained on {name}" in page for name in ("slow", "quick"))

@@ -26,13 +26,16 @@ LIMIT = 1.3
 
 def ideal_pd(n):
     rng = np.random.default_rng(1)
-    low, high = [4, 0.2, LIMIT, 0.0, 0.0], [9, 0.8, LIMIT, 0.003, 0.012]
+    low = [4, 0.2, LIMIT, 0.0, 0.0]
+    high = [9, 0.8, LIMIT, 0.003, 0.012]
     return IdealPd(*(rng.uniform(a, b, n) for a, b in zip(low, high, strict=True)))
 
 
 def friction_pd(n):
     rng = np.random.default_rng(6)
-    return replace(ideal_pd(n), armature=rng.uniform(0.002, 0.004, n), coulomb=rng.uniform(0.05, 0.15, n))
+    return replace(
+        ideal_pd(n), armature=rng.uniform(0.002, 0.004, n), coulomb=rng.uniform(0.05, 0.15, n)
+    )
 
 
 def physical(n):
@@ -44,9 +47,13 @@ def out_of_family(n):
     """Without what depends on the absolute position, so that only differences count."""
     motors = load_fleet("foreign_direct").sample(n, np.random.default_rng(2))
     assert isinstance(motors, OutOfFamilyMotors)
-    nothing, absolute = np.zeros(n), ("encoder_quantum", "encoder_zero", "cogging", "ripple", "position_friction")
+    nothing = np.zeros(n)
+    absolute = ("encoder_quantum", "encoder_zero", "cogging", "ripple", "position_friction")
     return replace(
-        motors, torque_limit=np.full(n, LIMIT), heat_loss=nothing, **dict.fromkeys(absolute, nothing)
+        motors,
+        torque_limit=np.full(n, LIMIT),
+        heat_loss=nothing,
+        **dict.fromkeys(absolute, nothing),
     ).actuator()
 
 
@@ -92,7 +99,8 @@ def torques(actuator, inputs, arrays=None):
 
 @pytest.mark.parametrize("n", [12, 16, 17, 32])
 def test_motors_together_equal_motors_one_by_one_bit_for_bit(make, n):
-    actuator, inputs = make(n), motion(n)
+    actuator = make(n)
+    inputs = motion(n)
     together = torques(actuator, inputs)
     for motor in range(n):
         alone = torques(only(actuator, motor), inputs[:, :, [motor]].copy())
@@ -104,7 +112,8 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
     inputs = motion(12)
     before = inputs.copy()
     assert torques(make(12), inputs).tobytes() == torques(make(12), inputs).tobytes()
-    arrays, step = make(12).arrays(DT), inputs[:, 0].copy()
+    arrays = make(12).arrays(DT)
+    step = inputs[:, 0].copy()
     reset_actuator(arrays, step[0], step[1])
     step_actuator(arrays, DT, step[0], step[1], step[2], np.zeros(12))
     measure_joint_pos(arrays, step[1], np.zeros(12))
@@ -112,7 +121,8 @@ def test_same_inputs_same_bytes_and_the_inputs_are_left_alone(make):
 
 
 def test_reset_forgets(make):
-    actuator, inputs = make(12), motion(12)
+    actuator = make(12)
+    inputs = motion(12)
     arrays = actuator.arrays(DT)
     torques(actuator, 3.0 * inputs[:, :37], arrays)  # an odd number of steps: between two renewals
     np.testing.assert_array_equal(torques(actuator, inputs, arrays), torques(actuator, inputs))
@@ -129,12 +139,15 @@ def static_band(actuator):
     """(low, high) torque [N·m] of a stalled motor with dry friction F = breakaway + load_friction·torque: LIMIT ∓ F."""
     motors = getattr(actuator, "motors", None)
     if isinstance(motors, PhysicalMotors):
-        dry, load_friction = motors.coulomb + motors.stribeck_torque, motors.load_friction
+        dry = motors.coulomb + motors.stribeck_torque
+        load_friction = motors.load_friction
     elif isinstance(motors, OutOfFamilyMotors):
-        dry, load_friction = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque), motors.load_friction
+        dry = (1 + abs(motors.asymmetry)) * (motors.coulomb + motors.static_torque)
+        load_friction = motors.load_friction
     elif isinstance(actuator, GreyBoxActuator):
         values = actuator.constants()
-        dry, load_friction = values["coulomb"] + values["stribeck_torque"], values["load_friction"]
+        dry = values["coulomb"] + values["stribeck_torque"]
+        load_friction = values["load_friction"]
     else:
         return LIMIT, LIMIT
     return (LIMIT - dry) / (1 + load_friction), (LIMIT + dry) / (1 - load_friction)
@@ -169,9 +182,12 @@ def test_a_step_that_the_model_cannot_run_at_is_refused_with_one_that_it_can(mod
 @pytest.mark.parametrize("name", ["pupper_v2", "mixed", "foreign_direct", "foreign_servo"])
 def test_motors_that_are_switched_off_only_take_energy(name):
     """Work of the load's torque >= kinetic energy of the joint, at any time; what else is stored is not negative."""
-    motors, dt, rng = load_fleet(name).sample(16, 0), 1e-4, np.random.default_rng(1)
+    motors = load_fleet(name).sample(16, 0)
+    dt = 1e-4
+    rng = np.random.default_rng(1)
     driven = {"kp", "kd", "ki", "cogging"} & {field.name for field in fields(motors)}
-    motors, load = replace(motors, **dict.fromkeys(driven, np.zeros(16))), np.geomspace(1e-3, 2e-2, 16)
+    motors = replace(motors, **dict.fromkeys(driven, np.zeros(16)))
+    load = np.geomspace(1e-3, 2e-2, 16)
     external = np.repeat(rng.uniform(-0.6, 0.6, (20, 16)), 400, axis=0)
     answer = run(motors.actuator(), Trial(np.zeros_like(external), external, load, dt))
     work = np.cumsum(external[:-1] * np.diff(answer.joint_pos, axis=0), axis=0)

@@ -65,7 +65,8 @@ def nap(simulator, shared, task):
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_results_come_in_the_order_of_the_tasks_whatever_order_they_end_in(workers):
-    executor, Sleeper.closed = make_executor(Sleeper, workers), 0
+    executor = make_executor(Sleeper, workers)
+    Sleeper.closed = 0
     assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]
     assert executor.map(nap, "y", []) == []
     executor.close()
@@ -84,7 +85,11 @@ def test_a_fault_reaches_the_caller(request, workers, kind):
     try:
         with pytest.raises(SimulationFault) as caught:
             executor.map(broken, None, range(3))
-        assert type(caught.value) is SimulationFault and str(caught.value) == "here: broken down -> mend it"  # one line
+        # one line
+        assert (
+            type(caught.value) is SimulationFault
+            and str(caught.value) == "here: broken down -> mend it"
+        )
     finally:
         executor.close()
 
@@ -103,7 +108,9 @@ def patient_ray() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def ray(patient_ray):
-    module = pytest.importorskip("ray", reason="Ray is not installed: pip install 'motorprior[ray]'")
+    module = pytest.importorskip(
+        "ray", reason="Ray is not installed: pip install 'motorprior[ray]'"
+    )
     import sys
 
     import ray.cloudpickle
@@ -118,7 +125,11 @@ def cluster(ray):
     """The head of a cluster, one core; it notices within a second that a node is gone, instead of 15 s."""
     from ray.cluster_utils import Cluster
 
-    often = {"health_check_initial_delay_ms": 0, "health_check_period_ms": 250, "health_check_failure_threshold": 3}
+    often = {
+        "health_check_initial_delay_ms": 0,
+        "health_check_period_ms": 250,
+        "health_check_failure_threshold": 3,
+    }
     head = {"num_cpus": 1, "include_dashboard": False, "_system_config": often}
     nodes = Cluster(initialize_head=True, head_node_args=head)
     yield nodes
@@ -151,9 +162,13 @@ def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
         assert searched(executor) == serial  # both nodes at work
 
         doomed_id = doomed.node_id
-        killer = threading.Thread(target=kill_when_busy, args=(doomed, tmp_path, doomed_id), daemon=True)
+        killer = threading.Thread(
+            target=kill_when_busy, args=(doomed, tmp_path, doomed_id), daemon=True
+        )
         killer.start()
-        assert executor.map(remember, (str(tmp_path), doomed_id), range(10)) == [task * task for task in range(10)]
+        assert executor.map(remember, (str(tmp_path), doomed_id), range(10)) == [
+            task * task for task in range(10)
+        ]
         killer.join(60.0)
         assert not killer.is_alive(), "no task came to the node that is to die"
         marks = [mark.name.split("-") for mark in tmp_path.iterdir()]

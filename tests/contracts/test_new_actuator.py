@@ -13,7 +13,8 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 
-KP, KD = 9.0, 0.8
+KP = 9.0
+KD = 0.8
 ENCODER_ZERO = 0.01  # [rad]
 
 
@@ -35,7 +36,15 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
         out[motor] = joint_pos[motor] + ENCODER_ZERO
 
 
-SPRING = ActuatorKind("spring", "spring", reset=_reset, step=_step, measure=_measure, bench_step=0.0005, max_step=0.004)
+SPRING = ActuatorKind(
+    "spring",
+    "spring",
+    reset=_reset,
+    step=_step,
+    measure=_measure,
+    bench_step=0.0005,
+    max_step=0.004,
+)
 
 
 @dataclass(frozen=True)
@@ -71,8 +80,12 @@ def test_compiled_code_sees_the_type_that_it_was_compiled_for():
 
 def test_it_walks_in_the_compiled_rollout():
     policy = random_policy(0.05, seed=1)
-    known = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), WalkConfig(50))).run(policy, seed=3, trace=True)
-    new = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), WalkConfig(50))).run(policy, seed=3, trace=True)
+    known = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), WalkConfig(50))).run(
+        policy, seed=3, trace=True
+    )
+    new = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), WalkConfig(50))).run(
+        policy, seed=3, trace=True
+    )
     assert new.steps == known.steps == 50 and new.fault == 0
     # the policy sees other encoders; the first command is the same
     np.testing.assert_allclose(new.trace[:2], known.trace[:2], atol=0.02)
@@ -83,7 +96,9 @@ def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
     rng = np.random.default_rng(0)
     targets = np.repeat(rng.uniform(-0.3, 0.3, (5, 4)), 20, axis=0)
     trial = Trial(targets, np.zeros_like(targets), np.full(4, 0.003), 0.002)
-    known = run(same_pd(4), Trial(targets.repeat(4, axis=0), np.zeros((400, 4)), trial.load_inertia, 0.0005))
+    known = run(
+        same_pd(4), Trial(targets.repeat(4, axis=0), np.zeros((400, 4)), trial.load_inertia, 0.0005)
+    )
     new = run(Spring(4), trial)
     np.testing.assert_allclose(new.joint_pos, known.joint_pos[::4], atol=1e-9)
     np.testing.assert_allclose(new.encoder_pos, new.joint_pos + ENCODER_ZERO)

@@ -27,7 +27,9 @@ def write_motor_log(folder: Path) -> Path:
 
 def write_rows(path: Path, columns: tuple[str, ...], mode: float = 0.0) -> Path:
     time = 0.01 * np.arange(ROWS)
-    table = np.column_stack([mode * (name == "mode") + time * (name in ("time", "t_s")) for name in columns])
+    table = np.column_stack(
+        [mode * (name == "mode") + time * (name in ("time", "t_s")) for name in columns]
+    )
     np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
     return path
 
@@ -42,7 +44,9 @@ SAMPLES = {
     "recording of a robot": lambda folder: write_rows(
         folder / "run.csv", run_columns(ROBOT.joint_names, False), float(Mode.WALK)
     ),
-    "log of jietan/puppersim": lambda folder: write_rows(folder / "env_real_a_log.csv", csv_columns(ROBOT.num_joints)),
+    "log of jietan/puppersim": lambda folder: write_rows(
+        folder / "env_real_a_log.csv", csv_columns(ROBOT.num_joints)
+    ),
 }  # ROS 2 bags need an extra: tests/logs/readers/test_ros_bag.py
 NAMELESS = ("recording of a robot", "log of jietan/puppersim")
 
@@ -51,8 +55,12 @@ def test_every_format_has_a_sample():
     assert {reader.name for reader in READERS} == {*SAMPLES, "ROS 2 bag"}
 
 
-@pytest.mark.parametrize("reader", [reader for reader in READERS if reader.read and reader.name in SAMPLES])
-def test_a_format_is_recognised_and_needs_a_robot_only_without_joint_names(reader: LogReader, tmp_path: Path):
+@pytest.mark.parametrize(
+    "reader", [reader for reader in READERS if reader.read and reader.name in SAMPLES]
+)
+def test_a_format_is_recognised_and_needs_a_robot_only_without_joint_names(
+    reader: LogReader, tmp_path: Path
+):
     path = SAMPLES[reader.name](tmp_path)
     assert [each.name for each in READERS if each.read and each.matches(path)] == [reader.name]
     log = read_log(path, ROBOT)
@@ -79,7 +87,9 @@ def test_a_format_without_meaning_needs_a_map(name: str, tmp_path: Path):
 def test_an_unknown_format_is_refused_with_those_that_are_known(tmp_path: Path):
     (tmp_path / "log.xyz").write_text("")
     for columns in (None, "so101_sage"):
-        with pytest.raises(LogError, match=r"unknown log format.*pendulum of Rhoban/bam \(\.json, \.json\.gz\)"):
+        with pytest.raises(
+            LogError, match=r"unknown log format.*pendulum of Rhoban/bam \(\.json, \.json\.gz\)"
+        ):
             read_log(tmp_path / "log.xyz", columns=columns)
     with pytest.raises(LogError, match="no such file"):
         read_log(tmp_path / "none.npz")

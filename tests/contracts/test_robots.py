@@ -21,7 +21,9 @@ def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Robot:
     if request.param == "shipped":
         return load_robot(DEFAULT_ROBOT)
     return load_robot(
-        written(tmp_path, LEGS_TOML, "dog", quadruped()) if request.param == "dog" else write_arm(tmp_path)
+        written(tmp_path, LEGS_TOML, "dog", quadruped())
+        if request.param == "dog"
+        else write_arm(tmp_path)
     )
 
 
@@ -30,10 +32,15 @@ def test_its_joints_are_those_of_its_model_in_order(robot: Robot):
     assert len(set(robot.joint_names)) == robot.num_joints
     addresses = [int(model.joint(name).qposadr[0]) for name in robot.joint_names]
     free = 7 if robot.base == "free" else 0
-    assert addresses == list(range(free, free + robot.num_joints)) and model.nq == free + robot.num_joints
+    assert (
+        addresses == list(range(free, free + robot.num_joints))
+        and model.nq == free + robot.num_joints
+    )
     assert np.all(robot.lower < robot.upper)
     assert np.all((robot.lower <= robot.nominal_pose) & (robot.nominal_pose <= robot.upper))
-    assert robot.limits_of(robot.joint_names) == pytest.approx(np.stack([robot.lower, robot.upper], axis=1))
+    assert robot.limits_of(robot.joint_names) == pytest.approx(
+        np.stack([robot.lower, robot.upper], axis=1)
+    )
 
 
 def test_an_ideal_pd_holds_its_nominal_pose(robot: Robot):

@@ -14,15 +14,18 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Scene, WalkConfig
 
-MUJOCO, BULLET = WalkConfig(), WalkConfig(engine="pybullet")
+MUJOCO = WalkConfig()
+BULLET = WalkConfig(engine="pybullet")
 
 
 class Standing:
     """A robot in an engine, which `reset` stands up on new motors and in new conditions."""
 
     def __init__(self, scene: Scene):
-        self._scene, self._world = scene, scene.world()
-        self.step, self.close = self._world.step, self._world.close
+        self._scene = scene
+        self._world = scene.world()
+        self.step = self._world.step
+        self.close = self._world.close
 
     def reset(self, seed: int) -> RobotState:
         self._scene.begin(self._world, seed)
@@ -31,7 +34,9 @@ class Standing:
 
 def world_of(draw_motors, walk: WalkConfig) -> Standing:
     if walk.engine == "pybullet":
-        pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+        pytest.importorskip(
+            "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
+        )
     return Standing(Scene(PUPPER_V2, draw_motors, walk, PUPPER_V2.twin_physics_dt))
 
 
@@ -90,7 +95,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(world:
     assert not np.array_equal(first[-1][4], other[-1][4])
 
 
-def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(world: Standing):
+def test_the_feet_of_a_standing_robot_are_on_the_ground_below_it_where_they_are_known(
+    world: Standing,
+):
     world.reset(0)
     places = [world.step(PUPPER_V2.nominal_pose) for _ in range(30)][-1].foot_pos
     if np.isnan(places).all():
@@ -103,7 +110,8 @@ def test_a_robot_commanded_to_stand_stands(world: Standing):
     state = world.reset(0)
     for _ in range(100):
         state = world.step(PUPPER_V2.nominal_pose)
-    # 1 s; motors give way under the weight: 2.135 kg over 8 leg joints is about 0.4 N·m each, over 8.8 N·m/rad.
+    # 1 s; motors give way under the weight: 2.135 kg over 8 leg joints is about 0.4 N·m each, over
+    # 8.8 N·m/rad.
     assert np.abs(state.measured_joint_pos - PUPPER_V2.nominal_pose).max() < 0.15
     assert 0.13 < state.base_pos[2] < 0.18 and np.abs(state.base_lin_vel).max() < 0.05
     assert state.torque_squared_sum > 0.0
@@ -126,9 +134,13 @@ TELEPORTING = IdealPd.uniform(12, kp=1e8, kd=0.0, torque_limit=1e9)
 
 @pytest.mark.parametrize("walk", [MUJOCO, BULLET], ids=["mujoco", "pybullet"])
 @pytest.mark.parametrize(
-    "motors", [ABSURD, UNDEFINED, BUZZING, TELEPORTING], ids=["absurd", "NaN", "buzzing", "teleporting"]
+    "motors",
+    [ABSURD, UNDEFINED, BUZZING, TELEPORTING],
+    ids=["absurd", "NaN", "buzzing", "teleporting"],
 )
-def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(walk: WalkConfig, motors: IdealPd):
+def test_a_simulation_that_breaks_down_says_so_and_the_next_episode_is_sound(
+    walk: WalkConfig, motors: IdealPd
+):
     sound = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
     queue = [motors, sound]
     world = world_of(lambda rng: queue.pop(0), walk)

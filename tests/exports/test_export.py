@@ -72,7 +72,12 @@ ON_WRIST = {"model": "arm.xml", "joints": ("wrist",)}
         ("mjcf", {}, "", "mjcf"),
         ("mjcf", ON_WRIST | {"joints": ("knee",)}, "", "knee"),
         ("mjcf", ON_WRIST, '<actuator><velocity joint="wrist" kv="1"/></actuator>', "2 actuators"),
-        ("mjcf", ON_WRIST, TENDON.format("wrist", '<actuator><motor tendon="t"/></actuator>'), "2 actuators"),
+        (
+            "mjcf",
+            ON_WRIST,
+            TENDON.format("wrist", '<actuator><motor tendon="t"/></actuator>'),
+            "2 actuators",
+        ),
         ("mjcf", ON_WRIST | {"joints": ("wrist", "elbow")}, COUPLED, "couples"),
     ],
 )
@@ -90,7 +95,9 @@ def test_keyframes_keep_their_pose_and_hold_it(prior: MotorPrior, arm: Path, for
     key = '<key name="home" qpos="0.1 0.2 0.3" qvel="1 2 3" ctrl="5 0.6" act="7"/>'
     slow = MODEL.replace('kp="3"', 'kp="3" timeconst="0.1" ctrlrange="-1 1"')
     arm.write_text(slow.replace("</actuator>", f"</actuator><keyframe>{key}</keyframe>"))
-    found = mp.export(prior, format, arm.parent / "out", model=arm, joints=("elbow", "shoulder", "wrist"))
+    found = mp.export(
+        prior, format, arm.parent / "out", model=arm, joints=("elbow", "shoulder", "wrist")
+    )
     model = mujoco.MjModel.from_xml_path(str(found.files[0]))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -99,7 +106,9 @@ def test_keyframes_keep_their_pose_and_hold_it(prior: MotorPrior, arm: Path, for
         if format == "mjcf-detailed":
             assert abs(data.joint(f"{joint}_rotor").qpos[0] - pos) < 0.05
     # a torque is no position, a position stays
-    assert [data.actuator(name).ctrl[0] for name in ("first", "elbow", "last")] == pytest.approx([0.1, 0.2, 0.6])
+    assert [data.actuator(name).ctrl[0] for name in ("first", "elbow", "last")] == pytest.approx(
+        [0.1, 0.2, 0.6]
+    )
     assert model.actuator("last").ctrlrange.tolist() == [-1.0, 1.0] and not data.act.any()
 
 
@@ -121,18 +130,22 @@ def test_keyframes_keep_the_pose_of_another_body_in_the_frame(prior: MotorPrior,
 
 @DETAILED
 def test_a_rotor_is_beside_its_link_in_frames(prior: MotorPrior, arm: Path):
-    text, geom = MODEL, '<geom size="0.01"/></body>'
+    text = MODEL
+    geom = '<geom size="0.01"/></body>'
     for body in ("upper", "hand"):
         text = text.replace(f'<body name="{body}"', f'<frame pos="0 0 0.1"><body name="{body}"')
     text = text.replace("</worldbody>", "</frame></worldbody>").replace(geom, f"{geom}</frame>")
     arm.write_text(text)
-    found = mp.export(prior, "mjcf-detailed", arm.parent / "out", model=arm, joints=("shoulder", "wrist"))
+    found = mp.export(
+        prior, "mjcf-detailed", arm.parent / "out", model=arm, joints=("shoulder", "wrist")
+    )
     model = mujoco.MjModel.from_xml_path(str(found.files[0]))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for joint, link in (("shoulder", "upper"), ("wrist", "hand")):
         assert model.body(f"{joint}_rotor").parentid[0] == model.body(link).parentid[0]
-        rotor, driven = model.joint(f"{joint}_rotor").id, model.joint(joint).id
+        rotor = model.joint(f"{joint}_rotor").id
+        driven = model.joint(joint).id
         np.testing.assert_allclose(data.xanchor[rotor], data.xanchor[driven])
         np.testing.assert_allclose(data.xaxis[rotor], data.xaxis[driven], atol=1e-9)
 
@@ -151,7 +164,9 @@ def test_meshes_beside_the_models_folder_are_copied_with_it(prior: MotorPrior, t
     assert mujoco.MjModel.from_xml_path(str(found.files[0])).nmesh == 1
 
 
-def test_defaults_of_the_model_do_not_change_the_servo_and_its_range_of_commands_stays(prior: MotorPrior, arm: Path):
+def test_defaults_of_the_model_do_not_change_the_servo_and_its_range_of_commands_stays(
+    prior: MotorPrior, arm: Path
+):
     slow = '<default><position timeconst="0.05" forcerange="-0.3 0.3"/>'
     arm.write_text(MODEL.replace("<default>", slow, 1).replace('kp="3"', 'kp="3" ctrlrange="-1 1"'))
     found = mp.export(prior, "mjcf", arm.parent / "out", model=arm, joints=("wrist",))
@@ -163,7 +178,11 @@ def test_defaults_of_the_model_do_not_change_the_servo_and_its_range_of_commands
 
 @pytest.mark.parametrize(
     ("name", "leg", "shank"),
-    [pytest.param("mjcf-detailed", 0.005, 0.008, marks=DETAILED), ("mjcf", 0.02, 0.02), ("bam", 0.02, 0.02)],
+    [
+        pytest.param("mjcf-detailed", 0.005, 0.008, marks=DETAILED),
+        ("mjcf", 0.02, 0.02),
+        ("bam", 0.02, 0.02),
+    ],
 )
 def test_exported_motors_move_as_ours(
     name: str, leg: float, shank: float, prior: MotorPrior, arm: Path, tmp_path: Path
@@ -174,14 +193,17 @@ def test_exported_motors_move_as_ours(
 
 
 def test_a_log_is_replayed_too(prior: MotorPrior, tmp_path: Path):
-    time, ones = 0.002 * np.arange(1000), np.ones((1000, 2))
+    time = 0.002 * np.arange(1000)
+    ones = np.ones((1000, 2))
     target = 0.3 * np.sin(6.0 * time)[:, None] * ones
     log = log_of(time, target, external_torque=0.0 * ones, load_inertia=0.004 * ones)
     found = mp.export(prior, "table", tmp_path, motors=2, joints=log.joint_names, log=log)
     table = json.loads((tmp_path / "motors.json").read_text())
     assert 1e-4 < found.losses["log"] < 0.03 and table["loss_rad"]["log"] == found.losses["log"]
     with pytest.raises(LogError, match="no loads"):
-        mp.export(prior, "table", tmp_path, joints=log.joint_names, log=replace(log, external_torque=None))
+        mp.export(
+            prior, "table", tmp_path, joints=log.joint_names, log=replace(log, external_torque=None)
+        )
     with pytest.raises(ConfigError, match="joints"):
         mp.export(prior, "table", tmp_path, joints=("a", "b", "c"), log=log)
 
@@ -194,7 +216,9 @@ def test_the_motors_of_a_posterior_are_exported_by_name(prior: MotorPrior):
     np.testing.assert_allclose(chosen.z[:, 0], [2.0, 0.0], atol=1e-4)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(prior: MotorPrior, tmp_path: Path):
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_other_motors(
+    prior: MotorPrior, tmp_path: Path
+):
     texts = []
     for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
         mp.export(prior, "table", tmp_path / folder, motors=3, seed=seed)
@@ -208,7 +232,9 @@ def test_correlations_of_a_table_are_those_between_units_of_a_joint(tmp_path: Pa
     def correlation(*joints: str) -> float:
         mp.export(go2, "table", tmp_path, motors=40, joints=joints)
         table = json.loads((tmp_path / "motors.json").read_text())["correlation_of_logarithms"]
-        return table["matrix"][table["order"].index("armature")][table["order"].index("frictionloss")]
+        return table["matrix"][table["order"].index("armature")][
+            table["order"].index("frictionloss")
+        ]
 
     both = correlation("FL_hip_joint", "FL_calf_joint")
     alone = [correlation(joint) for joint in ("FL_hip_joint", "FL_calf_joint")]
@@ -220,24 +246,38 @@ def test_a_table_has_samples_quantiles_and_its_loss(prior: MotorPrior, tmp_path:
     table = json.loads((tmp_path / "motors.json").read_text())
     kp = np.array(table["samples"]["kp"])
     assert kp.shape == (40, 2) and np.median(kp) == pytest.approx(9.0, rel=0.1)
-    assert np.allclose(table["quantiles_5_50_95"]["kp"], np.quantile(kp, (0.05, 0.5, 0.95), axis=0).T)
-    assert set(table["loss_rad"]) == {"leg", "shank", "leg_steps"} and "backlash" in table["not_expressed"]
+    assert np.allclose(
+        table["quantiles_5_50_95"]["kp"], np.quantile(kp, (0.05, 0.5, 0.95), axis=0).T
+    )
+    assert (
+        set(table["loss_rad"]) == {"leg", "shank", "leg_steps"}
+        and "backlash" in table["not_expressed"]
+    )
 
 
 def test_only_joints_and_their_actuators_change(prior: MotorPrior, arm: Path, tmp_path: Path):
-    found = mp.export(prior, "mjcf", tmp_path / "out", motors=2, model=arm, joints=("shoulder", "elbow"))
+    found = mp.export(
+        prior, "mjcf", tmp_path / "out", motors=2, model=arm, joints=("shoulder", "elbow")
+    )
     assert arm.read_text() == MODEL
     variants = [path for path in found.files if path.suffix == ".xml"]
     assert len(variants) == 2 and variants[0].read_text() != variants[1].read_text()
-    before, after = ([line.strip() for line in text.splitlines()] for text in (MODEL, variants[0].read_text()))
+    before, after = (
+        [line.strip() for line in text.splitlines()] for text in (MODEL, variants[0].read_text())
+    )
     changed = [line for line in before if line not in after]
     assert [line.split('"')[1] for line in changed] == ["shoulder", "elbow", "first"]
     model = mujoco.MjModel.from_xml_path(str(variants[0]))
     table = json.loads((tmp_path / "out" / "motors.json").read_text())["samples"]
     for column, name in enumerate(("shoulder", "elbow")):
-        joint, driver = model.joint(name), model.actuator("first" if name == "shoulder" else name)
-        assert model.dof_armature[joint.dofadr[0]] == pytest.approx(table["armature"][0][column], rel=1e-5)
-        assert np.ravel(model.dof_damping[joint.dofadr[0]])[0] == pytest.approx(table["damping"][0][column], rel=1e-5)
+        joint = model.joint(name)
+        driver = model.actuator("first" if name == "shoulder" else name)
+        assert model.dof_armature[joint.dofadr[0]] == pytest.approx(
+            table["armature"][0][column], rel=1e-5
+        )
+        assert np.ravel(model.dof_damping[joint.dofadr[0]])[0] == pytest.approx(
+            table["damping"][0][column], rel=1e-5
+        )
         assert driver.gear[0] == 1.0 and not driver.ctrllimited[0]
         assert driver.gainprm[0] == pytest.approx(table["kp"][0][column], rel=1e-5)
         assert driver.biasprm[2] == pytest.approx(-table["kv"][0][column], rel=1e-5)
@@ -246,7 +286,9 @@ def test_only_joints_and_their_actuators_change(prior: MotorPrior, arm: Path, tm
 
 
 @DETAILED
-def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: MotorPrior, arm: Path, tmp_path: Path):
+def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(
+    prior: MotorPrior, arm: Path, tmp_path: Path
+):
     found = mp.export(prior, "mjcf-detailed", tmp_path, model=arm, joints=("shoulder", "elbow"))
     model = mujoco.MjModel.from_xml_path(str(found.files[0]))
     data = mujoco.MjData(model)
@@ -256,12 +298,16 @@ def test_the_rotor_of_a_detailed_model_turns_the_joint_the_same_way(prior: Motor
         mujoco.mj_step(model, data)
     zero = json.loads((tmp_path / "motors.json").read_text())["samples"]["offset"][0][0]
     assert float(data.joint("shoulder").qpos[0]) == pytest.approx(0.5 - zero, abs=0.03)
-    assert abs(float(data.joint("shoulder_rotor").qpos[0]) - 0.5) < 0.03, "the rotor's angle is the encoder's"
+    assert abs(float(data.joint("shoulder_rotor").qpos[0]) - 0.5) < 0.03, (
+        "the rotor's angle is the encoder's"
+    )
 
 
 @DETAILED
 def test_a_rotor_starts_at_its_joint_in_a_model_in_degrees(prior: MotorPrior, arm: Path):
-    arm.write_text(MODEL.replace('angle="radian" ', "").replace('name="elbow"', 'name="elbow" ref="-20"'))
+    arm.write_text(
+        MODEL.replace('angle="radian" ', "").replace('name="elbow"', 'name="elbow" ref="-20"')
+    )
     found = mp.export(prior, "mjcf-detailed", arm.parent / "out", model=arm, joints=("elbow",))
     data = mujoco.MjData(mujoco.MjModel.from_xml_path(str(found.files[0])))
     assert float(data.joint("elbow").qpos[0]) == pytest.approx(np.radians(-20.0))
@@ -292,7 +338,8 @@ def pendulum(dt: float, seconds: float = 2.0) -> Trial:
 
 
 def test_a_published_servo_moves_here_as_in_its_own_simulation(tmp_path: Path):
-    path, given = tmp_path / "m1.json", pendulum(0.0005)
+    path = tmp_path / "m1.json"
+    given = pendulum(0.0005)
     path.write_text(json.dumps(SERVO))
     own = BamMotor.of(SERVO, kp=16.0).simulate(given, 0)
     ours = run(read_motor(path, kp=16.0), given).joint_pos[:, 0]
@@ -312,17 +359,29 @@ def test_the_simulation_is_that_of_the_installed_bam():
     from bam.simulate import Simulator
 
     for table in (SERVO, SERVO | DIRECTIONAL):
-        given, model = pendulum(0.002), load_model_from_dict(table)
-        length, mass = 0.1, 0.5
+        given = pendulum(0.002)
+        model = load_model_from_dict(table)
+        length = 0.1
+        mass = 0.5
         rest = {"position": 0.0, "speed": 0.0, "torque_enable": True}
         entries = [rest | {"goal_position": float(each)} for each in given.position_target[:, 0]]
-        log = {"mass": mass, "arm_mass": 0.0, "length": length, "kp": 16.0, "vin": 7.4, "dt": 0.002, "entries": entries}
+        log = {
+            "mass": mass,
+            "arm_mass": 0.0,
+            "length": length,
+            "kp": 16.0,
+            "vin": 7.4,
+            "dt": 0.002,
+            "entries": entries,
+        }
         model.max_velocity.value = 1e9
         found = np.array(Simulator(model).rollout_log(log, simulate_control=True)[0])
         weight = mass * 9.80665 * length
         offset = table["q_offset"]  # BAM's angles are those of the encoder
         torque = -weight * np.sin(found + offset)[:, None]
-        same = replace(given, joint_pos=np.array([offset]), external_torque=torque, load_stiffness=0.0 * torque)
+        same = replace(
+            given, joint_pos=np.array([offset]), external_torque=torque, load_stiffness=0.0 * torque
+        )
         own = BamMotor.of(table, kp=16.0).simulate(same, 0) - offset
         assert np.ptp(found) > 1.0 and float(np.abs(found - own).max()) < 1e-6
 

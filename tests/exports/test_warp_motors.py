@@ -1,6 +1,7 @@
 """The Warp kernel, and the actuators of mjlab and Newton, against the compiled motors; skipped without these."""
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false,
+# reportOptionalMemberAccess=false
 from dataclasses import replace
 
 import numpy as np
@@ -42,17 +43,23 @@ def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
 )
 def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], tolerance: float):
     motors = motors_of_prior(bench.COUNT, terms)
-    # an encoder behind the backlash makes these motors oscillate, and any difference grows exponentially
+    # an encoder behind the backlash makes these motors oscillate, and any difference grows
+    # exponentially
     steps = 200 if "output_encoder" in terms else bench.STEPS
-    ours, theirs = (bench.free_run(make(motors), bench.COUNT, steps) for make in (bench.compiled, bench.kernel))
+    ours, theirs = (
+        bench.free_run(make(motors), bench.COUNT, steps) for make in (bench.compiled, bench.kernel)
+    )
     assert np.abs(ours).max() > 0.3, "they move"
     difference = np.abs(ours - theirs).max(axis=0)  # [rad]
     assert np.median(difference) < 1e-4
-    assert difference.max() < tolerance  # float32: dry friction of some motors breaks away a step earlier or later
+    # float32: dry friction of some motors breaks away a step earlier or later
+    assert difference.max() < tolerance
 
 
 def test_only_waiting_motors_restart_as_the_chosen_ones():
-    def state_after(steps: int, start: float, chosen: tuple[int, int], restarts: bool = False) -> np.ndarray:
+    def state_after(
+        steps: int, start: float, chosen: tuple[int, int], restarts: bool = False
+    ) -> np.ndarray:
         motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
         motors.chosen.assign(chosen)
         given = [bench.warp_array([each, start]) for each in (0.3, 0.0, 0.0)]
@@ -61,7 +68,9 @@ def test_only_waiting_motors_restart_as_the_chosen_ones():
                 motors.waiting.assign([False, True])
                 motors.chosen.assign([2, 3])
             motors.step(*given)
-        return np.concatenate([motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]])
+        return np.concatenate(
+            [motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]]
+        )
 
     both = state_after(25, 0.5, (0, 1), restarts=True)
     np.testing.assert_array_equal(both[:, 0], state_after(25, 0.5, (0, 1))[:, 0])
@@ -77,7 +86,10 @@ def with_constant(motors, name, value):
 def test_a_step_that_cannot_resolve_the_gear_is_refused():
     with pytest.raises(ConfigError, match="gear") as refused:
         WarpMotors(
-            with_constant(with_constant(motors_of_prior(1), "gear_stiffness", 5000.0), "kp", 100.0), 1, bench.DT, "cpu"
+            with_constant(with_constant(motors_of_prior(1), "gear_stiffness", 5000.0), "kp", 100.0),
+            1,
+            bench.DT,
+            "cpu",
         )
     assert "use a step of" in str(refused.value.remedy)
 

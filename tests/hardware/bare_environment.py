@@ -22,7 +22,13 @@ if __name__ == "__main__":
     sys.argv = sys.argv[1:]
     from motorprior.robots import shipped
 
-    late = {"tick_delay": 100.0, "late_ticks": 100, "stalled_time": 100.0, "telemetry_age": 0.5, "watchdog": 0.5}
+    late = {
+        "tick_delay": 100.0,
+        "late_ticks": 100,
+        "stalled_time": 100.0,
+        "telemetry_age": 0.5,
+        "watchdog": 0.5,
+    }
     (robot,) = shipped.SHIPPED
     wire = robot.require_wire()
     wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))

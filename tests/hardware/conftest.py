@@ -87,7 +87,9 @@ def when() -> Callable[..., float]:
     def find(robot: Any, what: str, after: float = 0.0, patience: float = 5.0) -> float:
         give_up = time.monotonic() + patience
         while time.monotonic() < give_up:
-            if times := [at for at, event in list(robot.firmware.events) if event == what and at >= after]:
+            if times := [
+                at for at, event in list(robot.firmware.events) if event == what and at >= after
+            ]:
                 return times[0]
             time.sleep(0.005)
         raise AssertionError(f"never {what}: {[event for _, event in robot.firmware.events][-5:]}")
@@ -98,4 +100,8 @@ def when() -> Callable[..., float]:
 @pytest.fixture(scope="session")
 def bare_command() -> list[str]:
     """The command line of the robot's computer, without numba, tyro and all the rest."""
-    return [sys.executable, str(Path(__file__).with_name("bare_environment.py")), "motorprior.hardware"]
+    return [
+        sys.executable,
+        str(Path(__file__).with_name("bare_environment.py")),
+        "motorprior.hardware",
+    ]

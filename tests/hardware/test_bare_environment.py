@@ -23,7 +23,10 @@ def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_module_of_hardware_can_be_imported_without_numba():
-    modules = [f"motorprior.hardware.{file.stem}" for file in Path(hardware.__file__).parent.glob("[a-z]*.py")]
+    modules = [
+        f"motorprior.hardware.{file.stem}"
+        for file in Path(hardware.__file__).parent.glob("[a-z]*.py")
+    ]
     assert len(modules) > 10
     code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')\nimport numba"
     done = in_bare_environment("-c", code)
@@ -34,7 +37,11 @@ def test_the_command_states_what_a_robot_s_computer_can_do():
     done = in_bare_environment("motorprior.__main__", "record", "--help")
     assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
     done = in_bare_environment("motorprior.__main__", "walk", "--out", "x")
-    assert done.returncode == 2 and "deploy,record,doctor" in done.stderr and "pip install" in done.stderr, done.stderr
+    assert (
+        done.returncode == 2
+        and "deploy,record,doctor" in done.stderr
+        and "pip install" in done.stderr
+    ), done.stderr
 
 
 @pytest.mark.real_time
@@ -42,10 +49,15 @@ def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tm
     pupper = virtual()
     given = ("deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3)
     dry = in_bare_environment("motorprior.hardware", *given)
-    steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)  # 100 Hz for 0.3 s, and the last tick
+    # 100 Hz for 0.3 s, and the last tick
+    steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)
     assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
-    doctor = in_bare_environment("motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1)
-    assert doctor.returncode == 0 and "IMU" in doctor.stderr and "RL_knee" in doctor.stderr, doctor.stderr
+    doctor = in_bare_environment(
+        "motorprior.hardware", "doctor", "--port", pupper.port, "--seconds", 1
+    )
+    assert doctor.returncode == 0 and "IMU" in doctor.stderr and "RL_knee" in doctor.stderr, (
+        doctor.stderr
+    )
     assert not pupper.firmware.events
 
 
@@ -56,4 +68,6 @@ def test_interpreted_and_compiled_formulas_agree(tmp_path: Path):
     code = Path(replay_policy.__file__).read_text() + f"print(json.dumps(replay({str(path)!r})))"
     interpreted = in_bare_environment("-c", code)
     assert interpreted.returncode == 0, interpreted.stderr
-    np.testing.assert_allclose(json.loads(interpreted.stdout), replay_policy.replay(path), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        json.loads(interpreted.stdout), replay_policy.replay(path), rtol=0, atol=1e-12
+    )

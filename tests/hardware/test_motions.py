@@ -35,7 +35,8 @@ class CopiedBody:
     """A body in a given state, in the robot's own signs."""
 
     def __init__(self, state):
-        self.state, self.command = state, None
+        self.state = state
+        self.command = None
 
     def advance(self, milliseconds: int, command: MotorCommand) -> None:
         self.command = command
@@ -43,7 +44,9 @@ class CopiedBody:
     def sense(self) -> SensorReadings:
         attitude = np.array(roll_pitch_yaw(self.state.base_quat))
         pos = PUPPER_V2.require_wire().joint_signs * self.state.measured_joint_pos
-        return SensorReadings(pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy())
+        return SensorReadings(
+            pos, np.zeros(12), np.zeros(12), attitude, self.state.base_ang_vel.copy()
+        )
 
 
 def test_motors_have_the_gains_that_were_sent_until_idle():
@@ -66,20 +69,27 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     policy = as_file_content(random_policy(0.05, seed=1, std=0.5, units=4))
     fleet = load_fleet("pupper_v2")
     walk = WalkConfig(commands=Commands(hold=0.4))
-    scene = Scene(PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, PUPPER_V2.twin_physics_dt)
-    env, motion = WalkEnv(scene), PolicyMotion(PUPPER_V2, policy)
+    scene = Scene(
+        PUPPER_V2, lambda draw: fleet.sample(12, draw).actuator(), walk, PUPPER_V2.twin_physics_dt
+    )
+    env = WalkEnv(scene)
+    motion = PolicyMotion(PUPPER_V2, policy)
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
     body = CopiedBody(env.world.state())
-    firmware, reader = Firmware(PUPPER_V2, body), FrameReader(Telemetry, 12)
-    gate, target = SafetyGate(PUPPER_V2, WIRE.safety), body.state.measured_joint_pos
+    firmware = Firmware(PUPPER_V2, body)
+    reader = FrameReader(Telemetry, 12)
+    gate = SafetyGate(PUPPER_V2, WIRE.safety)
+    target = body.state.measured_joint_pos
     gate.arm(Gains.of(WIRE), PUPPER_V2.nominal_pose, 0.0)
     for step in range(200):
         body.state = env.world.state()
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         assert body.command is not None
-        np.testing.assert_allclose(WIRE.joint_signs * body.command.target, target, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            WIRE.joint_signs * body.command.target, target, rtol=0, atol=1e-6
+        )
         motion.forward, motion.yaw_rate = schedule[step]
         target = motion(Measurement(frame.with_signs(WIRE.joint_signs), 0.0, 0.0))
         np.testing.assert_allclose(motion.gait.observation, observation, rtol=0, atol=2e-6)
@@ -100,8 +110,12 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     seed=st.integers(0, 100),
 )
 @settings(max_examples=40, deadline=None)
-def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, amplitude, speed, seed):
-    targets = hardware_targets(PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed)
+def test_an_excitation_stays_within_amplitude_and_speed(
+    kind, joint, seconds, amplitude, speed, seed
+):
+    targets = hardware_targets(
+        PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed
+    )
     away = targets - PUPPER_V2.nominal_pose
     assert np.abs(away).max() <= amplitude + 1e-9
     assert np.all(targets >= PUPPER_V2.lower) and np.all(targets <= PUPPER_V2.upper)
@@ -114,8 +128,10 @@ def test_an_excitation_stays_within_amplitude_and_speed(kind, joint, seconds, am
 
 
 def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
-    start, goal = np.zeros(12), np.linspace(-1.0, 2.0, 12)
-    motion, row = ramp(start, goal, 1.5, 0.01, hold=0.1), []
+    start = np.zeros(12)
+    goal = np.linspace(-1.0, 2.0, 12)
+    motion = ramp(start, goal, 1.5, 0.01, hold=0.1)
+    row = []
     while (target := motion(Measurement(telemetry(), 0.0, 0.0))) is not None:
         row.append(target)
     speeds = np.abs(np.diff([start, *row], axis=0)) / 0.01
@@ -126,7 +142,9 @@ def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():
 def test_a_gyroscope_s_bias_does_not_change_the_heading():
     still = telemetry(pos=PUPPER_V2.nominal_pose)
     turning = telemetry(pos=PUPPER_V2.nominal_pose, yaw_rate=0.03, roll_rate=-0.02)
-    motions = [PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)]
+    motions = [
+        PolicyMotion(PUPPER_V2, as_file_content(random_policy(0.05, seed=1))) for _ in range(3)
+    ]
     motions[1].gyro_bias = np.array([-0.02, 0.0, 0.03])
     for motion, seen in zip(motions, (still, turning, turning), strict=True):
         motion.forward = 0.2
@@ -158,9 +176,17 @@ def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
         settings = RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True)
         run_record(PUPPER_V2, port.port, settings, lambda _: None)
     log = read_deploy_recording(tmp_path / "run.csv", PUPPER_V2, period=0.001)
-    first, count, acted = round(1e3 * log.time[0]), log.num_rows - 20, np.array(port.targets)
+    first = round(1e3 * log.time[0])
+    count = log.num_rows - 20
+    acted = np.array(port.targets)
     errors = {
-        late: float(np.sqrt(np.mean((log.position_target[10 : 10 + count] - acted[first + 10 + late :][:count]) ** 2)))
+        late: float(
+            np.sqrt(
+                np.mean(
+                    (log.position_target[10 : 10 + count] - acted[first + 10 + late :][:count]) ** 2
+                )
+            )
+        )
         for late in range(-4, 5)
     }
     assert min(errors, key=lambda late: errors[late]) == 0, errors

@@ -18,7 +18,9 @@ from motorprior.hardware.teleop import Teleop
 from motorprior.hardware.virtual_robot import IDLE
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-GAIT, VERTICAL, HORIZONTAL = PUPPER_V2.require_gait(), 1, 0
+GAIT = PUPPER_V2.require_gait()
+VERTICAL = 1
+HORIZONTAL = 0
 
 
 class Terminal:
@@ -26,7 +28,9 @@ class Terminal:
 
     def __init__(self, command: list[str]):
         self._master, slave = pty.openpty()
-        self.process = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True)
+        self.process = subprocess.Popen(
+            command, stdin=slave, stdout=slave, stderr=slave, start_new_session=True
+        )
         os.close(slave)
         self.printed = b""
 
@@ -90,10 +94,18 @@ def commanded(typed: bytes, pushed: bytes = b"", lost: bool = False) -> tuple[fl
 
 def test_q_a_gamepad_button_and_a_lost_terminal_stop():
     assert commanded(b"", event(0, 1, 1)) == (0.3, 0.0), "a button that is released"
-    assert commanded(b"", event(1, 1, 1)) is None and commanded(b"wq") is None and commanded(b"", lost=True) is None
+    assert (
+        commanded(b"", event(1, 1, 1)) is None
+        and commanded(b"wq") is None
+        and commanded(b"", lost=True) is None
+    )
 
 
-@given(keys=st.binary(min_size=1, max_size=60), stick=st.integers(-32767, 32767), turn=st.integers(-32767, 32767))
+@given(
+    keys=st.binary(min_size=1, max_size=60),
+    stick=st.integers(-32767, 32767),
+    turn=st.integers(-32767, 32767),
+)
 @settings(max_examples=60, deadline=None)
 def test_the_command_stays_within_its_limits(keys: bytes, stick: int, turn: int):
     typed = keys.lower().replace(b"q", b"w")

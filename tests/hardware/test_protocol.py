@@ -28,7 +28,8 @@ JOINTS = 12
 number = st.floats(-(2.0**100), 2.0**100, width=32)
 array = st.lists(number, min_size=12, max_size=12).map(np.array)
 commands = st.one_of(
-    st.builds(Command, pos=array, kp=number, kd=number, max_current=number), st.builds(Command, idle=st.booleans())
+    st.builds(Command, pos=array, kp=number, kd=number, max_current=number),
+    st.builds(Command, idle=st.booleans()),
 )
 telemetries = st.builds(
     Telemetry,
@@ -54,15 +55,31 @@ def test_the_bytes_of_a_command_are_those_of_the_wire():
 
 
 @pytest.mark.parametrize(
-    "command", [Command(pos=np.zeros(11)), Command(pos=np.full(12, np.nan)), Command(kd=1e39), Command()], ids=repr
+    "command",
+    [Command(pos=np.zeros(11)), Command(pos=np.full(12, np.nan)), Command(kd=1e39), Command()],
+    ids=repr,
 )
 def test_an_invalid_command_is_not_encoded(command: Command):
     with pytest.raises(ProtocolError):
         encode_message(command, JOINTS)
 
 
-NO_MAPS = [b"", b"\x80", b"\xc1", b"\x91\x01", b"\x81\xa4idle\xc3\x00", b"\x81" + b"\x91" * 200, b"\xdf" + b"\xff" * 4]
-MAPS = [{"kp": "much"}, {"speed": 1.0}, {"kp": float("nan")}, {"pos": [0.0] * 13}, {"pos": [True] * 12}]
+NO_MAPS = [
+    b"",
+    b"\x80",
+    b"\xc1",
+    b"\x91\x01",
+    b"\x81\xa4idle\xc3\x00",
+    b"\x81" + b"\x91" * 200,
+    b"\xdf" + b"\xff" * 4,
+]
+MAPS = [
+    {"kp": "much"},
+    {"speed": 1.0},
+    {"kp": float("nan")},
+    {"pos": [0.0] * 13},
+    {"pos": [True] * 12},
+]
 
 
 @pytest.mark.parametrize("payload", [*NO_MAPS, *map(msgpack.packb, MAPS)], ids=repr)
@@ -83,22 +100,30 @@ def target(step: int) -> bytes:
 def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
     """Lines, and payloads of messages."""
     messages = [message for piece in pieces for message in reader.feed(piece)]
-    return [message if isinstance(message, str) else encode_message(message, JOINTS) for message in messages]
+    return [
+        message if isinstance(message, str) else encode_message(message, JOINTS)
+        for message in messages
+    ]
 
 
 good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), IDLE_FRAME]))
-noise = st.binary(max_size=40) | st.sampled_from([b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"])
+noise = st.binary(max_size=40) | st.sampled_from(
+    [b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"]
+)
 damaged = st.tuples(good, st.integers(0, 400), st.integers(0, 255)).map(
     lambda parts: parts[0][: parts[1]] + bytes([parts[2]]) + parts[0][parts[1] + 1 :]
 )
-streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(b"".join)
+streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(
+    b"".join
+)
 
 
 @pytest.mark.parametrize("kind", [Command, Telemetry])
 @given(data=streams, at=st.lists(st.integers(0, 10**6), max_size=12))
 @settings(max_examples=100, deadline=None)
 def test_the_same_messages_however_the_stream_is_cut(kind: type, data: bytes, at: list[int]):
-    whole, bounds = read(FrameReader(kind, JOINTS), [data]), sorted({0, len(data), *(n % (len(data) + 1) for n in at)})
+    whole = read(FrameReader(kind, JOINTS), [data])
+    bounds = sorted({0, len(data), *(n % (len(data) + 1) for n in at)})
     assert read(FrameReader(kind, JOINTS), [data[a:b] for a, b in pairwise(bounds)]) == whole
     assert read(FrameReader(kind, JOINTS), [bytes([byte]) for byte in data]) == whole
 
@@ -106,8 +131,15 @@ def test_the_same_messages_however_the_stream_is_cut(kind: type, data: bytes, at
 def test_text_between_frames_is_read_and_a_damaged_head_costs_one_frame_only():
     one, two, *more = (read(FrameReader(Telemetry, JOINTS), [measured(n)])[0] for n in range(1, 8))
     stream = b"Homing\r\n" + measured(1) + b"ERROR\r\n" + b"FEET OK\r\n" + measured(2)
-    assert read(FrameReader(Telemetry, JOINTS), [stream]) == ["Homing", one, "ERROR", "FEET OK", two]
-    for place in range(4):  # also a length that became longer: the frames it would swallow are found again
+    assert read(FrameReader(Telemetry, JOINTS), [stream]) == [
+        "Homing",
+        one,
+        "ERROR",
+        "FEET OK",
+        two,
+    ]
+    # also a length that became longer: the frames it would swallow are found again
+    for place in range(4):
         broken = bytearray(measured(0))
         broken[place] ^= 0x03
         pieces = [bytes(broken), *map(measured, range(1, 8))]
@@ -142,7 +174,9 @@ def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
     """25 ms ahead, which a real frame could be; the next two look overtaken."""
     stream = running()
     assert stream.accept(telemetry(ts=1025.0), 6.003) is not None
-    dropped = [stream.accept(telemetry(ts=1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)]
+    dropped = [
+        stream.accept(telemetry(ts=1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)
+    ]
     assert dropped == [True, True, False] and stream.repeated == 2
     later = stream.accept(telemetry(ts=1040.0), 6.043)
     assert later is not None and later.arrival - later.sampled == pytest.approx(0.0)
@@ -150,7 +184,8 @@ def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
 
 def test_a_drifting_clock_is_followed():
     """300 ppm for 100 s are 30 ms."""
-    stream, ages = TelemetryStream(LIMITS), []
+    stream = TelemetryStream(LIMITS)
+    ages = []
     for n in range(10_000):
         measurement = stream.accept(telemetry(ts=round(10.0 * n * (1 - 3e-4))), 0.01 * n)
         if measurement is not None:
@@ -167,7 +202,12 @@ IMPOSSIBLE = [
 @pytest.mark.parametrize("values", IMPOSSIBLE, ids=str)
 def test_an_impossible_frame_is_not_accepted(values: dict):
     stream = running()
-    assert stream.accept(telemetry(**{"ts": 1000.0, **values}), 6.003) is None and stream.impossible == 1
+    assert (
+        stream.accept(telemetry(**{"ts": 1000.0, **values}), 6.003) is None
+        and stream.impossible == 1
+    )
     after = stream.accept(telemetry(ts=1010.0), 6.013)
-    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), "the clock offset is unchanged"
+    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), (
+        "the clock offset is unchanged"
+    )
     assert stream.impossible_in_a_row == 0

@@ -45,12 +45,17 @@ class Incident:
 
     @property
     def reaction(self) -> float:
-        return next(at for at, what in self.port.events if what == IDLE and at >= self.began) - self.began
+        return (
+            next(at for at, what in self.port.events if what == IDLE and at >= self.began)
+            - self.began
+        )
 
     @property
     def crouched(self) -> bool:
         """Whether it was in the crouch pose when it lost its current."""
-        return bool(np.abs(self.port.pose_at_idle - PUPPER_V2.require_wire().crouch_pose).max() < 0.35)
+        return bool(
+            np.abs(self.port.pose_at_idle - PUPPER_V2.require_wire().crouch_pose).max() < 0.35
+        )
 
 
 def fill_disk(port: FaultyPort) -> None:
@@ -61,7 +66,8 @@ def fill_disk(port: FaultyPort) -> None:
 @contextmanager
 def full_disk_ends() -> Iterator[None]:
     """Within the context writes to a full disk fail instead of killing the process; on exit there is room again."""
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     try:
         yield
     finally:
@@ -73,7 +79,9 @@ def full_disk_ends() -> Iterator[None]:
 def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
     """Deploy, and let something happen half a second into the walk."""
 
-    def walk(happens: Callable[[FaultyPort], object], currents: bool = False, seconds: float = 4.0) -> Incident:
+    def walk(
+        happens: Callable[[FaultyPort], object], currents: bool = False, seconds: float = 4.0
+    ) -> Incident:
         port = FaultyPort(PUPPER_V2, currents)
         incident = Incident(port)
 
@@ -84,7 +92,9 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
 
         with on_its_clock(port), full_disk_ends():
             try:
-                settings = DeploySettings(out=tmp_path / "run", seconds=seconds, forward=0.3, yes=True)
+                settings = DeploySettings(
+                    out=tmp_path / "run", seconds=seconds, forward=0.3, yes=True
+                )
                 run_deploy(PUPPER_V2, trot, "a port", settings, show)
             except (ArtifactError, RobotFault, ValueError) as error:
                 incident.error = error
@@ -132,7 +142,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_reported_and_ends_in_its_safe_state(walk_into: Callable[..., Incident], tmp_path: Path, name: str):
+def test_a_fault_is_reported_and_ends_in_its_safe_state(
+    walk_into: Callable[..., Incident], tmp_path: Path, name: str
+):
     happens, kinds, safe_state = FAULTS[name]
     incident = walk_into(happens, currents=name == "overcurrent")
     assert incident.reaction < MAX_REACTION[safe_state]
@@ -140,20 +152,31 @@ def test_a_fault_is_reported_and_ends_in_its_safe_state(walk_into: Callable[...,
     if isinstance(incident.error, RobotFault):
         assert incident.error.kind in kinds and incident.error.safe_state == safe_state
     if name == "disk full":
-        assert read_deploy_recording(tmp_path / "run" / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows > 10
+        assert (
+            read_deploy_recording(tmp_path / "run" / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows
+            > 10
+        )
         return
     run = read_json(tmp_path / "run" / "run.json")
-    assert run["outcome"] in kinds and run["frames"]["accepted"] > 100 and run["settings"]["forward"] == 0.3
+    assert (
+        run["outcome"] in kinds
+        and run["frames"]["accepted"] > 100
+        and run["settings"]["forward"] == 0.3
+    )
     assert run["message"] == (None if incident.error is None else str(incident.error))
 
 
 def test_an_error_of_the_firmware_is_reported(walk_into: Callable[..., Incident]):
     """12 A, which a host without currents cannot detect; the firmware removes the current by itself."""
     incident = walk_into(inject("surge"))
-    assert getattr(incident.error, "kind", "") == "firmware" and incident.port.firmware.mode == ERROR
+    assert (
+        getattr(incident.error, "kind", "") == "firmware" and incident.port.firmware.mode == ERROR
+    )
 
 
-def test_after_a_pause_within_the_limit_the_robot_walks_on(walk_into: Callable[..., Incident], tmp_path: Path):
+def test_after_a_pause_within_the_limit_the_robot_walks_on(
+    walk_into: Callable[..., Incident], tmp_path: Path
+):
     incident = walk_into(lambda port: port.pause_host(LIMITS.tick_delay - 0.01), seconds=1.5)
     assert incident.error is None and incident.crouched
     figures = read_json(tmp_path / "run" / "figures.json")
@@ -161,7 +184,9 @@ def test_after_a_pause_within_the_limit_the_robot_walks_on(walk_into: Callable[.
     assert read_json(tmp_path / "run" / "run.json")["outcome"] == "time"
 
 
-def test_a_second_signal_drops_the_robot_and_more_change_nothing(walk_into: Callable[..., Incident]):
+def test_a_second_signal_drops_the_robot_and_more_change_nothing(
+    walk_into: Callable[..., Incident],
+):
     def press_often(_: FaultyPort) -> None:
         try:
             signal.raise_signal(signal.SIGINT)
@@ -174,21 +199,35 @@ def test_a_second_signal_drops_the_robot_and_more_change_nothing(walk_into: Call
     assert incident.reaction < MAX_REACTION["idle"]
 
 
-def test_a_fault_during_the_crouch_does_not_start_the_walk_again(walk_into: Callable[..., Incident], tmp_path: Path):
+def test_a_fault_during_the_crouch_does_not_start_the_walk_again(
+    walk_into: Callable[..., Incident], tmp_path: Path
+):
     def stop_and_break(port: FaultyPort) -> None:
         signal.raise_signal(signal.SIGINT)
         port.inject("imu_repeats")
 
     incident = walk_into(stop_and_break)
-    assert isinstance(incident.error, RobotFault) and incident.error.kind == "frozen IMU" and incident.crouched
-    modes = [int(row.split(",")[1]) for row in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]]
+    assert (
+        isinstance(incident.error, RobotFault)
+        and incident.error.kind == "frozen IMU"
+        and incident.crouched
+    )
+    modes = [
+        int(row.split(",")[1])
+        for row in (tmp_path / "run" / "run.csv").read_text().splitlines()[1:]
+    ]
     assert modes == sorted(modes) and modes[-1] == Mode.CROUCH
 
 
 def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
     port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
-        run_record(PUPPER_V2, "p", RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True), print)
+        run_record(
+            PUPPER_V2,
+            "p",
+            RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True),
+            print,
+        )
     assert port.events[-1][1] == IDLE and not Incident(port).crouched
 
 

@@ -15,7 +15,9 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 LIMITS = PUPPER_V2.require_wire().safety
 GAINS = Gains(50.0, 5.0, 7.0)
-target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, max_size=12).map(np.array)
+target = st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=12, max_size=12).map(
+    np.array
+)
 
 
 def started(limits=LIMITS) -> SafetyGate:
@@ -24,10 +26,15 @@ def started(limits=LIMITS) -> SafetyGate:
     return gate
 
 
-@given(steps=st.lists(st.tuples(target, st.floats(-1.0, 1.0)), max_size=20), speed=st.floats(0.1, 100.0))
+@given(
+    steps=st.lists(st.tuples(target, st.floats(-1.0, 1.0)), max_size=20),
+    speed=st.floats(0.1, 100.0),
+)
 @settings(max_examples=200, deadline=None)
 def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]], speed: float):
-    gate, now, last = started(replace(LIMITS, target_speed=speed)), 0.0, PUPPER_V2.nominal_pose
+    gate = started(replace(LIMITS, target_speed=speed))
+    now = 0.0
+    last = PUPPER_V2.nominal_pose
     for wanted, pause in steps:
         now += pause
         try:
@@ -45,7 +52,15 @@ def test_what_passes_is_within_every_limit(steps: list[tuple[np.ndarray, float]]
 
 
 @pytest.mark.parametrize(
-    "gains", [{"kp": 61.0}, {"kd": 6.1}, {"max_current": 7.1}, {"kp": float("nan")}, {"kd": -1.0}, {"max_current": 0.0}]
+    "gains",
+    [
+        {"kp": 61.0},
+        {"kd": 6.1},
+        {"max_current": 7.1},
+        {"kp": float("nan")},
+        {"kd": -1.0},
+        {"max_current": 0.0},
+    ],
 )
 def test_gains_beyond_the_limits_are_rejected(gains: dict[str, float]):
     with pytest.raises(ConfigError, match=next(iter(gains))):
@@ -67,13 +82,17 @@ def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
     gate.allow_crouch()
     gate.slow = True
     command = gate.limited(PUPPER_V2.require_wire().crouch_pose, 0.01)
-    moved = np.abs(PUPPER_V2.require_wire().joint_signs * command.pos - PUPPER_V2.nominal_pose).max()
+    moved = np.abs(
+        PUPPER_V2.require_wire().joint_signs * command.pos - PUPPER_V2.nominal_pose
+    ).max()
     assert moved == pytest.approx(LIMITS.slow_speed * 0.01)
 
 
 def follows(kp: float, kd: float, lag: float, sag: float = 0.0) -> bool:
     """Whether a joint with this lag [s] is no fault at these gains, at a step and then a sine."""
-    tracking, joint, faults = TrackingFaults(PUPPER_V2, LIMITS), np.zeros(12), []
+    tracking = TrackingFaults(PUPPER_V2, LIMITS)
+    joint = np.zeros(12)
+    faults = []
     tracking.begin(kd / kp)
     for step in range(500):
         wanted = np.full(12, 1.3 if step < 250 else 0.8 * np.sin(2 * np.pi * 1.5 * 0.01 * step))
@@ -90,18 +109,29 @@ def test_the_expected_lag_is_that_of_the_gains_that_were_sent(kp: float, kd: flo
 
 @pytest.mark.parametrize(("motion", "kind"), [(0.0, "stuck"), (0.01, "tracking")])
 def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
-    tracking, joint, wanted, step = TrackingFaults(PUPPER_V2, LIMITS), np.zeros(12), 0.8 * np.eye(12)[4], 0
+    tracking = TrackingFaults(PUPPER_V2, LIMITS)
+    joint = np.zeros(12)
+    wanted = 0.8 * np.eye(12)[4]
+    step = 0
     faults = []
     while not faults:
         joint[4] = motion * np.sin(3.0 * step)
         faults += tracking.faults(joint, wanted, 0.01 * step)
         step += 1
-    assert step < 200 and faults[0].kind == kind and "FL_hip" in str(faults[0]) and faults[0].safe_state == "idle"
+    assert (
+        step < 200
+        and faults[0].kind == kind
+        and "FL_hip" in str(faults[0])
+        and faults[0].safe_state == "idle"
+    )
 
 
 @pytest.mark.parametrize(
     ("late", "every", "too_late", "count"),
-    [(0.02, 20, 0.02, 20), (LIMITS.tick_delay, 100, 0.5 * LIMITS.tick_delay, LIMITS.late_ticks - 1)],
+    [
+        (0.02, 20, 0.02, 20),
+        (LIMITS.tick_delay, 100, 0.5 * LIMITS.tick_delay, LIMITS.late_ticks - 1),
+    ],
 )
 def test_some_late_steps_are_allowed_and_many_or_long_ones_are_not(late, every, too_late, count):
     slow_host = SlowHost(LIMITS, 0.01)
@@ -116,12 +146,20 @@ def test_some_late_steps_are_allowed_and_many_or_long_ones_are_not(late, every, 
 
 @pytest.mark.parametrize(
     ("bad", "kind", "duration"),
-    [({"roll": 1.0}, "fall", LIMITS.tilt_time), ({"cur": np.full(12, -9.5)}, "current", LIMITS.current_time)],
+    [
+        ({"roll": 1.0}, "fall", LIMITS.tilt_time),
+        ({"cur": np.full(12, -9.5)}, "current", LIMITS.current_time),
+    ],
 )
-def test_one_damaged_frame_is_no_fault_and_several_in_a_row_are(bad: dict, kind: str, duration: float):
-    sensors, good = SensorFaults(PUPPER_V2, LIMITS), telemetry(cur=np.full(12, 8.0))
+def test_one_damaged_frame_is_no_fault_and_several_in_a_row_are(
+    bad: dict, kind: str, duration: float
+):
+    sensors = SensorFaults(PUPPER_V2, LIMITS)
+    good = telemetry(cur=np.full(12, 8.0))
     for step in range(100):
-        assert not list(sensors.faults(replace(good, **bad) if step % 3 == 0 else good, 0.01 * step))
+        assert not list(
+            sensors.faults(replace(good, **bad) if step % 3 == 0 else good, 0.01 * step)
+        )
     times = 1.0 + 0.01 * np.arange(round(duration / 0.01) + 1)
     found = [list(sensors.faults(replace(good, **bad), now)) for now in times]
     assert not found[0] and [fault.kind for fault in found[-1]] == [kind]

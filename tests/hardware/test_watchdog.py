@@ -50,7 +50,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_detected_and_its_reaction_possible(virtual: Callable, host: Callable, when: Callable, name: str):
+def test_a_fault_is_detected_and_its_reaction_possible(
+    virtual: Callable, host: Callable, when: Callable, name: str
+):
     happens, kind, safe_state = FAULTS[name]
     robot = virtual()
     link = host(robot.port)
@@ -71,16 +73,30 @@ def test_a_fault_is_detected_and_its_reaction_possible(virtual: Callable, host: 
 def test_a_killed_host_leaves_an_idle_robot_within_100_ms(
     virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path, when: Callable
 ):
-    robot, log = virtual(), tmp_path / "run" / "run.csv"
-    command = [*bare_command, "deploy", str(trot), "--port", robot.port, "--out", str(log.parent), "--yes"]
+    robot = virtual()
+    log = tmp_path / "run" / "run.csv"
+    command = [
+        *bare_command,
+        "deploy",
+        str(trot),
+        "--port",
+        robot.port,
+        "--out",
+        str(log.parent),
+        "--yes",
+    ]
     walking = subprocess.Popen(command, stdin=subprocess.DEVNULL)
     try:
-        give_up, num_rows = time.monotonic() + 60.0, 0
+        give_up = time.monotonic() + 60.0
+        num_rows = 0
         while num_rows < 30:
             assert walking.poll() is None and time.monotonic() < give_up, "it never walked"
             time.sleep(0.02)
             with contextlib.suppress(FileNotFoundError):
-                num_rows = sum(row.split(",", 2)[1:2] == [str(int(Mode.WALK))] for row in log.read_text().splitlines())
+                num_rows = sum(
+                    row.split(",", 2)[1:2] == [str(int(Mode.WALK))]
+                    for row in log.read_text().splitlines()
+                )
         killed = time.monotonic()
     finally:
         walking.kill()

@@ -32,12 +32,17 @@ def decoder_data() -> Callable[..., TrainingData]:
         supply: Sequence[float] = (1.0,),
         temperature_rise: Sequence[float] = (0.0,),
     ) -> TrainingData:
-        parts, count = [], len(z)
+        parts = []
+        count = len(z)
         for segment in range(segments):
             kind = BENCH.kinds[segment % len(BENCH.kinds)]
-            case = bench_trial(np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False)
+            case = bench_trial(
+                np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False
+            )
             case = replace(case, load_inertia=load * case.load_inertia)
-            seconds = np.broadcast_to((segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count))
+            seconds = np.broadcast_to(
+                (segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count)
+            )
             warmth = box.warmth(z, float(seconds[:, 0].mean()))
             rise = temperature_rise[segment % len(temperature_rise)]
             under = OperatingConditions(warmth, supply[segment % len(supply)], rise)
@@ -45,10 +50,19 @@ def decoder_data() -> Callable[..., TrainingData]:
             inertia = np.broadcast_to(case.load_inertia, (rows, count))
             logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
             channels = (
-                case.position_target, found.joint_pos, found.joint_vel, found.joint_torque, case.external_torque,
-                inertia, seconds, *logged, np.full_like(seconds, under.supply),
-                np.full_like(seconds, under.temperature_rise), np.zeros_like(seconds), found.joint_pos,
-            )  # fmt: skip
+                case.position_target,
+                found.joint_pos,
+                found.joint_vel,
+                found.joint_torque,
+                case.external_torque,
+                inertia,
+                seconds,
+                *logged,
+                np.full_like(seconds, under.supply),
+                np.full_like(seconds, under.temperature_rise),
+                np.zeros_like(seconds),
+                found.joint_pos,
+            )
             parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
         return TrainingData(
             series=np.concatenate(parts, axis=1).astype(np.float32),

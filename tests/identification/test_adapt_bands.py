@@ -13,19 +13,29 @@ from motorprior.identification.presets import PRESETS
 from motorprior.logs.operations import moved
 from motorprior.priors.adapt import adapt_to
 
-METRICS = {f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45 for level in LEVELS for speed in SPEEDS}
+METRICS = {
+    f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45
+    for level in LEVELS
+    for speed in SPEEDS
+}
 
 
 def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyBox]):
     time = 0.002 * np.arange(1500)
     target = 0.3 * np.sin(9.0 * time)[:, None] * [1.0, 0.0]
     log = log_of(
-        time, target, np.roll(target, 5, axis=0), joint_names=("FL_calf", "FR_calf"),
-        load_inertia=np.full_like(target, 0.01), external_torque=0.0 * target,
-    )  # fmt: skip
+        time,
+        target,
+        np.roll(target, 5, axis=0),
+        joint_names=("FL_calf", "FR_calf"),
+        load_inertia=np.full_like(target, 0.01),
+        external_torque=0.0 * target,
+    )
     np.testing.assert_array_equal(moved(log), [True, False])
-    z, provenance = np.random.default_rng(0).standard_normal((4, 3)), {"recipe": asdict(PRESETS["pace"])}
-    metrics, misfit = METRICS | {"loss_mean": 1.0}, np.full(4, 0.5)
+    z = np.random.default_rng(0).standard_normal((4, 3))
+    provenance = {"recipe": asdict(PRESETS["pace"])}
+    metrics = METRICS | {"loss_mean": 1.0}
+    misfit = np.full(4, 0.5)
     prior = MotorPrior(grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, metrics, misfit=misfit)
     found, (mean, std, _) = adapt_to(prior, log), prior.predicted(log)
     np.testing.assert_array_equal(found.mean[1], mean[1])
@@ -36,4 +46,6 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyB
 def test_misfit_is_the_width_of_a_motors_residuals_over_the_fleets():
     rng = np.random.default_rng(0)
     errors = rng.uniform(-1e-3, 1e-3, (20_000, 3)) * np.array([1.0, 3.0, 0.5])
-    np.testing.assert_allclose(residual_scale(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03)
+    np.testing.assert_allclose(
+        residual_scale(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03
+    )

@@ -27,10 +27,14 @@ def run_of(seed: int = 0, seconds: float = 6.0) -> MotorLog:
     """A run of two legs: knees swing four times as far as hips, and carry an impact every half second."""
     time = 0.002 * np.arange(round(seconds / 0.002))
     rng = np.random.default_rng(seed)
-    size, phase = np.array([0.1, 0.4, 0.1, 0.4]), rng.uniform(0, 6, 4)
+    size = np.array([0.1, 0.4, 0.1, 0.4])
+    phase = rng.uniform(0, 6, 4)
     target = 0.7 + size * np.sin(2 * np.pi * 1.5 * time[:, None] + phase)
     torque = np.where((time % 0.5 < 0.02)[:, None], 1.0, 0.0) * (size > 0.2)
-    load = {"external_torque": torque, "load_inertia": np.tile([2e-3, 1e-3, 2e-3, 1.5e-3], (len(time), 1))}
+    load = {
+        "external_torque": torque,
+        "load_inertia": np.tile([2e-3, 1e-3, 2e-3, 1.5e-3], (len(time), 1)),
+    }
     return log_of(time, target, **load, joint_names=NAMES, source=f"run {seed}")
 
 
@@ -46,7 +50,8 @@ def test_windows_are_relative_to_the_mean_and_know_frequency_load_and_bounds():
     assert np.abs(knees[..., 0]).max() == pytest.approx(0.4, rel=0.02)
     assert found.frequency == pytest.approx(1.5, rel=0.01)
     assert found.load_inertia.tolist() == [[2e-3, 2e-3], [1e-3, 1.5e-3]]
-    assert found.bounds[1, 3] == pytest.approx(1.25) and found.bounds[0, 3] < 0.01  # hips carry nothing
+    # hips carry nothing
+    assert found.bounds[1, 3] == pytest.approx(1.25) and found.bounds[0, 3] < 0.01
     still = replace(run_of(), position_target=np.full((3000, 4), 0.7))
     with pytest.raises(LogError, match="moving joint"):
         windows_of([still], 0.01)
@@ -60,8 +65,10 @@ def test_the_gait_frequency_is_that_of_the_cycle_even_if_a_harmonic_is_larger(fr
 
 
 def test_runs_beyond_the_given_bounds_are_scaled_down():
-    free, found = fit_excitation(run_of(), "recorded"), fit_excitation(run_of(), "recorded", max_speed=2.0)
-    assert found.bounds[1, 1] == 2.0 and found.bounds[0].tolist() == free.bounds[0].tolist()  # hips are slower
+    free = fit_excitation(run_of(), "recorded")
+    found = fit_excitation(run_of(), "recorded", max_speed=2.0)
+    # hips are slower
+    assert found.bounds[1, 1] == 2.0 and found.bounds[0].tolist() == free.bounds[0].tolist()
     knees, own = (each.windows[each.window_class == 1] for each in (found, free))
     assert np.corrcoef(knees[..., 0].ravel(), own[..., 0].ravel())[0, 1] > 1.0 - 1e-9
     assert np.abs(np.diff(knees[..., 0])).max() == pytest.approx(2.0 * found.period)
@@ -86,7 +93,9 @@ def test_an_artifact_of_another_kind_is_not_overwritten(tmp_path: Path):
 
 
 def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_sizes(tmp_path: Path):
-    runs, whole, parts = [run_of(0), run_of(1)], tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
+    runs = [run_of(0), run_of(1)]
+    whole = tmp_path / "whole.safetensors"
+    parts = tmp_path / "parts.safetensors"
     fit_excitation(runs, steps=50, out=whole, progress=SILENT)
 
     class Stop(Exception):
@@ -100,7 +109,9 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     with mock.patch.object(Task, "advance") as advance:
         fit_excitation(runs, steps=50, out=whole, progress=SILENT)
     advance.assert_not_called()
-    assert whole.read_bytes() == parts.read_bytes() and not whole.with_suffix(".checkpoint").exists()
+    assert (
+        whole.read_bytes() == parts.read_bytes() and not whole.with_suffix(".checkpoint").exists()
+    )
     found = LearnedExcitation.load(whole)
     assert [run["source"] for run in found.provenance["trained_on"]] == ["run 0", "run 1"]
     target, _ = found.frames(np.random.default_rng(0), 600, np.array([0, 1]))
@@ -121,4 +132,6 @@ def test_the_plan_prefers_motion_and_shrinks_every_constant():
         assert plan.seconds == pytest.approx(1.28 * len(plan.windows))
     hip, knee = (np.mean(list(plan.after.values())) for plan in plans)
     assert knee < hip  # larger motion
-    assert made.method == "recorded" and len(made.windows) == sum(len(plan.windows) for plan in plans)
+    assert made.method == "recorded" and len(made.windows) == sum(
+        len(plan.windows) for plan in plans
+    )

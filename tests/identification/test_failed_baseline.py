@@ -26,10 +26,15 @@ def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):
     for name in ("per_motor", "pooled_network"):
         (tmp_path / name).write_text("a file where the fit's folder should be")
     output = StringIO()
-    found = fitted_baselines(log, identification_preset("rollout"), tmp_path, progress=Lines(output))
+    found = fitted_baselines(
+        log, identification_preset("rollout"), tmp_path, progress=Lines(output)
+    )
     failed = [name for name, motors in found.items() if motors is None]
     assert failed == ["per_motor", "pooled_network"] and found["tuned_pd"] is not None
-    assert all(f"baseline {name}" in output.getvalue() and str(tmp_path / name) in output.getvalue() for name in failed)
+    assert all(
+        f"baseline {name}" in output.getvalue() and str(tmp_path / name) in output.getvalue()
+        for name in failed
+    )
 
 
 def test_the_response_of_a_joint_far_off_its_command_is_found():
@@ -41,7 +46,9 @@ def test_the_response_of_a_joint_far_off_its_command_is_found():
     found = dict(zip(RESPONSE_CONSTANTS, motors.constants[0].tolist(), strict=True))
     # slow sines do not tell a pure delay from the lag of a second order
     assert found["delay"] + 2.0 * found["damping"] / found["rate"] == pytest.approx(0.13, abs=0.01)
-    assert found["gain"] == pytest.approx(1.2, abs=0.03) and found["offset"] == pytest.approx(0.68, abs=0.02)
+    assert found["gain"] == pytest.approx(1.2, abs=0.03) and found["offset"] == pytest.approx(
+        0.68, abs=0.02
+    )
 
 
 def test_constants_at_the_edge_of_the_search_are_marked():

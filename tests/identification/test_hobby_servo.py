@@ -10,8 +10,19 @@ import motorprior as mp
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.progress import SILENT
 
-KP, KD, LIMIT, ARMATURE, COULOMB, VISCOUS, DELAY = 8.0, 0.3, 1.6, 0.004, 0.06, 0.03, 0.02
-MASS, LENGTH, ROD, TICK, ROWS, STEP = 0.3, 0.15, 0.04, 0.29, 2400, 2e-4
+KP = 8.0
+KD = 0.3
+LIMIT = 1.6
+ARMATURE = 0.004
+COULOMB = 0.06
+VISCOUS = 0.03
+DELAY = 0.02
+MASS = 0.3
+LENGTH = 0.15
+ROD = 0.04
+TICK = 0.29
+ROWS = 2400
+STEP = 2e-4
 MODEL = f"""<mujoco><option timestep="0.002"/><worldbody><body name="arm" pos="0 0 0.5">
 <joint name="swing" type="hinge" axis="0 1 0" range="-120 120"/>
 <inertial pos="0 0 {-(MASS + 0.5 * ROD) * LENGTH / (MASS + ROD)}" mass="{MASS + ROD}" 
@@ -33,7 +44,8 @@ HEADER = "t,goal_swing,pos_swing"
 
 def goals() -> np.ndarray:
     """(ROWS,) steps and sines in turn, 4 s each [deg]."""
-    rng, time = np.random.default_rng(1), 0.01 * np.arange(400)
+    rng = np.random.default_rng(1)
+    time = 0.01 * np.arange(400)
     parts = []
     for frequency in (0.7, 1.5, 3.0):
         parts += [np.repeat(rng.uniform(-80.0, 80.0, 8), 50)]
@@ -45,8 +57,12 @@ def recorded(goal: np.ndarray) -> np.ndarray:
     """(ROWS,) readings of the encoder [deg]."""
     inertia = MASS * LENGTH**2 + ROD * LENGTH**2 / 3.0 + ARMATURE
     gravity = 9.81 * LENGTH * (MASS + 0.5 * ROD)
-    targets, late, every = np.deg2rad(goal), round(DELAY / STEP), round(0.01 / STEP)
-    angle, velocity, found = 0.0, 0.0, []
+    targets = np.deg2rad(goal)
+    late = round(DELAY / STEP)
+    every = round(0.01 / STEP)
+    angle = 0.0
+    velocity = 0.0
+    found = []
     for step in range(ROWS * every):
         if step % every == 0:
             found.append(angle)
@@ -63,15 +79,20 @@ def log(tmp_path_factory) -> mp.MotorLog:
     folder: Path = tmp_path_factory.mktemp("servo")
     goal = goals()
     rows = zip(10 * np.arange(ROWS), goal, recorded(goal), strict=True)
-    table = "\n".join([HEADER, *(f"{time},{target:.2f},{angle:.2f}" for time, target, angle in rows)])
+    table = "\n".join(
+        [HEADER, *(f"{time},{target:.2f},{angle:.2f}" for time, target, angle in rows)]
+    )
     center = (MASS + 0.5 * ROD) * LENGTH / (MASS + ROD)
     inertia = MASS * LENGTH**2 + ROD * LENGTH**2 / 3.0 - (MASS + ROD) * center**2
     texts = {"servo.csv": table, "columns.toml": COLUMNS, "pendulum.toml": ROBOT}
     texts["pendulum.xml"] = MODEL.replace("INERTIA", f"{inertia:.8f}")
     for name, text in texts.items():
         (folder / name).write_text(text)
-    columns, robot = folder / "columns.toml", folder / "pendulum.toml"
-    return mp.load_log(folder / "servo.csv", columns=columns, robot=robot, suspended=True, progress=SILENT)
+    columns = folder / "columns.toml"
+    robot = folder / "pendulum.toml"
+    return mp.load_log(
+        folder / "servo.csv", columns=columns, robot=robot, suspended=True, progress=SILENT
+    )
 
 
 def test_duplicate_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
@@ -82,7 +103,9 @@ def test_duplicate_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
     rows = [f"{10 * row},{angle[row]:.2f},{failed[row]:.2f}" for row in duplicated]
     (tmp_path / "servo.csv").write_text("\n".join([HEADER, *rows]))
     (tmp_path / "columns.toml").write_text(COLUMNS)
-    log = mp.load_log(tmp_path / "servo.csv", columns=tmp_path / "columns.toml", period=None, progress=SILENT)
+    log = mp.load_log(
+        tmp_path / "servo.csv", columns=tmp_path / "columns.toml", period=None, progress=SILENT
+    )
     assert log.num_rows == 118  # without one duplicate and two failed reads
 
 
@@ -99,6 +122,10 @@ def test_the_constants_of_a_servo_at_its_torque_limit(log: mp.MotorLog, seed: in
     found = {name: each.item() for name, each in motors.constants().items()}
     assert prior.metrics["replay_rmse"] < 4e-3, found
     assert found["delay"] == pytest.approx(DELAY, abs=2e-3)
-    for name, value, tolerance in (("kp", KP, 0.15), ("torque_limit", LIMIT, 0.1), ("armature", ARMATURE, 0.2)):
+    for name, value, tolerance in (
+        ("kp", KP, 0.15),
+        ("torque_limit", LIMIT, 0.1),
+        ("armature", ARMATURE, 0.2),
+    ):
         assert found[name] == pytest.approx(value, rel=tolerance), found
     assert found["coulomb"] + found["stribeck_torque"] == pytest.approx(COULOMB, rel=0.3), found

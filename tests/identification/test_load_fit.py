@@ -13,7 +13,9 @@ def bars() -> Bars:
 
 
 def test_inertia_and_weight_are_found_within_their_deviations(bars: Bars):
-    for load, inertia, gravity, weight in zip(fit_loads(bars.log), INERTIA, bars.gravity, WEIGHT, strict=True):
+    for load, inertia, gravity, weight in zip(
+        fit_loads(bars.log), INERTIA, bars.gravity, WEIGHT, strict=True
+    ):
         off = np.log(load.inertia / inertia)
         assert abs(off) < 3.0 * load.inertia_deviation < 1.0
         away = load.gravity - gravity

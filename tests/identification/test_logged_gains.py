@@ -21,7 +21,8 @@ Networks = Callable[..., GreyBox]
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60, window=64, gain_unit=PHYSICAL_GAINS)
 Z = np.array([[0.8, -1.2, 0.4], [-0.5, 0.7, 1.1], [0.1, 0.2, -1.0]])
-SOFT, STIFF = np.array([[9.0], [0.7]]), np.array([[16.0], [0.9]])
+SOFT = np.array([[9.0], [0.7]])
+STIFF = np.array([[16.0], [0.9]])
 INDEX = [PARAMETERS.index(name) for name in ("kp", "kd_over_kp")]
 
 
@@ -40,7 +41,9 @@ def test_motors_with_logged_gains_are_motors_with_these_constants(with_gains: Gr
     center[INDEX] += np.log([kp, kd / kp])
     own = replace(with_gains, center=center, copula=None, gain_unit="")
     given = GreyBoxActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
-    np.testing.assert_allclose(given.parameters, GreyBoxActuator(own, Z).arrays(0.002).parameters, rtol=1e-12)
+    np.testing.assert_allclose(
+        given.parameters, GreyBoxActuator(own, Z).arrays(0.002).parameters, rtol=1e-12
+    )
     with pytest.raises(ConfigError, match="logged gains"):
         GreyBoxActuator(with_gains, Z).arrays(0.002)
 
@@ -55,7 +58,9 @@ def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: Gre
         assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
 
 
-def test_only_conditions_that_differ_between_segments_are_fitted(decoder_data: Data, grey_box: Networks):
+def test_only_conditions_that_differ_between_segments_are_fitted(
+    decoder_data: Data, grey_box: Networks
+):
     """Servos that command a duty cycle, with torques that fall by 30 % when they are 50 K warmer."""
     box = grey_box(terms=("supply", "temperature"), supply_share=1.0, temperature_loss=0.3)
 

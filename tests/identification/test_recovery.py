@@ -18,15 +18,20 @@ from motorprior.priors.train import TrainingResult, identify
 
 pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")
-RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}  # factors
-TRAINED, NEW = 10, 5  # motors per constant
+# factors
+RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}
+# motors per constant
+TRAINED = 10
+NEW = 5
 BENCH = replace(BENCH_PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
 def fleets(count: int, seed: int) -> PhysicalMotors:
     """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
-    motors, rng, changes = require_geared(FLEET.center(count * len(RANGES))), np.random.default_rng(seed), {}
+    motors = require_geared(FLEET.center(count * len(RANGES)))
+    rng = np.random.default_rng(seed)
+    changes = {}
     for group, (name, (low, high)) in enumerate(RANGES.items()):
         factors = np.ones(len(motors))
         logarithms = np.linspace(np.log(low), np.log(high), count)
@@ -51,11 +56,15 @@ def prior(log: MotorLog) -> TrainingResult:
 def posterior(log: MotorLog, prior: TrainingResult) -> LatentPosterior:
     """Of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
-    data = replace(training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales)
+    data = replace(
+        training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales
+    )
     return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
-@pytest.mark.parametrize(("name", "bound"), [("armature", 0.12), ("kp", 0.05), ("coulomb", 0.25), ("backlash", 0.25)])
+@pytest.mark.parametrize(
+    ("name", "bound"), [("armature", 0.12), ("kp", 0.05), ("coulomb", 0.25), ("backlash", 0.25)]
+)
 def test_adapt_recovers_the_varying_constant(
     prior: TrainingResult, posterior: LatentPosterior, name: str, bound: float
 ):
@@ -63,5 +72,6 @@ def test_adapt_recovers_the_varying_constant(
     assert isinstance(prior.model, GreyBox)
     group = list(RANGES).index(name)
     own = slice(group * NEW, (group + 1) * NEW)
-    decoded, true = prior.model.constants(posterior.mean)[name][own], getattr(fleets(NEW, 2), name)[own]
+    decoded = prior.model.constants(posterior.mean)[name][own]
+    true = getattr(fleets(NEW, 2), name)[own]
     assert np.sqrt(np.mean(np.log(decoded / true) ** 2)) < bound

@@ -26,9 +26,15 @@ def log(seed: int) -> MotorLog:
     time = 0.01 * np.arange(200)
     angle = np.sin(9.0 * time + seed)[:, None]
     return log_of(
-        time, angle + 0.01 * seed, angle, joint_vel=0.9 * angle, joint_torque=angle**2, source=f"log {seed}",
-        load_inertia=0.0 * angle + 0.01, external_torque=0.0 * angle,
-    )  # fmt: skip
+        time,
+        angle + 0.01 * seed,
+        angle,
+        joint_vel=0.9 * angle,
+        joint_torque=angle**2,
+        source=f"log {seed}",
+        load_inertia=0.0 * angle + 0.01,
+        external_torque=0.0 * angle,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +51,16 @@ def test_a_prior_records_its_training_logs(folder: Path):
     prior = MotorPrior.load(folder / "prior.safetensors")
     for same in (prior, fit_prior([log(1), log(2)], "paper", steps=1, progress=SILENT)):
         assert trained_on(same, log(1)) and trained_on(same, log(2))
-        assert trained_on(same, replace(log(1), source="elsewhere", load_inertia=2.0 * log(1).joint_pos))
+        assert trained_on(
+            same, replace(log(1), source="elsewhere", load_inertia=2.0 * log(1).joint_pos)
+        )
         assert not trained_on(same, log(3)) and not trained_on(same, log(1).rows(slice(0, 100)))
     assert not trained_on(replace(prior, provenance={}), log(1))
 
 
-@pytest.mark.parametrize("recipe", [None, [], {"period": 0.002}, asdict(PRESETS["rollout"]) | {"new": 1}], ids=repr)
+@pytest.mark.parametrize(
+    "recipe", [None, [], {"period": 0.002}, asdict(PRESETS["rollout"]) | {"new": 1}], ids=repr
+)
 def test_a_recipe_of_another_version_is_rejected(folder: Path, recipe: Any):
     prior = replace(MotorPrior.load(folder / "prior.safetensors"), provenance={"recipe": recipe})
     with pytest.raises(ArtifactError, match="identify it again"):
@@ -58,9 +68,14 @@ def test_a_recipe_of_another_version_is_rejected(folder: Path, recipe: Any):
 
 
 @pytest.mark.parametrize(("seed", "known"), [(1, True), (3, False)])
-def test_validation_on_a_training_log_warns(folder: Path, monkeypatch: pytest.MonkeyPatch, seed: int, known: bool):
+def test_validation_on_a_training_log_warns(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, seed: int, known: bool
+):
     monkeypatch.setattr(validate, "free_runs", Mock(side_effect=InterruptedError))
-    output, path = io.StringIO(), folder / f"{seed}.parquet"
+    output = io.StringIO()
+    path = folder / f"{seed}.parquet"
     with pytest.raises(InterruptedError):
-        run_validate_log(ValidateLog(folder / "prior.safetensors", path, folder / f"out{seed}"), Lines(output))
+        run_validate_log(
+            ValidateLog(folder / "prior.safetensors", path, folder / f"out{seed}"), Lines(output)
+        )
     assert (str(path) in output.getvalue()) is known

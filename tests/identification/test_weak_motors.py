@@ -31,9 +31,13 @@ def latents(box: GreyBox, *shares: float) -> np.ndarray:
 
 
 def test_no_advice_for_motors_like_the_prior(prior: MotorPrior, box: GreyBox):
-    assert advice_on_weak_motors(prior, NAMES, latents(box, 1.1, weak_below(box)[0] + 0.02, 1.0)) == ""
+    assert (
+        advice_on_weak_motors(prior, NAMES, latents(box, 1.1, weak_below(box)[0] + 0.02, 1.0)) == ""
+    )
 
 
-def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(prior: MotorPrior, box: GreyBox):
+def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(
+    prior: MotorPrior, box: GreyBox
+):
     advice = advice_on_weak_motors(prior, NAMES, latents(box, 1.1, 0.80, 0.75))
     assert "knee 0.80" in advice and "ankle 0.75" in advice and "hip" not in advice

@@ -9,18 +9,39 @@ from motor_logs import log_of
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import PRESETS
-from motorprior.identification.windows import INERTIA, MEANS, POS, SECONDS, TARGET, subsampled, training_data
+from motorprior.identification.windows import (
+    INERTIA,
+    MEANS,
+    POS,
+    SECONDS,
+    TARGET,
+    subsampled,
+    training_data,
+)
 
-PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)  # 10 rows per window
+# 10 rows per window
+PRESET = replace(PRESETS["rollout"], taps=(0, 1, 4), warm_up=0, window=6, batch=50)
 LENGTHS = (25, 9, 10, 40)
 
 
 def a_log(lengths=LENGTHS, joints=2, **changes):
-    rows, rng = sum(lengths), np.random.default_rng(0)
-    series = ("position_target", "joint_pos", "joint_vel", "joint_torque", "external_torque", "load_inertia")
+    rows = sum(lengths)
+    rng = np.random.default_rng(0)
+    series = (
+        "position_target",
+        "joint_pos",
+        "joint_vel",
+        "joint_torque",
+        "external_torque",
+        "load_inertia",
+    )
     channels: dict[str, Any] = {name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series}
     segment = np.repeat(np.arange(len(lengths)), lengths)
-    return log_of(np.arange(rows) * 0.002, np.zeros((rows, joints)), **({"segment": segment} | channels | changes))
+    return log_of(
+        np.arange(rows) * 0.002,
+        np.zeros((rows, joints)),
+        **({"segment": segment} | channels | changes),
+    )
 
 
 def test_windows_are_all_that_lie_inside_a_segment():
@@ -37,26 +58,39 @@ def test_windows_are_all_that_lie_inside_a_segment():
 
 def test_velocities_and_torques_of_a_rollout_are_those_of_the_middle_of_its_steps():
     log = a_log(encoder="rotor")  # whose readings are taken as they are
-    data, raw = (training_data(log, replace(PRESET, objective=name), "log").series for name in ("rollout", "torque"))
+    data, raw = (
+        training_data(log, replace(PRESET, objective=name), "log").series
+        for name in ("rollout", "torque")
+    )
     kept = [TARGET, POS, INERTIA, SECONDS]
     assert log.segment is not None and set(range(7)) - set(MEANS) == set(kept)
     starts = np.flatnonzero(np.diff(log.segment, prepend=-1))
     inside = np.setdiff1d(np.arange(84), starts)
     np.testing.assert_array_equal(data[..., kept], raw[..., kept])
-    np.testing.assert_array_equal(data[:, starts], raw[:, starts])  # nothing is known before a segment
+    # nothing is known before a segment
+    np.testing.assert_array_equal(data[:, starts], raw[:, starts])
     middle = 0.5 * (raw[:, inside] + raw[:, inside - 1])
-    np.testing.assert_allclose(data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
     ("objective", "missing"),
-    [("rollout", "load_inertia"), ("rollout", "external_torque"), ("torque", "joint_vel"), ("torque", "joint_torque")],
+    [
+        ("rollout", "load_inertia"),
+        ("rollout", "external_torque"),
+        ("torque", "joint_vel"),
+        ("torque", "joint_torque"),
+    ],
 )
 def test_a_missing_channel_is_named(objective, missing):
     gone: dict[str, Any] = {missing: None}
     with pytest.raises(LogError, match=f"my.parquet: no {missing}") as refusal:
         training_data(a_log(**gone), replace(PRESET, objective=objective), "my.parquet")
-    assert all(way in str(refusal.value.remedy) for way in ("`suspended`", "--fit-load")) == (objective == "rollout")
+    assert all(way in str(refusal.value.remedy) for way in ("`suspended`", "--fit-load")) == (
+        objective == "rollout"
+    )
 
 
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
@@ -65,5 +99,8 @@ def test_subsampled_windows_are_spread_over_the_log(lengths):
     some = subsampled(data, PRESET, 1000)
     assert 900 <= sum(part.stop - part.start for part in some.parts) <= 1000
     assert some.parts[0].start == 0 and some.parts[-1].stop > 5900
-    assert all(any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts) for part in some.parts)
+    assert all(
+        any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts)
+        for part in some.parts
+    )
     assert subsampled(data, PRESET, 6000) is data

@@ -18,22 +18,30 @@ def iterate(search, score=quadratic):
     """One iteration with two made-up observations per candidate."""
     tried = [search.candidate(*each) for each in search.ask()]
     returns = np.array([score(parameters) for parameters in tried]).reshape(-1, 2)
-    search.tell(returns, [stats_of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried])
+    search.tell(
+        returns, [stats_of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried]
+    )
 
 
 def test_update_by_hand():
-    search = Ars(ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5), 2, 1)
+    search = Ars(
+        ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5), 2, 1
+    )
     d = [search.direction(k) for k in range(3)]
-    # max(r+, r-) is 4, 1, 3: directions 0 and 2 are on top. Their returns 4, 2, 1, 3 have mean 2.5 and
-    # σ² = (2.25 + 0.25 + 2.25 + 0.25) / 4 = 1.25. Δ = 0.1 / (2 · √1.25) · ((4 - 2) δ0 + (1 - 3) δ2).
+    # max(r+, r-) is 4, 1, 3: directions 0 and 2 are on top. Their returns 4, 2, 1, 3 have mean 2.5
+    # and σ² = (2.25 + 0.25 + 2.25 + 0.25) / 4 = 1.25. Δ = 0.1 / (2 · √1.25) · ((4 - 2) δ0 + (1 - 3)
+    # δ2).
     search.tell(np.array([[4.0, 2.0], [1.0, 0.0], [1.0, 3.0]]), [])
-    np.testing.assert_allclose(search.parameters, 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2]))
+    np.testing.assert_allclose(
+        search.parameters, 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2])
+    )
     assert search.iteration == 1
 
 
 def test_climbs_a_quadratic_to_its_top_also_when_resumed():
     config = ArsConfig(step_size=0.05, delta_std=0.05, seed=1)
-    through, resumed = Ars(config, 5, 2), Ars(config, 5, 2)
+    through = Ars(config, 5, 2)
+    resumed = Ars(config, 5, 2)
     for iteration in range(300):
         iterate(through)
         if iteration == 289:
@@ -60,4 +68,6 @@ def test_merged_statistics_equal_numpy_over_everything():
 
 def test_a_return_that_is_not_finite_is_an_error():
     with pytest.raises(SimulationFault):
-        Ars(ArsConfig(num_directions=2, num_top_directions=1), 5, 2).tell(np.array([[0.0, 1.0], [2.0, np.nan]]), [])
+        Ars(ArsConfig(num_directions=2, num_top_directions=1), 5, 2).tell(
+            np.array([[0.0, 1.0], [2.0, np.nan]]), []
+        )

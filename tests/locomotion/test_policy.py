@@ -20,7 +20,9 @@ BODY = body_of(PUPPER_V2)
 def a_policy(units=3, **changes: Any):
     rng = np.random.default_rng(3)
     arrays = random_policy(1.0, seed=3, units=units)
-    arrays = arrays._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.1, 2.0, OBSERVATIONS))
+    arrays = arrays._replace(
+        mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.1, 2.0, OBSERVATIONS)
+    )
     return as_file_content(arrays, provenance={"seed": 3, "prior": "abc"}, **changes)
 
 
@@ -34,7 +36,9 @@ def acted(policy, observation):
 def test_action_is_the_clipped_map_of_the_normalised_observation(units):
     rng = np.random.default_rng(0)
     policy = random_policy(0.2, seed=1, units=units)
-    policy = policy._replace(mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.5, 2.0, OBSERVATIONS))
+    policy = policy._replace(
+        mean=rng.standard_normal(OBSERVATIONS), std=rng.uniform(0.5, 2.0, OBSERVATIONS)
+    )
     observation = rng.standard_normal(OBSERVATIONS)
     inputs = np.append((observation - policy.mean) / policy.std, 1.0)
     expected = policy.weights @ inputs + policy.readout.T @ np.tanh(policy.hidden @ inputs)
@@ -46,15 +50,20 @@ def test_low_pass_is_the_sampled_first_order_step_response():
     state = np.zeros(ACTIONS)
     for _ in range(7):
         low_pass(np.full(ACTIONS, 0.8), 0.01, state)
-    np.testing.assert_allclose(state, 0.8 * (1.0 - math.exp(-2.0 * math.pi * 3.0 * 0.07)), rtol=1e-12)
+    np.testing.assert_allclose(
+        state, 0.8 * (1.0 - math.exp(-2.0 * math.pi * 3.0 * 0.07)), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("units", [0, 3])
 def test_file_holds_everything(tmp_path, units):
-    path, policy = tmp_path / "policy.safetensors", a_policy(units, forward=(-0.1, 0.9))
+    path = tmp_path / "policy.safetensors"
+    policy = a_policy(units, forward=(-0.1, 0.9))
     policy.save(path)
     loaded = Policy.load(path)
-    for one, other in zip((*loaded.arrays, loaded.kp, loaded.kd), (*policy.arrays, policy.kp, policy.kd), strict=True):
+    for one, other in zip(
+        (*loaded.arrays, loaded.kp, loaded.kd), (*policy.arrays, policy.kp, policy.kd), strict=True
+    ):
         np.testing.assert_array_equal(one, other, strict=True)
     for name in ("control_dt", "robot", "joint_names", "forward", "provenance"):
         assert getattr(loaded, name) == getattr(policy, name)
@@ -77,7 +86,10 @@ def test_another_robots_policy_is_refused():
         (lambda tensors, header: header.update(schema_version=3), "schema_version = 3 is not 4"),
         (lambda tensors, header: header.update(fastest=-1.0), "fastest = -1 is not"),
         (lambda tensors, header: tensors.pop("hidden"), r"missing keys \['hidden'\]"),
-        (lambda tensors, header: tensors.update(kd=np.zeros(3)), r"kd is float64\(3,\), wanted float64\(12,\)"),
+        (
+            lambda tensors, header: tensors.update(kd=np.zeros(3)),
+            r"kd is float64\(3,\), wanted float64\(12,\)",
+        ),
         (lambda tensors, header: tensors.update(weights=np.zeros((17, 24), np.float32)), "float32"),
     ],
 )

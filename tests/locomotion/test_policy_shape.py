@@ -9,7 +9,13 @@ from policies import ACTIONS, OBSERVATIONS, stats_of
 
 from motorprior.locomotion.ars import ArsConfig, RunningStats
 from motorprior.locomotion.body import body_of
-from motorprior.locomotion.control_step import RobotState, command_step, follow_command, new_gait, observe
+from motorprior.locomotion.control_step import (
+    RobotState,
+    command_step,
+    follow_command,
+    new_gait,
+    observe,
+)
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
@@ -52,26 +58,33 @@ class Constant(ThreadExecutor):
     """An executor whose episodes all have the same return; it records policies and tasks."""
 
     def __init__(self, total: float):  # pyright: ignore[reportMissingSuperCall]
-        self.total, self.walked, self.tasks = total, [], []
+        self.total = total
+        self.walked = []
+        self.tasks = []
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
         self.walked.append(shared.policy(*tasks[0][:2]))
         self.tasks.append(list(tasks))
         nothing = np.zeros(OBSERVATIONS)
-        return [Episode(self.total, 1, 0.0, np.zeros(2), 0, nothing, nothing, nothing, nothing) for _ in tasks]
+        return [
+            Episode(self.total, 1, 0.0, np.zeros(2), 0, nothing, nothing, nothing, nothing)
+            for _ in tasks
+        ]
 
     def close(self) -> None:
         pass
 
 
 def test_the_averaged_policy_replaces_the_best_only_if_it_is_better():
-    search, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(1.0)
+    search = PolicySearch(ArsConfig(), shape_of())
+    evaluator = Constant(1.0)
     search.ars.parameters, search.ars.average = np.full((2, search.shape.size), [[0.5], [0.1]])
     search.evaluate(evaluator)
     averaged = search.shape.policy(search.ars.average, search.ars.observations)
     np.testing.assert_allclose(evaluator.walked[0].weights, averaged.weights)
     assert search.best_return == 1.0 and search.best_iteration == 0
-    search.ars.average, best = np.full(search.shape.size, 0.2), search.best
+    search.ars.average = np.full(search.shape.size, 0.2)
+    best = search.best
     search.evaluate(evaluator)
     assert search.best is best, "as good is not better"
     evaluator.total = 1.1
@@ -89,13 +102,18 @@ def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do
         for direction, sign, seed in tasks:
             pairs.setdefault((iteration, direction), []).append((sign, seed))
     assert len(pairs) == 15
-    assert all({sign for sign, _ in met} == {-1, 1} and len({seed for _, seed in met}) == 1 for met in pairs.values())
+    assert all(
+        {sign for sign, _ in met} == {-1, 1} and len({seed for _, seed in met}) == 1
+        for met in pairs.values()
+    )
     assert len({met[0][1] for met in pairs.values()}) == 15
 
 
 @pytest.mark.parametrize(("patience", "ends"), [(1, 20), (3, 40), (None, 45)])
 def test_a_training_ends_when_its_return_has_not_increased_often_enough(patience, ends):
-    search, candidates, evaluator = PolicySearch(ArsConfig(), shape_of()), Constant(5.0), Constant(1.0)
+    search = PolicySearch(ArsConfig(), shape_of())
+    candidates = Constant(5.0)
+    evaluator = Constant(1.0)
     search.train(candidates, 45, evaluator, patience)
     assert search.best_iteration == 0 and search.ars.iteration == ends
     assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
@@ -125,23 +143,30 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-@pytest.mark.parametrize(("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)])
+@pytest.mark.parametrize(
+    ("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)]
+)
 def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_rate: float, rng):
     """Both gaits run from the same phase, the mirrored one half a cycle later."""
     (inputs, actions), body = mirror_of(PUPPER_V2), body_of(PUPPER_V2)._replace(levelling_gain=0.2)
-    one, other = new_gait(body), new_gait(body)
+    one = new_gait(body)
+    other = new_gait(body)
     other.scalars[0] = 0.5
 
     def seen(state, quat, rates, joints, yaw_rate):
         nothing = np.zeros(3)
-        at = RobotState(nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0)
+        at = RobotState(
+            nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0
+        )
         observe(body, at, state.observation)
         follow_command(body, state, forward, yaw_rate)
         return state.observation
 
     for _ in range(60):
         w, x, y, z = np.array([1.0, 0.0, 0.0, 0.0]) + rng.uniform(0.1, 0.2, 4)
-        rates, joints, length = rng.standard_normal(3), rng.standard_normal(12), np.sqrt(w * w + x * x + y * y + z * z)
+        rates = rng.standard_normal(3)
+        joints = rng.standard_normal(12)
+        length = np.sqrt(w * w + x * x + y * y + z * z)
         straight = seen(one, np.array([w, x, y, z]) / length, rates, joints, yaw_rate)
         turned = rates * [-1.0, 1.0, -1.0], ABDUCTIONS * joints[RIGHT_TO_LEFT]
         reflected = seen(other, np.array([w, -x, y, -z]) / length, *turned, -yaw_rate)
@@ -156,9 +181,14 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_
 def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_action(units, rng):
     shape = PolicyShape.of(PUPPER_V2, 2 * units, symmetric=True)
     seen = stats_of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
-    policy, (inputs, actions) = shape.policy(0.15 * rng.standard_normal(shape.size), seen), mirror_of(PUPPER_V2)
+    policy, (inputs, actions) = (
+        shape.policy(0.15 * rng.standard_normal(shape.size), seen),
+        mirror_of(PUPPER_V2),
+    )
     assert len(policy.hidden) == 2 * units
-    one, other, clipped = np.zeros(ACTIONS), np.zeros(ACTIONS), 0
+    one = np.zeros(ACTIONS)
+    other = np.zeros(ACTIONS)
+    clipped = 0
     for observation in rng.normal(0.0, 1.0, (50, OBSERVATIONS)):
         act(policy, observation, one)
         act(policy, inputs[:-1, :-1] @ observation, other)

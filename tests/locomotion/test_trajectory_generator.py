@@ -19,11 +19,14 @@ from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 
 BODY = body_of(PUPPER_V2)
-FREQUENCY, LIFT = BODY.frequency, BODY.swing_height
+FREQUENCY = BODY.frequency
+LIFT = BODY.swing_height
 LEGS = len(PUPPER_V2.legs)
 
 
-def targets(phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, body=BODY, rise=(0.0, 0.0)):
+def targets(
+    phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, body=BODY, rise=(0.0, 0.0)
+):
     out = np.full(PUPPER_V2.num_joints, np.nan)
     joint_targets(body, phase, forward, yaw_rate, FREQUENCY, height, rise, ratio, lift, out)
     return out
@@ -33,7 +36,8 @@ def targets(phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, 
 def feet():
     """From (steps, joints) angles to (steps, legs, 3) centres of the feet in the body's frame [m], by MuJoCo."""
     model = build_model(PUPPER_V2, suspended=True)
-    data, geoms = mujoco.MjData(model), [model.geom(leg.foot).id for leg in PUPPER_V2.legs]
+    data = mujoco.MjData(model)
+    geoms = [model.geom(leg.foot).id for leg in PUPPER_V2.legs]
 
     def places(angles: np.ndarray) -> np.ndarray:
         found = []
@@ -72,7 +76,8 @@ def test_a_foot_in_stance_moves_as_the_ground_does_under_a_turning_body(feet, sp
     for leg, (x, y) in enumerate(BODY.nominal_feet[:, :2]):
         moving = velocities(feet, leg, stance_of(leg, 1.0)[1:-1], forward=speed, yaw_rate=turn)
         ground = -np.array([speed - turn * y, turn * x])
-        # the leg turns about its abduction axis, not about the hip's: a few percent of a slow motion
+        # the leg turns about its abduction axis, not about the hip's: a few percent of a slow
+        # motion
         np.testing.assert_allclose(moving[:, :2], np.tile(ground, (len(moving), 1)), atol=0.004)
         assert np.abs(moving[:, 2]).max() < 0.03
 
@@ -81,10 +86,13 @@ def test_a_foot_in_stance_moves_as_the_ground_does_under_a_turning_body(feet, sp
 def test_the_way_of_a_foot_and_its_speed_are_continuous_all_around(share):
     small = 1e-7
     for corner in (0.0, share):
-        (before, low), (after, high) = (foot_path((corner + side) % 1.0, share) for side in (-small, small))
+        (before, low), (after, high) = (
+            foot_path((corner + side) % 1.0, share) for side in (-small, small)
+        )
         assert abs(before - after) < 1e-5 and abs(low - high) < 1e-5
         speeds = [
-            (foot_path((u + small) % 1.0, share)[0] - foot_path((u - small) % 1.0, share)[0]) / (2 * small)
+            (foot_path((u + small) % 1.0, share)[0] - foot_path((u - small) % 1.0, share)[0])
+            / (2 * small)
             for u in (corner - 3 * small, corner + 3 * small)
         ]
         assert speeds == pytest.approx([-1.0 / share] * 2, rel=1e-4), "that of stance"
@@ -112,7 +120,8 @@ def support(phase, share):
 def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
     """A foot pushed down by F does the work F dz when a joint moves: virtual work, by the model's kinematics."""
     for phase in (0.1, 0.3, 0.6, 0.9):
-        pose, torques = targets(phase), support(phase, 1.0)
+        pose = targets(phase)
+        torques = support(phase, 1.0)
         for leg, joints in enumerate(BODY.legs):
             down = (phase + BODY.phases[leg]) % 1.0 < 0.5
             for place, joint in enumerate(joints[1:], start=1):
@@ -125,7 +134,8 @@ def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
 
 def test_with_support_a_pd_stands_in_the_commanded_pose_and_without_it_sags():
     motors = IdealPd.uniform(12, PUPPER_V2.joints[0].kp, PUPPER_V2.joints[0].kd, 5.0, 0.003)
-    sag, pose = [], PUPPER_V2.nominal_pose
+    sag = []
+    pose = PUPPER_V2.nominal_pose
     for share in (0.0, None):
         target = pose.copy()
         if share is not None:
@@ -136,8 +146,14 @@ def test_with_support_a_pd_stands_in_the_commanded_pose_and_without_it_sags():
 
 
 def test_the_diagonal_pairs_of_a_trot_touch_down_in_turn():
-    names, cycle = [leg.name for leg in PUPPER_V2.legs], (np.arange(400) + 0.5) / 400
-    down = np.array([[foot_path(float((phase + own) % 1.0), 0.5)[1] == 0.0 for own in BODY.phases] for phase in cycle])
+    names = [leg.name for leg in PUPPER_V2.legs]
+    cycle = (np.arange(400) + 0.5) / 400
+    down = np.array(
+        [
+            [foot_path(float((phase + own) % 1.0), 0.5)[1] == 0.0 for own in BODY.phases]
+            for phase in cycle
+        ]
+    )
     touched = down & ~np.roll(down, 1, axis=0)
     order = [{names[leg] for leg in np.flatnonzero(row)} for row in touched if row.any()]
     assert order == [{"FR", "RL"}, {"FL", "RR"}]

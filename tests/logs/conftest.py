@@ -18,8 +18,15 @@ def make_log() -> Callable[..., MotorLog]:
         time = period * np.arange(rows) + 0.25
         angle = 0.3 * np.sin(2 * np.pi * 1.0 * time[:, None] + np.array([0.0, 1.0]))
         late = 0.3 * np.sin(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
-        speed = 0.3 * 2 * np.pi * np.cos(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
-        return log_of(time, angle, late, **({"joint_vel": speed, "joint_names": ("left", "right")} | changes))
+        speed = (
+            0.3
+            * 2
+            * np.pi
+            * np.cos(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
+        )
+        return log_of(
+            time, angle, late, **({"joint_vel": speed, "joint_names": ("left", "right")} | changes)
+        )
 
     return make
 
@@ -32,7 +39,10 @@ def rich_log() -> MotorLog:
 
     def motion(late: float, order: int) -> np.ndarray:
         """Derivative of that order."""
-        angular = [2 * np.pi * rate * (time[:, None] - late) + [0.0, 1.0] + np.pi / 2 * order for _, rate in ways]
+        angular = [
+            2 * np.pi * rate * (time[:, None] - late) + [0.0, 1.0] + np.pi / 2 * order
+            for _, rate in ways
+        ]
         return sum(
             (
                 size * (2 * np.pi * rate) ** order * np.sin(phase)
@@ -41,18 +51,27 @@ def rich_log() -> MotorLog:
             start=np.zeros((len(time), 2)),
         )
 
-    inertia, external = np.full((len(time), 2), 0.004), -0.3 * np.sin(motion(0.05, 0))
+    inertia = np.full((len(time), 2), 0.004)
+    external = -0.3 * np.sin(motion(0.05, 0))
     return log_of(
-        time, motion(0.0, 0), motion(0.05, 0), joint_vel=motion(0.05, 1), joint_names=("left", "right"),
-        joint_torque=inertia * motion(0.05, 2) - external, load_inertia=inertia, external_torque=external,
-    )  # fmt: skip
+        time,
+        motion(0.0, 0),
+        motion(0.05, 0),
+        joint_vel=motion(0.05, 1),
+        joint_names=("left", "right"),
+        joint_torque=inertia * motion(0.05, 2) - external,
+        load_inertia=inertia,
+        external_torque=external,
+    )
 
 
 @pytest.fixture
 def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
     """Every optional channel, two segments, values that decimal text would not keep."""
     rng = np.random.default_rng(3)
-    time = np.concatenate([np.cumsum(rng.uniform(1e-3, 2e-3, 100)), np.cumsum(rng.uniform(1e-3, 2e-3, 100))])
+    time = np.concatenate(
+        [np.cumsum(rng.uniform(1e-3, 2e-3, 100)), np.cumsum(rng.uniform(1e-3, 2e-3, 100))]
+    )
     return make_log(
         time=time,
         joint_torque=rng.normal(size=(200, 2)) * 1e-300,

@@ -30,8 +30,12 @@ def moving(rates: tuple[float, ...], lag: int = 3) -> MotorLog:
 def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     clean = moving((0.5, 0.8))
     assert clean.joint_vel is not None
-    angle, speed = clean.joint_pos.copy(), clean.joint_vel.copy()
-    angle[[200, 700], 0], angle[900:902, 1], angle[-1, 1], speed[[400, 1200], 1] = -np.pi, -np.pi, -np.pi, 620.0
+    angle = clean.joint_pos.copy()
+    speed = clean.joint_vel.copy()
+    angle[[200, 700], 0] = -np.pi
+    angle[900:902, 1] = -np.pi
+    angle[-1, 1] = -np.pi
+    speed[[400, 1200], 1] = 620.0
     log, (line,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed), "made")
     assert line == f"{WARNING}made: 7 rows in which a read failed are left out (a 2, b 5)"
     assert log.num_rows == 1493 and log.segment is None
@@ -40,7 +44,8 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
 
 
 def test_errors_are_warnings_of_the_import_and_an_impossible_rate_ends_it(tmp_path: Path):
-    log, path = moving((0.5, 0.8)), tmp_path / "log.parquet"
+    log = moving((0.5, 0.8))
+    path = tmp_path / "log.parquet"
     mp.write_log(path, replace(log, joint_pos=log.joint_pos * [1.0, -1.0], joint_vel=None))
     with pytest.warns(UserWarning, match="b moves against its command"):
         mp.load_log(path)
@@ -58,9 +63,13 @@ def test_a_column_that_wraps_is_unwrapped_by_its_map(tmp_path: Path):
     (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\n")
     report = check_log(mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
     assert any("wraps = true" in found.remedy and "4096" in found.remedy for found in report.errors)
-    (tmp_path / "map.toml").write_text(lines + "ticks_per_turn = 4096\n[joints.pan]\nwraps = true\n")
+    (tmp_path / "map.toml").write_text(
+        lines + "ticks_per_turn = 4096\n[joints.pan]\nwraps = true\n"
+    )
     log = mp.read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml")
-    np.testing.assert_allclose(log.joint_pos[:, 0] - log.joint_pos[0, 0], angle - angle[0], atol=2e-3)
+    np.testing.assert_allclose(
+        log.joint_pos[:, 0] - log.joint_pos[0, 0], angle - angle[0], atol=2e-3
+    )
     np.testing.assert_allclose(log.position_target - log.joint_pos, 0.05, atol=2e-3)
 
 
@@ -75,10 +84,19 @@ def test_exchanged_joints_are_no_reversed_ones():
 
 def test_a_reversed_joint_is_reversed_and_two_that_may_be_either_are_to_be_compared():
     log = moving((0.5, 0.83))
-    (found,) = [each for each in check_log(replace(log, joint_pos=log.joint_pos * [-1, 1], joint_vel=None)).errors]
+    (found,) = [
+        each
+        for each in check_log(
+            replace(log, joint_pos=log.joint_pos * [-1, 1], joint_vel=None)
+        ).errors
+    ]
     assert found.joint == "a" and "sign = -1" in found.remedy
     command = log.position_target[:, [0, 0]] * [1, -1]
-    report = check_log(replace(log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None))
+    report = check_log(
+        replace(
+            log, position_target=command, joint_pos=-np.roll(command, 3, axis=0), joint_vel=None
+        )
+    )
     found = of_check(report, "tracking")
     assert [(each.severity, each.remedy) for each in found] == [("error", COMPARE)] * 2
 
@@ -105,7 +123,9 @@ def test_a_value_that_is_held_is_no_motion_and_an_order_of_joints_no_sign():
     log = moving((0.5, 0.8))
     held = log.joint_pos.copy()
     held[400:420, 0] = -np.pi
-    assert [found.row for found in check_log(replace(log, joint_pos=held, joint_vel=None)).errors] == [400]
+    assert [
+        found.row for found in check_log(replace(log, joint_pos=held, joint_vel=None)).errors
+    ] == [400]
     phases = {"FL": 0.0, "FR": np.pi, "RL": np.pi, "RR": 0.0}  # a trot
     sizes = {"hip": (0.05, 0.0), "thigh": (0.3, 0.6), "calf": (0.5, 1.9)}
     names = tuple(f"{leg}_{part}" for leg in phases for part in sizes)
@@ -113,7 +133,10 @@ def test_a_value_that_is_held_is_no_motion_and_an_order_of_joints_no_sign():
     command = np.stack([size * np.sin(4 * np.pi * TIME + at) for size, at in waves], axis=1)
     by_part = [names.index(f"{leg}_{part}") for part in sizes for leg in phases]
     trot = replace(
-        log, position_target=command, joint_pos=np.roll(command, 3, axis=0)[:, by_part], joint_vel=None,
+        log,
+        position_target=command,
+        joint_pos=np.roll(command, 3, axis=0)[:, by_part],
+        joint_vel=None,
         joint_names=names,
-    )  # fmt: skip
+    )
     assert all("sign = -1" not in found.remedy for found in check_log(trot).errors)

@@ -16,7 +16,9 @@ def test_a_log_of_a_fixed_robot_has_loads_and_is_what_an_import_writes(tmp_path:
     robot = write_arm(tmp_path)
     table, columns = arm_table(slow_motion(robot).rows(slice(0, 300)), tmp_path)
     log = mp.load_log(table, columns=columns, robot=mp.load_robot(robot), suspended=True, kp=20.0)
-    import_logs(LogsImport((table,), tmp_path / "out", columns, kp=(20.0,), suspended=True, robot=robot))
+    import_logs(
+        LogsImport((table,), tmp_path / "out", columns, kp=(20.0,), suspended=True, robot=robot)
+    )
     written = mp.read_log(tmp_path / "out" / "arm.parquet")
     assert channels(log).keys() == channels(written).keys()
     for name, values in channels(log).items():
@@ -36,9 +38,18 @@ def test_signs_that_contradict_gravity_are_a_python_warning(tmp_path: Path):
 
 
 def test_given_settings_override_those_of_the_log(tmp_path: Path):
-    path, columns = write_csv(tmp_path), tmp_path / "columns.toml"
+    path = write_csv(tmp_path)
+    columns = tmp_path / "columns.toml"
     settings = {"dead_zone": 0.002}, {"supply_voltage": 7.0}
-    log = mp.load_log(path, columns=columns, period=None, kp=3.0, kd=0.1, firmware=settings[0], conditions=settings[1])
+    log = mp.load_log(
+        path,
+        columns=columns,
+        period=None,
+        kp=3.0,
+        kd=0.1,
+        firmware=settings[0],
+        conditions=settings[1],
+    )
     assert log.gains is not None and log.gains.tolist() == [[3.0, 3.0], [0.1, 0.1]]
     assert log.firmware == settings[0] and log.conditions["supply_voltage"].tolist() == [7.0, 7.0]
     np.testing.assert_array_equal(log.time, mp.read_log(path, columns=columns).time)

@@ -26,7 +26,10 @@ def test_time_may_restart_with_a_segment(make_log):
         ({"posture": np.repeat([0, 4], [30, 170])}, "row 30, posture is 4"),
         ({"joint_pos": [["x", "y"]] * 200}, "joint_pos is not an array of numbers"),
         ({"load_inertia": np.zeros((200, 2))}, "row 0, load_inertia/left is 0"),
-        ({"supply_voltage": np.full((200, 2), 1e4)}, "row 0, supply_voltage/left is 10000.* 2000 V"),
+        (
+            {"supply_voltage": np.full((200, 2), 1e4)},
+            "row 0, supply_voltage/left is 10000.* 2000 V",
+        ),
     ],
 )
 def test_bad_channels_are_rejected(make_log, changes, problem):
@@ -36,7 +39,9 @@ def test_bad_channels_are_rejected(make_log, changes, problem):
 
 def test_logs_of_another_firmware_are_not_joined(make_log):
     logs = [make_log(firmware={"profile_speed": speed}) for speed in (3.0, 3.0, 4.0)]
-    assert joined([*logs[:2], make_log(firmware={"profile_speed": 3.01})]).firmware == {"profile_speed": 3.0}
+    assert joined([*logs[:2], make_log(firmware={"profile_speed": 3.01})]).firmware == {
+        "profile_speed": 3.0
+    }
     with pytest.raises(LogError, match=r"profile_speed 4 and 3"):
         joined(logs)
     with pytest.raises(LogError, match="profile_speed"):

@@ -42,7 +42,11 @@ def late(log, seconds, *rows):
 def test_a_segment_begins_after_every_gap_and_nothing_else_changes(make_log):
     log = late(make_log(posture=np.repeat([1, 0], [80, 120])), 2.5, 60, 130)
     cut, note = begin_at_gaps(log, 0.002)
-    assert [(part.start, part.stop) for part in cut.segment_slices()] == [(0, 60), (60, 130), (130, 200)]
+    assert [(part.start, part.stop) for part in cut.segment_slices()] == [
+        (0, 60),
+        (60, 130),
+        (130, 200),
+    ]
     for name, values in channels(log).items():
         np.testing.assert_array_equal(getattr(cut, name), values)
     assert "2.51 s before row 60, at 3.35 s, 2.51 s before row 130" in note

@@ -6,11 +6,13 @@ import pytest
 from motorprior.logs.operations import smooth_on_grid
 from motorprior.logs.smoothing import noise_of, smoothed, smoothing_of
 
-DT, ROWS = 0.002, 1000
+DT = 0.002
+ROWS = 1000
 PARTS = (slice(0, 450), slice(450, ROWS))
 TIME = DT * np.arange(ROWS)[:, None]
 RATES = np.array([7.0, 11.0, 16.0])
-WAVE, SPEED = 0.3 * np.sin(RATES * TIME), 0.3 * RATES * np.cos(RATES * TIME)
+WAVE = 0.3 * np.sin(RATES * TIME)
+SPEED = 0.3 * RATES * np.cos(RATES * TIME)
 """Of three motors; the segments are one motion here."""
 
 
@@ -46,12 +48,15 @@ def test_the_steps_of_an_encoder_are_noise():
     readings = step * np.round(WAVE / step)
     found = smoothed(readings, PARTS, DT, *found_in(readings))
     assert np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
-    assert 0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
+    assert (
+        0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
+    )
 
 
 def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
     """Rounded angles of a first-order lag, and its simulation on the commands of the log on a grid; readings stay."""
-    time, step = DT * np.arange(1200), 4096 / (2 * np.pi)
+    time = DT * np.arange(1200)
+    step = 4096 / (2 * np.pi)
     target = 0.3 * (np.sin(1.3 * time - 0.5) > 0.0)
 
     def lagged(command: np.ndarray) -> np.ndarray:
@@ -62,13 +67,24 @@ def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
         return angle
 
     readings = np.round(lagged(target) * step) / step
-    log = smooth_on_grid(make_log(
-        rows=len(time), period=DT, time=time, position_target=np.stack([target] * 2, axis=1), joint_vel=None,
-        joint_pos=np.stack([readings] * 2, axis=1),
-    ), DT)  # fmt: skip
+    log = smooth_on_grid(
+        make_log(
+            rows=len(time),
+            period=DT,
+            time=time,
+            position_target=np.stack([target] * 2, axis=1),
+            joint_vel=None,
+            joint_pos=np.stack([readings] * 2, axis=1),
+        ),
+        DT,
+    )
 
     def error(command: np.ndarray) -> float:
         return float(np.mean((lagged(command) - log.joint_pos[:, 0]) ** 2))
 
     assert error(log.position_target[:, 0]) < 0.8 * error(target)
-    assert np.abs(log.readings[:, 0] - lagged(target)).max() < 0.6 / step < np.abs(log.joint_pos[:, 0] - readings).max()
+    assert (
+        np.abs(log.readings[:, 0] - lagged(target)).max()
+        < 0.6 / step
+        < np.abs(log.joint_pos[:, 0] - readings).max()
+    )

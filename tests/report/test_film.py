@@ -13,8 +13,11 @@ from motorprior.simulation.scene import Episode
 
 
 def walk(fell: int) -> Episode:
-    qpos, nothing = np.zeros((3, 19)), np.zeros(0)
-    qpos[:, 2], qpos[:, 3], qpos[:, 7:] = PUPPER_V2.standing_height, 1.0, PUPPER_V2.nominal_pose
+    qpos = np.zeros((3, 19))
+    nothing = np.zeros(0)
+    qpos[:, 2] = PUPPER_V2.standing_height
+    qpos[:, 3] = 1.0
+    qpos[:, 7:] = PUPPER_V2.nominal_pose
     qpos[1:, 8] += 0.5
     return Episode(0.0, fell, 0.0, np.zeros(2), 0, nothing, nothing, qpos, nothing)
 
@@ -28,7 +31,8 @@ def test_walks_are_stacked_labelled_and_move(library: str | None, monkeypatch: p
     assert len(notes) == 1 or not library
     frames = np.array([np.asarray(picture, int) for picture in pictures])
     assert frames.shape == (3, 2 * HEIGHT, WIDTH, 3)
-    upper, lower = frames[:, :HEIGHT], frames[:, HEIGHT:]
+    upper = frames[:, :HEIGHT]
+    lower = frames[:, HEIGHT:]
     assert np.abs(upper - lower)[:, 60:].max() < 10 < np.abs(upper - lower)[:, :60].max()
     robot = upper[:, 60:]
     assert np.abs(robot[0] - robot[1]).max() > 40 and np.abs(robot[1] - robot[2]).max() < 10
@@ -37,5 +41,7 @@ def test_walks_are_stacked_labelled_and_move(library: str | None, monkeypatch: p
 def test_an_mp4_where_its_encoder_is_installed(tmp_path: Path):
     if not can_write_mp4():
         pytest.skip("imageio-ffmpeg is not installed: pip install 'motorprior[video]'")
-    write_mp4(tmp_path / "half-written.tmp", (Image.new("RGB", (64, 48), "red") for _ in range(5)), 0.04)
+    write_mp4(
+        tmp_path / "half-written.tmp", (Image.new("RGB", (64, 48), "red") for _ in range(5)), 0.04
+    )
     assert (tmp_path / "half-written.tmp").read_bytes()[4:8] == b"ftyp"

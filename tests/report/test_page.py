@@ -38,7 +38,9 @@ class Reader(HTMLParser):
 
 def made(complete: bool = True) -> str:
     drawing = picture(learning_curves({"rollout": [(np.arange(3), np.arange(3.0))]}), "A policy.")
-    table = Table(("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds.")
+    table = Table(
+        ("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds."
+    )
     sections = (
         Section("What & why", ("Because <b> is text.", "Two <script>."), (drawing,), (table,)),
         Section("A film", (), (Picture("Walks.", b"GIF89a", "gif"),)),

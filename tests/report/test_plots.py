@@ -8,20 +8,32 @@ from matplotlib.figure import Figure
 from motor_logs import swinging_load
 
 from motorprior.evaluation.free_runs import Trace
-from motorprior.report.plots import draw_errors_by_joint, draw_traces, excitation_and_response, learning_curves
+from motorprior.report.plots import (
+    draw_errors_by_joint,
+    draw_traces,
+    excitation_and_response,
+    learning_curves,
+)
 from motorprior.report.plots_style import png_bytes
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)
 TRACE = Trace("log", "knee", TIME, ANGLE, ANGLE, {"paper": ANGLE + 0.1, "rollout": ANGLE * 0.99})
 CURVES = {
-    "rollout": [(np.arange(0, 50, 5), np.linspace(0, 1, 10)), (np.arange(0, 40, 4), np.linspace(0, 2, 10))],
+    "rollout": [
+        (np.arange(0, 50, 5), np.linspace(0, 1, 10)),
+        (np.arange(0, 40, 4), np.linspace(0, 2, 10)),
+    ],
     "paper": [(np.arange(3), np.zeros(3))],
 }
 MAKERS: dict[str, Callable[[], Figure]] = {
-    "excitation, without velocity and torque": lambda: excitation_and_response(swinging_load(), "motor 1"),
+    "excitation, without velocity and torque": lambda: excitation_and_response(
+        swinging_load(), "motor 1"
+    ),
     "traces": lambda: draw_traces([TRACE, TRACE]),
-    "errors": lambda: draw_errors_by_joint({"prior": {"hip": 0.01, "knee": 0.002}, "tuned_pd": {"hip": 0.03}}),
+    "errors": lambda: draw_errors_by_joint(
+        {"prior": {"hip": 0.01, "knee": 0.002}, "tuned_pd": {"hip": 0.03}}
+    ),
     "curves": lambda: learning_curves(CURVES),
 }
 
@@ -29,7 +41,9 @@ MAKERS: dict[str, Callable[[], Figure]] = {
 @pytest.mark.parametrize("name", MAKERS)
 def test_axes_have_units_and_finite_limits(name: str):
     figure = MAKERS[name]()
-    labels = [label for each in figure.axes for label in (each.get_xlabel(), each.get_ylabel()) if label]
+    labels = [
+        label for each in figure.axes for label in (each.get_xlabel(), each.get_ylabel()) if label
+    ]
     assert labels and all("[" in label and "]" in label for label in labels)
     for each in figure.axes:
         assert np.all(np.isfinite([*each.get_xlim(), *each.get_ylim()]))
@@ -46,6 +60,7 @@ def test_a_model_that_diverges_does_not_flatten_the_truth():
 def test_the_median_curve_covers_the_range_of_all_seeds():
     figure = learning_curves(CURVES)
     (line,) = [line for line in figure.axes[0].lines if line.get_label() == "rollout, 2 seeds"]
-    x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    x = np.asarray(line.get_xdata())
+    y = np.asarray(line.get_ydata())
     assert x[0] == 0 and x[-1] == 36
     assert y[-1] == pytest.approx((36 / 45 + 2.0) / 2)

@@ -10,12 +10,17 @@ from motorprior.robots.joint_classes import classes_by_name
     [
         (("FL_hip_joint", "FL_calf_joint", "RR_hip_joint", "RR_calf_joint"), ("hip", "calf") * 2),
         (("LF_HAA", "LF_KFE", "RH_HAA", "RH_KFE"), ("haa", "kfe") * 2),
-        (("leftKnee", "rightKnee", "left_hip_yaw", "right_hip_yaw"), ("knee", "knee", "hip yaw", "hip yaw")),
+        (
+            ("leftKnee", "rightKnee", "left_hip_yaw", "right_hip_yaw"),
+            ("knee", "knee", "hip yaw", "hip yaw"),
+        ),
         (("joint1", "joint2", "joint3"), ("",) * 3),
         (("Rotation", "Pitch", "Elbow", "Wrist_Pitch", "Wrist_Roll", "Jaw"), ("",) * 6),
         (("l_knee", "r_knee", "l_hip", "r_hip", "waist"), ("knee", "knee", "hip", "hip", "waist")),
         (("l_knee", "waist", "neck"), ("",) * 3),
     ],
 )
-def test_names_without_sides_and_numbers_are_classes(names: tuple[str, ...], classes: tuple[str, ...]):
+def test_names_without_sides_and_numbers_are_classes(
+    names: tuple[str, ...], classes: tuple[str, ...]
+):
     assert classes_by_name(names) == classes

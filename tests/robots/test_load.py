@@ -22,7 +22,9 @@ from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
 from motorprior.simulation.world import World
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "robots"
-ARM_TOML = DESCRIPTION.replace("nominal_pose = 0.0", "nominal_pose = [0.1, -0.2]").replace("5.0", "[4.0, 2.0]")
+ARM_TOML = DESCRIPTION.replace("nominal_pose = 0.0", "nominal_pose = [0.1, -0.2]").replace(
+    "5.0", "[4.0, 2.0]"
+)
 
 
 @pytest.fixture
@@ -38,18 +40,28 @@ def test_the_default_robot_is_shipped_and_an_unknown_name_lists_the_known():
 
 def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
     arm = load_robot(written(tmp_path, ARM_TOML, "arm", ARM))
-    assert (arm.name, arm.base, arm.joint_names, arm.num_links) == ("arm", "fixed", ("shoulder", "elbow"), 2)
+    assert (arm.name, arm.base, arm.joint_names, arm.num_links) == (
+        "arm",
+        "fixed",
+        ("shoulder", "elbow"),
+        2,
+    )
     np.testing.assert_allclose([arm.lower, arm.upper], np.radians([[-120, -120], [120, 120]]))
     asked = arm.limits_of(("elbow", "tail"))
     np.testing.assert_allclose(asked, [[-np.radians(120), np.radians(120)], [np.nan, np.nan]])
-    assert [(joint.kp, joint.kd, joint.torque_limit) for joint in arm.joints] == [(20.0, 0.5, 4.0), (20.0, 0.5, 2.0)]
+    assert [(joint.kp, joint.kd, joint.torque_limit) for joint in arm.joints] == [
+        (20.0, 0.5, 4.0),
+        (20.0, 0.5, 2.0),
+    ]
     np.testing.assert_array_equal(arm.nominal_pose, [0.1, -0.2])
     with pytest.raises(ConfigError, match="robot 'arm' cannot walk"):
         body_of(arm)
 
 
 def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: Robot):
-    assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in dog.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
+    assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in dog.legs] == [
+        pytest.approx((0.2, 0.2, 0.02))
+    ] * 4
     height = 0.4 * np.cos(0.8) + 0.02
     assert dog.standing_height == pytest.approx(height)
     assert dog.legs[0].hip_height(dog.nominal_pose) == pytest.approx(height)
@@ -66,7 +78,9 @@ def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: R
         ('pos="0 0 -0.2" mass="0.02"', 'pos="0.2 0 0" mass="0.02"', "foot 'FR' is"),
     ],
 )
-def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned: str, into: str, words: str):
+def test_legs_that_turn_another_way_load_but_do_not_walk(
+    tmp_path: Path, turned: str, into: str, words: str
+):
     assert turned in quadruped()
     (tmp_path / "dog.xml").write_text(quadruped().replace(turned, into))
     (tmp_path / "dog.toml").write_text(LEGS_TOML)
@@ -78,7 +92,9 @@ def test_legs_that_turn_another_way_load_but_do_not_walk(tmp_path: Path, turned:
 def test_a_users_quadruped_trots_in_the_compiled_rollout(dog: Robot):
     motors = IdealPd.uniform(12, 20.0, 0.5, 10.0, 0.01)
     walk = WalkConfig(30, commands=Commands.steady(0.3))
-    episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(PolicyShape(12).untrained(), seed=0, trace=True)
+    episode = WalkSimulator(Scene(dog, lambda rng: motors, walk)).run(
+        PolicyShape(12).untrained(), seed=0, trace=True
+    )
     assert episode.fault == 0 and episode.trace.shape == (episode.steps, 19)
 
 
@@ -91,7 +107,8 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)
     assert (gait.yaw_rate, gait.residual) == (0.6, 0.3)
     feet = body_of(dog).nominal_feet
-    np.testing.assert_allclose(np.abs(feet[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)  # folded evenly
+    # folded evenly
+    np.testing.assert_allclose(np.abs(feet[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)
     np.testing.assert_allclose(feet[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)
 
 
@@ -124,19 +141,25 @@ def test_a_description_or_model_that_does_not_fit_is_refused_with_key_file_and_r
 def test_actuators_floor_and_lights_of_a_model_are_removed(tmp_path: Path):
     extra = '<worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>'
     xml = quadruped().replace("<worldbody>", extra)
-    xml = xml.replace("</mujoco>", '<actuator><motor name="pull" joint="FR_k"/></actuator></mujoco>')
+    xml = xml.replace(
+        "</mujoco>", '<actuator><motor name="pull" joint="FR_k"/></actuator></mujoco>'
+    )
     with pytest.raises(ArtifactError, match="'pull'"):
         load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
     toml = LEGS_TOML.replace("base =", 'actuators = "remove"\nbase =')
     model = build_model(load_robot(written(tmp_path, toml, "dog", xml)))
-    assert model.nu == model.nlight == 0 and list(model.geom_type).count(0) == 1, "the floor of the simulation"
+    assert model.nu == model.nlight == 0 and list(model.geom_type).count(0) == 1, (
+        "the floor of the simulation"
+    )
 
 
 def test_what_a_model_includes_is_part_of_it(tmp_path: Path):
     """Meshes, too: their shape may be their inertia."""
     path = written(tmp_path, ARM_TOML, "arm", '<mujoco><include file="parts/upper.xml"/></mujoco>')
     corners = "0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"
-    part = ARM.replace("<worldbody>", f'<asset><mesh name="m" vertex="{corners}"/></asset><worldbody>', 1)
+    part = ARM.replace(
+        "<worldbody>", f'<asset><mesh name="m" vertex="{corners}"/></asset><worldbody>', 1
+    )
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "upper.xml").write_text(part)
     arm = load_robot(path)
@@ -154,6 +177,9 @@ def test_published_models_load(shared_data: Path, tmp_path: Path, name: str, joi
         (tmp_path / path.name).write_bytes(path.read_bytes())
     robot = load_robot(tmp_path / f"{name}.toml")
     assert robot.num_joints == joints
-    played = replay(World(robot), IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
-                    np.tile(robot.nominal_pose, (50, 1)))  # fmt: skip
+    played = replay(
+        World(robot),
+        IdealPd.uniform(joints, 20.0, 1.0, 20.0, 0.01),
+        np.tile(robot.nominal_pose, (50, 1)),
+    )
     assert np.isfinite(played.joint_pos).all()

@@ -25,7 +25,9 @@ def suspended():
 @pytest.fixture(scope="module")
 def bullet(tmp_path_factory):
     """PyBullet, the number of the body and of the client; the base is free, or it would have no mass."""
-    pybullet = pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    pybullet = pytest.importorskip(
+        "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
+    )
     path = tmp_path_factory.mktemp("robot") / "pupper.urdf"
     path.write_text(urdf(), encoding="utf-8")
     client = pybullet.connect(pybullet.DIRECT)
@@ -51,13 +53,16 @@ def feet(model, joint_pos):
     data.qpos[-12:] = joint_pos
     mujoco.mj_kinematics(model, data)
     rotation = data.body("chassis").xmat.reshape(3, 3)
-    world = np.array([data.geom(f"{leg}_foot").xpos for leg in [leg.name for leg in PUPPER_V2.legs]])
+    world = np.array(
+        [data.geom(f"{leg}_foot").xpos for leg in [leg.name for leg in PUPPER_V2.legs]]
+    )
     return (world - data.body("chassis").xpos) @ rotation
 
 
 def mass_matrix(suspended, joint_pos):
     """(12, 12) joint-space inertia [kg·m²], column by column."""
-    data, columns = mujoco.MjData(suspended), np.zeros((12, 12))
+    data = mujoco.MjData(suspended)
+    columns = np.zeros((12, 12))
     data.qpos[:] = joint_pos
     mujoco.mj_forward(suspended, data)
     for column, unit in zip(columns, np.eye(12), strict=True):
@@ -76,25 +81,34 @@ def test_the_feet_touch_the_ground_at_standing_height(model):
         assert data.geom(f"{leg}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
 
 
-def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(model, bullet):
+def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(
+    model, bullet
+):
     names = [model.joint(i).name for i in range(1, 13)]
     assert names == [info[1].decode() for info in infos(bullet)] == list(PUPPER_V2.joint_names)
     for index, info in enumerate(infos(bullet)):
         np.testing.assert_allclose(info[8:10], model.jnt_range[index + 1], atol=1e-6)
         np.testing.assert_allclose(info[13], model.jnt_axis[index + 1])
-        assert info[10] == pytest.approx(1.26) and info[11] == pytest.approx(52.0)  # 7 A · 0.18 N·m/A
+        # 7 A · 0.18 N·m/A
+        assert info[10] == pytest.approx(1.26) and info[11] == pytest.approx(52.0)
     np.testing.assert_allclose(model.jnt_range[1:, 0], PUPPER_V2.lower)
     np.testing.assert_allclose(model.jnt_range[1:, 1], PUPPER_V2.upper)
 
 
 def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
     pybullet, body, client = bullet
-    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - (0.048, 0.0, -0.00964)
+    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - (
+        0.048,
+        0.0,
+        -0.00964,
+    )
     for pose in poses():
         for joint in range(12):
             pybullet.resetJointState(body, joint, pose[joint], physicsClientId=client)
         for leg, expected in enumerate(feet(model, pose)):
-            state = pybullet.getLinkState(body, 3 * leg + 2, computeForwardKinematics=True, physicsClientId=client)
+            state = pybullet.getLinkState(
+                body, 3 * leg + 2, computeForwardKinematics=True, physicsClientId=client
+            )
             rotation = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
             offset = (0.0, -0.002 if leg % 2 else 0.002, -0.110)
             where = np.array(state[4]) + rotation @ offset - base

@@ -22,13 +22,13 @@ MESH = '<mesh filename="package://dog_description/meshes/body.obj"/>'
 def link(name: str, mass: float, shape: str = '<box size=".05 .05 .1"/>') -> str:
     own = mass / 1e3
     inertia = f'<mass value="{mass}"/><inertia ixx="{own}" iyy="{own}" izz="{own}" ixy="0" ixz="0" iyz="0"/>'
-    return (
-        f'<link name="{name}"><inertial>{inertia}</inertial><collision><geometry>{shape}</geometry></collision></link>'
-    )
+    return f'<link name="{name}"><inertial>{inertia}</inertial><collision><geometry>{shape}</geometry></collision></link>'
 
 
 def joint(name: str, parent: str, child: str, place: str, axis: str, kind: str = "revolute") -> str:
-    limit = '<limit lower="-2.8" upper="2.8" effort="3" velocity="20"/>' if kind == "revolute" else ""
+    limit = (
+        '<limit lower="-2.8" upper="2.8" effort="3" velocity="20"/>' if kind == "revolute" else ""
+    )
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{place}"/><axis xyz="{axis}"/>{limit}</joint>'
@@ -40,12 +40,15 @@ def urdf() -> str:
     parts = [link("body", 3.0)]
     for leg, (x, y) in SIDES.items():
         parts += [
-            link(f"{leg}_hip", 0.2), joint(f"{leg}_a", "body", f"{leg}_hip", f"{x} {y} 0", "1 0 0"),
-            link(f"{leg}_thigh", 0.4), joint(f"{leg}_h", f"{leg}_hip", f"{leg}_thigh", "0 0 0", "0 1 0"),
-            link(f"{leg}_shank", 0.1), joint(f"{leg}_k", f"{leg}_thigh", f"{leg}_shank", "0 0 -.2", "0 1 0"),
+            link(f"{leg}_hip", 0.2),
+            joint(f"{leg}_a", "body", f"{leg}_hip", f"{x} {y} 0", "1 0 0"),
+            link(f"{leg}_thigh", 0.4),
+            joint(f"{leg}_h", f"{leg}_hip", f"{leg}_thigh", "0 0 0", "0 1 0"),
+            link(f"{leg}_shank", 0.1),
+            joint(f"{leg}_k", f"{leg}_thigh", f"{leg}_shank", "0 0 -.2", "0 1 0"),
             link(leg, 0.02, '<sphere radius=".02"/>'),
             joint(f"{leg}_f", f"{leg}_shank", leg, "0 0 -.2", "1 0 0", "fixed"),
-        ]  # fmt: skip
+        ]
     return '<robot name="dog">' + "".join(parts) + "</robot>"
 
 
@@ -60,8 +63,11 @@ def test_a_urdf_stands_on_the_links_that_are_its_feet(tmp_path: Path):
     robot = load_robot(robot_file(tmp_path, urdf()))
     assert robot.standing_height == pytest.approx(0.4 * np.cos(0.8) + 0.02)
     assert robot.weight == pytest.approx(9.81 * (3.0 + 4 * 0.72)) and not robot.leg_mismatch
-    assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in robot.legs] == [pytest.approx((0.2, 0.2, 0.02))] * 4
-    model, suspended_model = build_model(robot), build_model(robot, suspended=True)
+    assert [(leg.thigh, leg.shank, leg.foot_radius) for leg in robot.legs] == [
+        pytest.approx((0.2, 0.2, 0.02))
+    ] * 4
+    model = build_model(robot)
+    suspended_model = build_model(robot, suspended=True)
     assert (model.nq, model.npair, suspended_model.nq) == (19, 4, 12)
     assert model.nbody - 1 == suspended_model.nbody - 1 == robot.num_links
     data = mujoco.MjData(model)
@@ -71,7 +77,9 @@ def test_a_urdf_stands_on_the_links_that_are_its_feet(tmp_path: Path):
 
 
 def test_a_world_link_with_a_floating_joint_is_the_same_robot(tmp_path: Path):
-    world = '<robot name="dog"><link name="world"/>' + joint("root", "world", "body", "0 0 0", "1 0 0", "floating")
+    world = '<robot name="dog"><link name="world"/>' + joint(
+        "root", "world", "body", "0 0 0", "1 0 0", "floating"
+    )
     robot = load_robot(robot_file(tmp_path, urdf().replace('<robot name="dog">', world)))
     assert build_model(robot).nq == 19
 
@@ -90,22 +98,38 @@ def test_the_mesh_of_a_package_is_found_or_left_out(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (('"FR_k" type="revolute"', '"FR_k" type="continuous"'), "'FR_k' has no limits.*type=\"revolute\" and <limit"),
-        (('"FR_k" type="revolute">', '"FR_k" type="revolute"><mimic joint="FR_h"/>'), "'FR_k' to 'FR_h' .*fixed"),
-        (('"FR_k" type="revolute"', '"FR_k" type="prismatic"'), "'FR_k'.*not a hinge.*type=\"fixed\""),
+        (
+            ('"FR_k" type="revolute"', '"FR_k" type="continuous"'),
+            "'FR_k' has no limits.*type=\"revolute\" and <limit",
+        ),
+        (
+            ('"FR_k" type="revolute">', '"FR_k" type="revolute"><mimic joint="FR_h"/>'),
+            "'FR_k' to 'FR_h' .*fixed",
+        ),
+        (
+            ('"FR_k" type="revolute"', '"FR_k" type="prismatic"'),
+            "'FR_k'.*not a hinge.*type=\"fixed\"",
+        ),
         (
             ('ixx="0.0002" iyy="0.0002" izz="0.0002"', 'ixx="2000" iyy="2000" izz="2000"'),
             "'FR_hip' has 2e.03 kg·m² and 0.2 kg, a radius of gyration of 100 m",
         ),
-        (('<link name="FR">', '<link name="toe">'), "no foot 'FR' -> give a geom or named <collision>"),
+        (
+            ('<link name="FR">', '<link name="toe">'),
+            "no foot 'FR' -> give a geom or named <collision>",
+        ),
         (('<inertial><mass value="3.0"/>', "<!--"), "body.obj"),
     ],
 )
-def test_what_a_urdf_lacks_is_said_in_its_words(tmp_path: Path, change: tuple[str, str], words: str):
+def test_what_a_urdf_lacks_is_said_in_its_words(
+    tmp_path: Path, change: tuple[str, str], words: str
+):
     text = urdf()
     assert change[0] in text
     link = "toe" if "toe" in change[1] else "FR"
-    text = text.replace(change[0], change[1], 1).replace('<child link="FR"/>', f'<child link="{link}"/>')
+    text = text.replace(change[0], change[1], 1).replace(
+        '<child link="FR"/>', f'<child link="{link}"/>'
+    )
     if "<!--" in change[1]:
         text = text.replace("</inertial>", "-->", 1).replace('<box size=".05 .05 .1"/>', MESH, 1)
     with pytest.raises(ArtifactError, match=words) as refused:
@@ -117,11 +141,16 @@ def test_coupled_joints_of_an_mjcf_are_refused_and_a_foot_may_be_a_body(tmp_path
     xml = (
         quadruped()
         .replace('name="FR" size', "size")
-        .replace('<body pos="0 0 -0.2"><joint name="FR_k"', '<body name="FR" pos="0 0 -0.2"><joint name="FR_k"')
+        .replace(
+            '<body pos="0 0 -0.2"><joint name="FR_k"',
+            '<body name="FR" pos="0 0 -0.2"><joint name="FR_k"',
+        )
     )
     with pytest.raises(ArtifactError, match="no foot 'FR'"):  # two spheres
         load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
-    one = xml.replace('<geom size="0.02" pos="0 0 -0.1" mass="0.1"/><geom size="0.02"', '<geom size="0.02"', 1)
+    one = xml.replace(
+        '<geom size="0.02" pos="0 0 -0.1" mass="0.1"/><geom size="0.02"', '<geom size="0.02"', 1
+    )
     assert load_robot(written(tmp_path, LEGS_TOML, "dog", one)).legs[0].foot == "FR"
     coupled = quadruped().replace(
         "</worldbody>", '</worldbody><equality><joint joint1="FR_k" joint2="FL_k"/></equality>'

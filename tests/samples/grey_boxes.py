@@ -15,12 +15,22 @@ SMALL_SERVO = {
 
 
 def make_grey_box(
-    spread: float = 0.2, latents: int = 3, seed: int = 0, terms: tuple[str, ...] = (), **constants: float
+    spread: float = 0.2,
+    latents: int = 3,
+    seed: int = 0,
+    terms: tuple[str, ...] = (),
+    **constants: float,
 ) -> GreyBox:
     """Deviation of logarithms per latent, random directions, and constants of the central motor [SI]."""
     rng = np.random.default_rng(seed)
-    values, names = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants, parameters_of(terms)
-    center = np.array([
-        values[name] / SIGNED[name] if name in SIGNED else np.log(max(values[name], np.exp(-50.0))) for name in names
-    ])  # fmt: skip
+    values = {"encoder_zero": 0.0} | SMALL_SERVO | INITIAL | constants
+    names = parameters_of(terms)
+    center = np.array(
+        [
+            values[name] / SIGNED[name]
+            if name in SIGNED
+            else np.log(max(values[name], np.exp(-50.0)))
+            for name in names
+        ]
+    )
     return GreyBox(center, spread * rng.standard_normal((latents, len(names))), 0.002, terms)

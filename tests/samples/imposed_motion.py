@@ -6,9 +6,12 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 
 
-def torques(actuator: Actuator, inputs: np.ndarray, dt: float = 0.002, arrays: ActuatorArrays | None = None):
+def torques(
+    actuator: Actuator, inputs: np.ndarray, dt: float = 0.002, arrays: ActuatorArrays | None = None
+):
     """(steps, n) torques [N·m] for targets, positions and velocities (3, steps, n), from rest at the first of them."""
-    arrays, out = actuator.arrays(dt) if arrays is None else arrays, np.zeros(inputs.shape[1:])
+    arrays = actuator.arrays(dt) if arrays is None else arrays
+    out = np.zeros(inputs.shape[1:])
     reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())
     for row, torque in zip(inputs.transpose(1, 0, 2).copy(), out, strict=True):
         step_actuator(arrays, dt, row[0], row[1], row[2], torque)

@@ -9,16 +9,24 @@ from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-TABLE_MAP = 'motor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "pos_{joint}"\n'
+TABLE_MAP = (
+    'motor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "pos_{joint}"\n'
+)
 """Of the tables of `write_table`, without joints."""
 
 
-def log_of(time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, /, **fields: Any) -> MotorLog:
+def log_of(
+    time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, /, **fields: Any
+) -> MotorLog:
     """Joints a, b, … with (N,) or (N, J) targets and angles, which are the targets if not given; or other fields."""
-    columns = [np.reshape(each, (len(time), -1)) for each in (target, target if pos is None else pos)]
+    columns = [
+        np.reshape(each, (len(time), -1)) for each in (target, target if pos is None else pos)
+    ]
     names = tuple("abcdef"[: columns[0].shape[1]])
     known = {"joint_names": names, "robot": "r", "motor": "m", "source": "made"}
-    return MotorLog(**(known | {"time": time, "position_target": columns[0], "joint_pos": columns[1]} | fields))
+    return MotorLog(
+        **(known | {"time": time, "position_target": columns[0], "joint_pos": columns[1]} | fields)
+    )
 
 
 def joints_of(robot: Robot) -> dict[str, Any]:
@@ -37,7 +45,9 @@ def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
 def write_table(log: MotorLog, path: Path, second: float = 1.0, radian: float = 1.0) -> Path:
     """A CSV of time, targets and angles, with these numbers for a second and a radian."""
     names = [f"{what}_{joint}" for what in ("goal", "pos") for joint in log.joint_names]
-    rows = np.column_stack([second * log.time, radian * log.position_target, radian * log.joint_pos])
+    rows = np.column_stack(
+        [second * log.time, radian * log.position_target, radian * log.joint_pos]
+    )
     np.savetxt(path, rows, delimiter=",", header=",".join(["t", *names]), comments="")
     return path
 

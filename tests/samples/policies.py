@@ -11,15 +11,21 @@ from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.robots.shipped import SHIPPED
 
 ROBOT = SHIPPED[0]
-OBSERVATIONS, ACTIONS = observation_size(ROBOT.num_joints), action_size(ROBOT.num_joints)
+OBSERVATIONS = observation_size(ROBOT.num_joints)
+ACTIONS = action_size(ROBOT.num_joints)
 
 
-def random_policy(scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0) -> PolicyArrays:
+def random_policy(
+    scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0
+) -> PolicyArrays:
     """Normal weights of this standard deviation; those of hidden units have 1."""
     rng = np.random.default_rng(seed)
     weights = scale * rng.standard_normal((ACTIONS, OBSERVATIONS + 1))
-    hidden, readout = rng.standard_normal((units, OBSERVATIONS + 1)), scale * rng.standard_normal((units, ACTIONS))
-    return PolicyArrays(weights, hidden, readout, np.full(OBSERVATIONS, mean), np.full(OBSERVATIONS, std))
+    hidden = rng.standard_normal((units, OBSERVATIONS + 1))
+    readout = scale * rng.standard_normal((units, ACTIONS))
+    return PolicyArrays(
+        weights, hidden, readout, np.full(OBSERVATIONS, mean), np.full(OBSERVATIONS, std)
+    )
 
 
 def stats_of(observations: np.ndarray) -> RunningStats:

@@ -10,18 +10,25 @@ from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 from motorprior.studies.log_replay import COMMAND_PERIOD
 
-STEPS, LEAD_IN = 600, 500
+STEPS = 600
+LEAD_IN = 500
 
 
-def record_log(actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0) -> MotorLog:
+def record_log(
+    actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0
+) -> MotorLog:
     """Sines of hips and knees, read by encoders."""
     world = World(ROBOT, 0.001, suspended, COMMAND_PERIOD)
-    rng, time = np.random.default_rng(seed), COMMAND_PERIOD * np.arange(STEPS)
+    rng = np.random.default_rng(seed)
+    time = COMMAND_PERIOD * np.arange(STEPS)
     targets = np.tile(ROBOT.nominal_pose, (STEPS, 1))
     for leg in ROBOT.legs:
         for joint in leg.joints[1:]:
-            frequency, phase = speed * rng.uniform(0.8, 2.5), rng.uniform(0.0, 2.0 * np.pi)
-            targets[:, joint] += 0.25 * (np.sin(2.0 * np.pi * frequency * time + phase) - np.sin(phase))
+            frequency = speed * rng.uniform(0.8, 2.5)
+            phase = rng.uniform(0.0, 2.0 * np.pi)
+            targets[:, joint] += 0.25 * (
+                np.sin(2.0 * np.pi * frequency * time + phase) - np.sin(phase)
+            )
     lead_in = np.tile(ROBOT.nominal_pose, (LEAD_IN, 1))
     played = replay(world, actuator, targets, ROBOT.nominal_pose, lead_in)
     known = {"base_orientation": np.zeros((STEPS, 2)), "encoder": ROBOT.encoder}

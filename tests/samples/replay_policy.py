@@ -15,7 +15,9 @@ BODY = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 def replay(path) -> list[list[float]]:
     """(steps, joints) targets [rad] of the policy at ``path``."""
-    rng, motion, targets = np.random.default_rng(0), PolicyMotion(PUPPER_V2, Policy.load(path)), []
+    rng = np.random.default_rng(0)
+    motion = PolicyMotion(PUPPER_V2, Policy.load(path))
+    targets = []
     motion.forward = 0.4
     for step in range(300):
         motion.yaw_rate = 0.5 * np.sin(0.1 * step)

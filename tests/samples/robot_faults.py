@@ -15,12 +15,18 @@ class FaultyPort(SimulatedPort):
     """A simulated robot with faults; ``events`` are (time [s], IDLE or "command"), one per command that was sent."""
 
     def __init__(
-        self, robot: Robot, currents: bool = False, suspended: bool = False, period: int = 10, corrupt: float = 0.0
+        self,
+        robot: Robot,
+        currents: bool = False,
+        suspended: bool = False,
+        period: int = 10,
+        corrupt: float = 0.0,
     ):
         self.events: list[tuple[float, str]] = []
         self._signs = robot.require_wire().joint_signs
         self.pose_at_idle = np.full(robot.num_joints, np.nan)
-        self._pause, self._late = 0.0, list[tuple[float, Telemetry | str]]()
+        self._pause = 0.0
+        self._late = list[tuple[float, Telemetry | str]]()
         self.faults: dict[str, tuple[float, int]] = {}
         super().__init__(robot, 0, suspended=suspended, period=period, corrupt=corrupt)
         self.firmware = Firmware(robot, FaultyBody(self.body, self), period, currents)
@@ -48,7 +54,10 @@ class FaultyPort(SimulatedPort):
             return []
         if "restart" in self.faults:
             ahead = 1e3 * self.faults["restart"][0]
-            messages = [(at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m) for at, m in messages]
+            messages = [
+                (at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m)
+                for at, m in messages
+            ]
         if "telemetry_late" in self.faults:  # later and later: buffers fill up
             delay = 0.5 * (self.now - self.faults["telemetry_late"][0])
             self._late += [(at + delay, message) for at, message in messages]
@@ -61,11 +70,14 @@ class FaultyBody:
     """A body whose motors and sensors break."""
 
     def __init__(self, body: SimulatedRobot, port: FaultyPort):
-        self._body, self._port = body, port
+        self._body = body
+        self._port = port
         self._frozen: dict[str, float] = {}
 
     def advance(self, milliseconds: int, command: MotorCommand) -> None:
-        target, kp, kd = command.target.copy(), command.kp.copy(), command.kd.copy()
+        target = command.target.copy()
+        kp = command.kp.copy()
+        kd = command.kd.copy()
         for kind, (_, joint) in self._port.faults.items():
             if kind == "dead":
                 kp[joint] = kd[joint] = 0.0
@@ -76,11 +88,15 @@ class FaultyBody:
 
     def sense(self) -> SensorReadings:
         sensors = self._body.sense()
-        pos, vel, current, attitude = (sensors.pos, sensors.vel, sensors.current, sensors.attitude)
+        pos = sensors.pos
+        vel = sensors.vel
+        current = sensors.current
+        attitude = sensors.attitude
         changes: dict[str, np.ndarray] = {}
         for kind, (_, joint) in self._port.faults.items():
             if kind == "frozen":
-                pos[joint], vel[joint] = self._frozen.setdefault(kind, float(pos[joint])), 0.0
+                pos[joint] = self._frozen.setdefault(kind, float(pos[joint]))
+                vel[joint] = 0.0
             elif kind == "jumping":
                 pos[joint] += 0.8 * (1 if round(100.0 * self._port.now) % 2 else -1)
             elif kind == "hot_current":
@@ -90,5 +106,8 @@ class FaultyBody:
             elif kind == "tilted":
                 attitude[0] = 1.0
             elif kind in ("imu_repeats", "imu_zeros"):
-                changes = {"attitude": np.full(3, 0.01 if kind == "imu_repeats" else 0.0), "rates": np.zeros(3)}
+                changes = {
+                    "attitude": np.full(3, 0.01 if kind == "imu_repeats" else 0.0),
+                    "rates": np.zeros(3),
+                }
         return replace(sensors, **changes)

@@ -13,7 +13,8 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
-ROWS, JOINTS = 40, ("pan", "lift")
+ROWS = 40
+JOINTS = ("pan", "lift")
 TIME = 0.02 * np.arange(ROWS)
 TARGET = np.stack([np.sin(3.0 * TIME), 0.5 * np.cos(2.0 * TIME)], axis=1)
 ANGLE = np.stack([np.sin(3.0 * (TIME - 0.05)), 0.5 * np.cos(2.0 * (TIME - 0.05))], axis=1)
@@ -37,10 +38,24 @@ def csv_columns(num_joints: int) -> tuple[str, ...]:
 
 def write_bam(folder: Path, **changes: Any) -> Path:
     entries = [
-        {"timestamp": t, "goal_position": g, "position": q, "speed": 0.0, "torque_enable": True, "load": 65535}
+        {
+            "timestamp": t,
+            "goal_position": g,
+            "position": q,
+            "speed": 0.0,
+            "torque_enable": True,
+            "load": 65535,
+        }
         for t, g, q in zip(TIME.tolist(), TARGET[:, 0].tolist(), ANGLE[:, 0].tolist(), strict=True)
     ]
-    whole = {"mass": 0.5, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "entries": entries} | changes
+    whole = {
+        "mass": 0.5,
+        "length": 0.1,
+        "kp": 100,
+        "vin": 7.4,
+        "motor": "xl330",
+        "entries": entries,
+    } | changes
     path = folder / "swing.json.gz"
     path.write_bytes(gzip.compress(json.dumps(whole).encode()))
     return path
@@ -50,9 +65,15 @@ def write_sage(folder: Path, control_late: float = 0.0) -> Path:
     path = folder / "motion"
     path.mkdir(exist_ok=True)
     (path / "joint_list.txt").write_text("\n".join(JOINTS) + "\n")
-    controls = [f'CONTROL,{1e6 * (t + control_late)},"{g}"' for t, g in zip(TIME, TARGET.tolist(), strict=True)]
+    controls = [
+        f'CONTROL,{1e6 * (t + control_late)},"{g}"'
+        for t, g in zip(TIME, TARGET.tolist(), strict=True)
+    ]
     zeros = [0.0] * len(JOINTS)
-    states = [f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"' for t, q in zip(TIME, ANGLE.tolist(), strict=True)]
+    states = [
+        f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"'
+        for t, q in zip(TIME, ANGLE.tolist(), strict=True)
+    ]
     (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
     header = "type,timestamp,positions,velocities,torques"
     (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
@@ -83,8 +104,11 @@ def write_lerobot(folder: Path) -> Path:
 def write_csv(folder: Path, suffix: str = "csv") -> Path:
     (folder / "columns.toml").write_text(TENSOR_MAP.replace("[{joint}]", "_{joint}"))
     series = {"des_dof_pos": TARGET, "dof_pos": ANGLE}
-    columns = {f"{name}_{k}": values[:, k] for name, values in series.items() for k in range(len(JOINTS))}
-    table, path = pa.table({"time": TIME, **columns}), folder / f"log.{suffix}"
+    columns = {
+        f"{name}_{k}": values[:, k] for name, values in series.items() for k in range(len(JOINTS))
+    }
+    table = pa.table({"time": TIME, **columns})
+    path = folder / f"log.{suffix}"
     (pq.write_table if suffix == "parquet" else pa_csv.write_csv)(table, path)
     return path
 
@@ -104,7 +128,8 @@ class Name:
     """Pickles as a global."""
 
     def __init__(self, module: str, name: str):
-        self.module, self.name = module, name
+        self.module = module
+        self.name = name
 
     def __reduce__(self) -> str:
         return self.name
@@ -113,7 +138,9 @@ class Name:
 class Tensor:
     """Pickles as `_rebuild_tensor_v2` of torch."""
 
-    def __init__(self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]):
+    def __init__(
+        self, storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]
+    ):
         self.call = (storage, offset, size, stride, False, {})
 
 
@@ -150,11 +177,14 @@ def write_tensors(path: Path, content: dict[str, Any], storages: dict[str, bytes
 
 def write_pt(folder: Path) -> Path:
     arrays = {"time": TIME, "des_dof_pos": TARGET, "dof_pos": np.asfortranarray(ANGLE)}
-    content, storages = {}, {}
+    content = {}
+    storages = {}
     for index, (name, array) in enumerate(arrays.items()):
         raw = array.astype("<f4").tobytes(order="A")
         stride = tuple(step // array.itemsize for step in array.strides)
-        content[name] = Tensor(Storage("FloatStorage", str(index), array.size), 0, array.shape, stride)
+        content[name] = Tensor(
+            Storage("FloatStorage", str(index), array.size), 0, array.shape, stride
+        )
         storages[str(index)] = raw
     (folder / "columns.toml").write_text(TENSOR_MAP)
     return write_tensors(folder / "log.pt", content, storages)

@@ -10,7 +10,9 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 
 JOINTS = ("shoulder", "elbow")
-KP, FRICTION, LAG = 20.0, 0.01, 0.03
+KP = 20.0
+FRICTION = 0.01
+LAG = 0.03
 """[N·m/rad], and errors of position by friction [rad] and per speed [s]."""
 DESCRIPTION = """
 name = "arm"
@@ -39,8 +41,10 @@ def write_arm(folder: Path) -> str:
 def slow_motion(robot: str) -> MotorLog:
     """20 s at 100 Hz, both joints up to 0.3 rad/s."""
     time = 0.01 * np.arange(2000)
-    rate, phase = 2.0 * np.pi * np.array([0.05, 0.07]), np.array([0.0, 1.0])
-    angle, speed = 0.7 * np.sin(rate * time[:, None] + phase), 0.7 * rate * np.cos(rate * time[:, None] + phase)
+    rate = 2.0 * np.pi * np.array([0.05, 0.07])
+    phase = np.array([0.0, 1.0])
+    angle = 0.7 * np.sin(rate * time[:, None] + phase)
+    speed = 0.7 * rate * np.cos(rate * time[:, None] + phase)
     log = log_of(time, angle, angle.copy(), joint_names=JOINTS, robot="arm", motor="servo")
     gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
@@ -51,6 +55,8 @@ def slow_motion(robot: str) -> MotorLog:
 def arm_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
     """A table in rad, and its column map, in which the sign of a joint may be turned."""
     columns = folder / "columns.toml"
-    signs = "".join(f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS)
+    signs = "".join(
+        f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS
+    )
     columns.write_text(f'robot = "arm"\n{TABLE_MAP}{signs}', "utf-8")
     return write_table(log, folder / "arm.csv"), str(columns)

@@ -51,7 +51,9 @@ def trot(steps):
 
 def played(world, motors, targets):
     """(physics steps, 12) joint angles and torques, as `replay` records them."""
-    arrays, joint_pos, joint_torque = world.reset(motors), [], []
+    arrays = world.reset(motors)
+    joint_pos = []
+    joint_torque = []
     for target in targets:
         for _ in range(world.substeps):
             world.physics_step(arrays, target)
@@ -62,7 +64,8 @@ def played(world, motors, targets):
 
 def moved(world, motors, pose, steps):
     """(steps, 12) joint angles of a suspended robot let go in ``pose``, in either engine."""
-    arrays, angles = world.reset(motors, pose), np.zeros((steps, 12))
+    arrays = world.reset(motors, pose)
+    angles = np.zeros((steps, 12))
     for row in angles:
         if isinstance(world, BulletWorld):
             world.physics_step(arrays, pose)
@@ -76,23 +79,32 @@ def moved(world, motors, pose, steps):
 @pytest.mark.parametrize("armature", [0.0, 5e-4])
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 def test_a_limp_shank_is_a_pendulum(make, engine, armature):
-    # thighs hang down, held by rotors of 1e3 kg·m²; (KNEE_INERTIA + armature)·ddq = -m·g·l·sin(q - rest)
-    mass, x, z, amplitude = 0.0381, -0.00075, -0.0658, 0.1
+    # thighs hang down, held by rotors of 1e3 kg·m²; (KNEE_INERTIA + armature)·ddq = -m·g·l·sin(q -
+    # rest)
+    mass = 0.0381
+    x = -0.00075
+    z = -0.0658
+    amplitude = 0.1
     rest = -np.arctan2(-x, -z)
-    held = IdealPd(np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12))
+    held = IdealPd(
+        np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12)
+    )
     world = make() if engine == "pybullet" else World(PUPPER_V2, 0.001, suspended=True)
     angles = moved(world, held, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
     wave = np.sqrt(mass * GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
     t = 0.001 * np.arange(1, 1001)
-    # Euler errs by dt·wave/2 of the amplitude, 4e-4 rad; a finite swing is slower by amplitude²/16, 5e-4 rad in 1 s
-    np.testing.assert_allclose(angles[:, 2::3] - rest, np.tile(amplitude * np.cos(wave * t), (4, 1)).T, atol=1.2e-3)
+    # Euler errs by dt·wave/2 of the amplitude, 4e-4 rad; a finite swing is slower by amplitude²/16,
+    # 5e-4 rad in 1 s
+    np.testing.assert_allclose(
+        angles[:, 2::3] - rest, np.tile(amplitude * np.cos(wave * t), (4, 1)).T, atol=1.2e-3
+    )
     assert np.abs(np.delete(angles, np.s_[2::3], axis=1)).max() < 1e-3
 
 
 TOLERANCE = {"physical": (1e-9, 1e-6), "ideal_pd": (1e-5, 1e-3), "grey_box": (0.004, 0.25)}
 """Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping,
-its own and that of its stiffness, which is explicit here: a blow through the play is another, and falls in another
-millisecond, so that torques differ by a fifth of their limit for as long."""
+its own and that of its stiffness, which is explicit here: a blow through the play is another, and
+falls in another millisecond, so that torques differ by a fifth of their limit for as long."""
 
 
 def test_a_suspended_robot_trots_as_in_mujoco(make, motors):

@@ -24,7 +24,9 @@ def test_a_training_whose_episodes_diverge_keeps_no_policy():
     motors = IdealPd.uniform(12, kp=1e300, kd=0.5, torque_limit=1e308, armature=0.003)
     search = ArsConfig(num_directions=1, num_top_directions=1)
     with pytest.raises(SimulationFault, match="2 of 2 episodes"):
-        train_policy(ROBOT, motors, WalkSettings(search=search, iterations=1, episode_steps=20), workers=1)
+        train_policy(
+            ROBOT, motors, WalkSettings(search=search, iterations=1, episode_steps=20), workers=1
+        )
 
 
 def test_diverged_walks_are_named_and_counted():
@@ -35,11 +37,15 @@ def test_diverged_walks_are_named_and_counted():
 
 
 def test_a_heavier_robot_than_the_trained_one_is_a_warning():
-    policy = Policy.of(ROBOT, PolicyShape(ROBOT.num_joints).untrained(), ROBOT.nominal_pose, ROBOT.nominal_pose)
+    policy = Policy.of(
+        ROBOT, PolicyShape(ROBOT.num_joints).untrained(), ROBOT.nominal_pose, ROBOT.nominal_pose
+    )
     assert not weight_warning(policy, ROBOT)
     trained = replace(policy, provenance={ROBOT_WEIGHT: ROBOT.weight - 4.0 * 9.81})
     assert all(
         f"{weight / 9.81:.2f} kg" in weight_warning(trained, ROBOT)
         for weight in (trained.provenance[ROBOT_WEIGHT], ROBOT.weight)
     )
-    assert not weight_warning(replace(policy, provenance={ROBOT_WEIGHT: 1.01 * ROBOT.weight}), ROBOT)
+    assert not weight_warning(
+        replace(policy, provenance={ROBOT_WEIGHT: 1.01 * ROBOT.weight}), ROBOT
+    )

@@ -45,7 +45,8 @@ def compiled(xml: str = HAND) -> tuple[mujoco.MjModel, mujoco.MjData]:
 def tracking(xml: str, motors: GreyBoxActuator) -> np.ndarray:
     """RMS errors of wrist and left finger [rad] over 2 s."""
     model, data = compiled(xml)
-    driven, errors = DrivenJoints(model, data, motors, ["wrist", "finger_l"]), []
+    driven = DrivenJoints(model, data, motors, ["wrist", "finger_l"])
+    errors = []
     for _ in range(1000):
         target = 0.4 * np.sin(np.pi * data.time + np.arange(2))
         driven.drive(target)
@@ -63,17 +64,23 @@ def test_a_finger_that_an_equality_couples_to_a_driven_one_follows_it(motors):
 
 def test_the_damping_is_the_implicit_one(motors):
     """The same motion as with the damping in ``dof_damping``, which MuJoCo's Euler treats implicitly."""
-    xml = HAND.replace("implicitfast", "Euler").replace("<equality>", "<!--").replace("</equality>", "-->")
+    xml = (
+        HAND.replace("implicitfast", "Euler")
+        .replace("<equality>", "<!--")
+        .replace("</equality>", "-->")
+    )
     model, data = compiled(xml)
     other, there = compiled(xml)
-    driven, loose = DrivenJoints(model, data, motors(1), ["wrist"]), Motors(motors(1), 0.002, np.zeros(1))
+    driven = DrivenJoints(model, data, motors(1), ["wrist"])
+    loose = Motors(motors(1), 0.002, np.zeros(1))
     other.dof_armature[0] = loose.armature[0]
     for step in range(200):
         target = np.array([0.5 * np.sin(0.02 * step)])
         driven.drive(target)
         mujoco.mj_step(model, data)
         torque, damping = loose.step(target, there.qpos[:1], there.qvel[:1])
-        there.qfrc_applied[0], other.dof_damping[0] = torque[0], damping[0]
+        there.qfrc_applied[0] = torque[0]
+        other.dof_damping[0] = damping[0]
         mujoco.mj_step(other, there)
     np.testing.assert_allclose(data.qpos, there.qpos, atol=1e-9)
     assert abs(data.qpos[0]) > 0.1
@@ -82,10 +89,26 @@ def test_the_damping_is_the_implicit_one(motors):
 @pytest.mark.parametrize(
     ("joints", "change", "problem"),
     [
-        (["wrist"], ("</mujoco>", '<actuator><position name="servo" joint="wrist"/></actuator></mujoco>'), "'servo'"),
-        (["wrist"], ("</mujoco>", '<actuator><motor name="m" jointinparent="wrist"/></actuator></mujoco>'), "'m'"),
-        (["finger_r"], ("</mujoco>", '<actuator><motor name="t" tendon="pull"/></actuator></mujoco>'), "'t'"),
-        (["wrist"], ("</mujoco>", '<actuator><motor name="c" tendon="cable"/></actuator></mujoco>'), "'c'"),
+        (
+            ["wrist"],
+            ("</mujoco>", '<actuator><position name="servo" joint="wrist"/></actuator></mujoco>'),
+            "'servo'",
+        ),
+        (
+            ["wrist"],
+            ("</mujoco>", '<actuator><motor name="m" jointinparent="wrist"/></actuator></mujoco>'),
+            "'m'",
+        ),
+        (
+            ["finger_r"],
+            ("</mujoco>", '<actuator><motor name="t" tendon="pull"/></actuator></mujoco>'),
+            "'t'",
+        ),
+        (
+            ["wrist"],
+            ("</mujoco>", '<actuator><motor name="c" tendon="cable"/></actuator></mujoco>'),
+            "'c'",
+        ),
         (["elbow"], ("", ""), "no joint 'elbow'"),
         (["slide"], ("", ""), "'slide' is no hinge"),
         (["wrist"], ("implicitfast", "RK4"), "RK4"),

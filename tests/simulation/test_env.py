@@ -14,10 +14,12 @@ class GlidingWorld:
     """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
 
     def __init__(self, fall_at=10**9, fail_at=10**9):
-        self.fall_at, self.fail_at = fall_at, fail_at
+        self.fall_at = fall_at
+        self.fail_at = fail_at
 
     def reset(self, actuator, joint_pos=None, conditions=None):
-        self.count, self.joints = 0, PUPPER_V2.nominal_pose.copy()
+        self.count = 0
+        self.joints = PUPPER_V2.nominal_pose.copy()
 
     def step(self, target):
         self.joints = target
@@ -27,10 +29,14 @@ class GlidingWorld:
     def state(self):
         return RobotState(
             base_pos=np.array([0.003 * self.count, 0.0, 0.17]),
-            base_quat=np.array([1.0, 0.0, 0.0, 0.0]) if self.count < self.fall_at else np.array([0.8, 0.6, 0, 0]),
+            base_quat=np.array([1.0, 0.0, 0.0, 0.0])
+            if self.count < self.fall_at
+            else np.array([0.8, 0.6, 0, 0]),
             base_lin_vel=np.array([0.3, 0.0, 0.0]),
             base_ang_vel=np.zeros(3),
-            measured_joint_pos=self.joints.copy() if self.count < self.fail_at else np.full(12, np.nan),
+            measured_joint_pos=self.joints.copy()
+            if self.count < self.fail_at
+            else np.full(12, np.nan),
             foot_pos=np.full((4, 3), np.nan),
             torque_squared_sum=2.0,
             fault=int(self.count >= self.fail_at),
@@ -44,7 +50,9 @@ def env_of(walk=WalkConfig(), **ends):  # noqa: B008
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
-    alone = TaskWeights(speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0)
+    alone = TaskWeights(
+        speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0
+    )
     env = env_of(WalkConfig(task=alone), fall_at=2)
     env.reset(seed=0)
     _, upright, terminated, _, _ = env.step(np.zeros(17))

@@ -20,7 +20,8 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import DrawMotors, Scene, WalkConfig, WalkSimulator
 
-# Compiled code is made for the processor; numpy and the C library choose theirs by it: other sums, other bits.
+# Compiled code is made for the processor; numpy and the C library choose theirs by it: other sums,
+# other bits.
 HOLDS_FOR = {
     "mujoco": "4.0.0",
     "numba": "0.68.1",
@@ -41,10 +42,22 @@ DIGESTS = {
 
 def found(draw: DrawMotors) -> str:
     everything = Randomization(
-        armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
-        encoder_offset=0.02, joint_noise=0.002, tilt_noise=0.01, rate_noise=0.05, sensor_delay=(0.004, 0.025),
-        command_delay=(0.001, 0.018), push=0.1, push_interval=0.2, gyro_bias=0.02,
-    )  # fmt: skip
+        armature=(0.0, 0.002),
+        damping=(0.0, 0.05),
+        friction=(0.6, 1.4),
+        mass=(0.8, 1.2),
+        com=0.01,
+        gravity_tilt=0.05,
+        encoder_offset=0.02,
+        joint_noise=0.002,
+        tilt_noise=0.01,
+        rate_noise=0.05,
+        sensor_delay=(0.004, 0.025),
+        command_delay=(0.001, 0.018),
+        push=0.1,
+        push_interval=0.2,
+        gyro_bias=0.02,
+    )
     walk = WalkConfig(episode_steps=80, randomization=everything)
     shape = PolicyShape.of(PUPPER_V2, hidden_units=4, symmetric=True)
     search = PolicySearch(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
@@ -52,13 +65,18 @@ def found(draw: DrawMotors) -> str:
     for _ in range(3):
         search.advance(executor)
     search.evaluate(executor)
-    return hashlib.sha256(b"".join(array.tobytes() for array in search.state().values())).hexdigest()
+    return hashlib.sha256(
+        b"".join(array.tobytes() for array in search.state().values())
+    ).hexdigest()
 
 
 @pytest.fixture(params=DIGESTS)
 def motors(request, grey_box) -> tuple[str, DrawMotors]:
     box = grey_box()
-    draws = {"ideal_pd": draw_pd, "grey_box": lambda rng: GreyBoxActuator(box, rng.standard_normal((12, 3)))}
+    draws = {
+        "ideal_pd": draw_pd,
+        "grey_box": lambda rng: GreyBoxActuator(box, rng.standard_normal((12, 3))),
+    }
     return request.param, draws[request.param]
 
 
@@ -70,13 +88,19 @@ def here() -> dict[str, str]:
         "machine": platform.machine(),
         "libc": " ".join(platform.libc_ver()),
         "cpu": get_host_cpu_name(),
-        "cpu's features": hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[:12],
+        "cpu's features": hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[
+            :12
+        ],
         "numpy's SIMD": " ".join(simd),
     }
 
 
 def test_the_bytes_are_those_of_the_golden_run(motors):
-    other = {name: f"{value}, not {HOLDS_FOR[name]}" for name, value in here().items() if value != HOLDS_FOR[name]}
+    other = {
+        name: f"{value}, not {HOLDS_FOR[name]}"
+        for name, value in here().items()
+        if value != HOLDS_FOR[name]
+    }
     if other:
         pytest.skip(f"the golden digest holds for other libraries or another processor: {other}")
     assert found(motors[1]) == DIGESTS[motors[0]]
@@ -87,4 +111,6 @@ def test_the_digests_are_of_the_libraries_that_the_project_installs():
     lock = (Path(__file__).parents[2] / "requirements.lock").read_text(encoding="utf-8")
     pinned = dict(re.findall(r"^([a-z]+)==(\S+)", lock, flags=re.MULTILINE))
     libraries = ("mujoco", "numba", "llvmlite", "numpy")
-    assert {name: HOLDS_FOR[name] for name in libraries} == {name: pinned[name] for name in libraries}
+    assert {name: HOLDS_FOR[name] for name in libraries} == {
+        name: pinned[name] for name in libraries
+    }

@@ -12,18 +12,31 @@ from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ConfigError
 from motorprior.simulation.motors import motors_as_json, motors_from_json
 
-OPTIONS = {"posterior": ("file", "prior"), "prior": ("file",), "fleet": ("fleet",), "pd": ("fleet",)}
+OPTIONS = {
+    "posterior": ("file", "prior"),
+    "prior": ("file",),
+    "fleet": ("fleet",),
+    "pd": ("fleet",),
+}
 
 
 @pytest.fixture(params=OPTIONS)
 def text(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """Motors of files in a folder next to that of the policy."""
-    folder, kind = tmp_path / "inputs", request.param
+    folder = tmp_path / "inputs"
+    kind = request.param
     folder.mkdir()
-    files = {name: folder / f"{name}.{'toml' if name == 'fleet' else 'safetensors'}" for name in OPTIONS[kind]}
+    files = {
+        name: folder / f"{name}.{'toml' if name == 'fleet' else 'safetensors'}"
+        for name in OPTIONS[kind]
+    }
     for file in files.values():
         shutil.copy(fleet_path("mixed"), file)
-    more = {"posterior": {"limit_follows_gain": True}, "prior": {"latent_spread": 0.5}, "pd": {"kp": 3.0}}
+    more = {
+        "posterior": {"limit_follows_gain": True},
+        "prior": {"latent_spread": 0.5},
+        "pd": {"kp": 3.0},
+    }
     return motor_text(kind, **files, **more.get(kind, {}))
 
 
@@ -46,12 +59,14 @@ def test_motors_are_read_back_after_their_files_moved(text: str, policy: Path, t
     assert kind == same_kind and options.keys() == same.keys()
     for name, value in options.items():
         if isinstance(value, str):
-            value, same[name] = tmp_path / "elsewhere" / "inputs" / Path(value).name, Path(same[name]).resolve()
+            value = tmp_path / "elsewhere" / "inputs" / Path(value).name
+            same[name] = Path(same[name]).resolve()
         assert same[name] == value
 
 
 def test_a_changed_file_is_rejected(text: str, policy: Path):
-    stored, options = motors_as_json(text, policy.parent), parsed(text)[1]
+    stored = motors_as_json(text, policy.parent)
+    options = parsed(text)[1]
     for name in stored["files"]:
         file = Path(str(options[name]))
         before = file.read_bytes()

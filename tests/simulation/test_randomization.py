@@ -39,7 +39,9 @@ def episode(randomization):
     return WalkSimulator(scene).run(POLICY, 3, trace=True)
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(Randomization) if field.name != "push_interval"])
+@pytest.mark.parametrize(
+    "name", [field.name for field in fields(Randomization) if field.name != "push_interval"]
+)
 def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.2)
     changed = episode(only)
@@ -51,8 +53,13 @@ def test_draws_fill_their_ranges():
     draws = [EVERYTHING.conditions(PUPPER_V2, seed, STEPS) for seed in range(300)]
     for name in ("armature", "damping", "friction", "mass", "strength", *Factors._fields):
         low, high = getattr(EVERYTHING, name)
-        values = np.array([getattr(draw.factors if name in Factors._fields else draw, name) for draw in draws])
-        assert low <= values.min() < low + 0.1 * (high - low) and high - 0.1 * (high - low) < values.max() <= high
+        values = np.array(
+            [getattr(draw.factors if name in Factors._fields else draw, name) for draw in draws]
+        )
+        assert (
+            low <= values.min() < low + 0.1 * (high - low)
+            and high - 0.1 * (high - low) < values.max() <= high
+        )
     gravity = np.array([draw.gravity for draw in draws])
     np.testing.assert_allclose(np.linalg.norm(gravity, axis=1), 9.81)
     tilt = np.arccos(-gravity[:, 2] / 9.81)
@@ -61,12 +68,23 @@ def test_draws_fill_their_ranges():
 
 
 def test_friction_and_inertia_reach_mujoco_until_the_next_reset():
-    conditions, world, plain = EVERYTHING.conditions(PUPPER_V2, 1, STEPS), World(PUPPER_V2), World(PUPPER_V2).model
+    conditions = EVERYTHING.conditions(PUPPER_V2, 1, STEPS)
+    world = World(PUPPER_V2)
+    plain = World(PUPPER_V2).model
     world.reset(WITH_FRICTION, conditions=conditions)
-    np.testing.assert_allclose(world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None])
+    np.testing.assert_allclose(
+        world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None]
+    )
     np.testing.assert_allclose(world.model.pair_friction[:, 0], 0.45 * conditions.friction)
     world.reset(PD)
-    for name in ("body_mass", "body_inertia", "body_ipos", "pair_friction", "body_subtreemass", "body_invweight0"):
+    for name in (
+        "body_mass",
+        "body_inertia",
+        "body_ipos",
+        "pair_friction",
+        "body_subtreemass",
+        "body_invweight0",
+    ):
         np.testing.assert_array_equal(getattr(world.model, name), getattr(plain, name))
 
 
@@ -74,8 +92,11 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
     world = World(PUPPER_V2, suspended=True)
     world.model.opt.gravity[:] = 0.0
-    motors = world.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset))
-    measured, target = np.zeros(12), PUPPER_V2.nominal_pose + 0.1
+    motors = world.reset(
+        PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset)
+    )
+    measured = np.zeros(12)
+    target = PUPPER_V2.nominal_pose + 0.1
     for _ in range(200):
         hold_target(world.arrays, motors, target)
     read_joints(world.arrays, motors, measured)
@@ -89,7 +110,8 @@ def test_a_late_target_is_the_one_before_until_it_comes():
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
     ours, theirs = (World(PUPPER_V2, physics_dt=0.001, suspended=True) for _ in range(2))
     one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_jitter=late))
-    other, before = theirs.reset(PD), PUPPER_V2.nominal_pose
+    other = theirs.reset(PD)
+    before = PUPPER_V2.nominal_pose
     for target, age in zip(targets, late, strict=True):
         hold_target(ours.arrays, one, target)
         for substep in range(10):
@@ -116,39 +138,59 @@ def falling(engine, randomization):
     targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
     states = [world.step(target) for target in targets]
     world.close()
-    return np.array([np.r_[state.measured_joint_pos, state.base_pos, state.base_quat] for state in states])
+    return np.array(
+        [np.r_[state.measured_joint_pos, state.base_pos, state.base_quat] for state in states]
+    )
 
 
-IN_THE_AIR = ("armature", "damping", "mass", "com", "gravity_tilt", "encoder_offset", "command_delay", "command_jitter")
+IN_THE_AIR = (
+    "armature",
+    "damping",
+    "mass",
+    "com",
+    "gravity_tilt",
+    "encoder_offset",
+    "command_delay",
+    "command_jitter",
+)
 
 
 @pytest.mark.parametrize("name", [*IN_THE_AIR, "push", "strength", "kp", "kd", "torque_limit"])
 def test_every_range_moves_a_falling_robot_alike_in_both_engines(name):
-    pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
+    pytest.importorskip(
+        "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
+    )
     only = replace(Randomization(), **{name: getattr(EVERYTHING, name)}, push_interval=0.1)
-    mujoco, bullet = falling("mujoco", only), falling("pybullet", only)
+    mujoco = falling("mujoco", only)
+    bullet = falling("pybullet", only)
     np.testing.assert_allclose(mujoco, bullet, atol=1.5e-5)  # rad and m; measured: 7e-6
     assert np.abs(bullet - falling("pybullet", Randomization())).max() > 3e-4
 
 
 def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
     """A rigid body that is turned by the rotation that takes gravity down has the angles of the slope's own frame."""
-    slope, rng = Randomization(gravity_tilt=0.4), np.random.default_rng(5)
+    slope = Randomization(gravity_tilt=0.4)
+    rng = np.random.default_rng(5)
     for seed in range(20):
         up = slope.sensors(PUPPER_V2, seed, STEPS).up
-        np.testing.assert_allclose(slope.conditions(PUPPER_V2, seed, STEPS).gravity, -9.81 * up, atol=1e-12)
+        np.testing.assert_allclose(
+            slope.conditions(PUPPER_V2, seed, STEPS).gravity, -9.81 * up, atol=1e-12
+        )
         body = Rotation.from_euler("ZYX", rng.uniform(-1.0, 1.0, 3))
         level = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]
         _, pitch, roll = (level * body).as_euler("ZYX")
         observation = np.arange(23.0)
-        apply_sensor_errors(perfect_sensors()._replace(up=up), 0, body.as_quat(scalar_first=True), observation)
+        apply_sensor_errors(
+            perfect_sensors()._replace(up=up), 0, body.as_quat(scalar_first=True), observation
+        )
         np.testing.assert_allclose(observation, [roll, pitch, *np.arange(2.0, 23.0)], atol=1e-9)
 
 
 @pytest.mark.parametrize("delay", [0.4, 1.0, 2.75])
 def test_delayed_readings_are_interpolated_and_what_the_gait_follows_is_not_delayed(delay):
     truth = np.random.default_rng(0).standard_normal((10, 23))
-    late, history = np.full(100, delay), np.zeros((int(delay) + 2, 17))
+    late = np.full(100, delay)
+    history = np.zeros((int(delay) + 2, 17))
     sensors = SensorErrors(np.zeros((0, 17)), late, history, np.array([0.0, 0.0, 1.0]))
     for count, row in enumerate(truth):
         observation = row.copy()

@@ -23,15 +23,31 @@ FLEET = load_fleet("pupper_v2")
 
 def pd_network():
     """A latent network that acts like a PD of 9 N·m/rad and 0.8 N·m·s/rad, each z a little differently."""
-    w1, w2 = np.zeros((4, 8)), np.zeros((8, 8))
-    w1[0, 0], w1[2, 0] = 0.1, -0.18  # the newest error and velocity; softsign is nearly linear here
+    w1 = np.zeros((4, 8))
+    w2 = np.zeros((8, 8))
+    # the newest error and velocity; softsign is nearly linear here
+    w1[0, 0] = 0.1
+    w1[2, 0] = -0.18
     w2[0, 0] = 1.0
     v1 = 0.002 * np.random.default_rng(0).standard_normal((3, 8))
     return LatentNetwork(
-        w1=w1, v1=v1, b1=np.zeros(8), w2=w2, b2=np.zeros(8), w3=np.r_[1.0, np.zeros(7)], b3=np.array(0.0),
-        log_armature=np.array(np.log(0.003)), armature_slope=np.array([0.2, 0.0, 0.0]), taps=(0, 2), period=0.002,
-        error_scale=0.1, velocity_scale=2.0, torque_scale=9.0, torque_limit=1.26, has_armature=True,
-    )  # fmt: skip
+        w1=w1,
+        v1=v1,
+        b1=np.zeros(8),
+        w2=w2,
+        b2=np.zeros(8),
+        w3=np.r_[1.0, np.zeros(7)],
+        b3=np.array(0.0),
+        log_armature=np.array(np.log(0.003)),
+        armature_slope=np.array([0.2, 0.0, 0.0]),
+        taps=(0, 2),
+        period=0.002,
+        error_scale=0.1,
+        velocity_scale=2.0,
+        torque_scale=9.0,
+        torque_limit=1.26,
+        has_armature=True,
+    )
 
 
 def draw_physical(rng):
@@ -65,11 +81,14 @@ def assert_equal(one, other):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"])
+@pytest.mark.parametrize(
+    ("policy", "falls"), [(POLICY, False), (CLUMSY, True)], ids=["walks", "falls"]
+)
 def test_compiled_equals_python_bit_for_bit(kind, policy: PolicyArrays, falls):
     walk = WalkConfig(episode_steps=STEPS, task=TaskWeights(lateral=0.3, heading=0.1))
     scene = Scene(PUPPER_V2, KINDS[kind][0], walk, KINDS[kind][1])
-    compiled, python = WalkSimulator(scene), EnvSimulator(scene)
+    compiled = WalkSimulator(scene)
+    python = EnvSimulator(scene)
     for seed in (0, 1):
         episode = compiled.run(policy, seed, trace=True)
         assert_equal(episode, python.run(policy, seed, trace=True))
@@ -86,8 +105,10 @@ EVERY = Randomization(
 
 def test_commands_randomization_and_hidden_units_are_the_same_in_both_loops():
     walk = WalkConfig(STEPS, TaskWeights(), EVERY, Commands(hold=0.3, straight=0.2))
-    policy, scene = random_policy(0.05, seed=4, units=6), Scene(PUPPER_V2, draw_pd, walk)
-    compiled, python = WalkSimulator(scene), EnvSimulator(scene)
+    policy = random_policy(0.05, seed=4, units=6)
+    scene = Scene(PUPPER_V2, draw_pd, walk)
+    compiled = WalkSimulator(scene)
+    python = EnvSimulator(scene)
     for seed in (0, 1):
         one = compiled.run(policy, seed, trace=True)
         assert_equal(one, python.run(policy, seed, trace=True))
@@ -96,7 +117,12 @@ def test_commands_randomization_and_hidden_units_are_the_same_in_both_loops():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_zero_policy_trots_and_stays_up(kind):
-    walk, (draw, physics_dt) = WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)), KINDS[kind]
-    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(PolicyShape(12).untrained(), 0, trace=True)
+    walk, (draw, physics_dt) = (
+        WalkConfig(episode_steps=STEPS, commands=Commands.steady(0.3)),
+        KINDS[kind],
+    )
+    episode = WalkSimulator(Scene(PUPPER_V2, draw, walk, physics_dt)).run(
+        PolicyShape(12).untrained(), 0, trace=True
+    )
     assert episode.steps == STEPS and episode.fault == 0 and episode.motion.shape == (STEPS, 6 + 24)
     assert np.ptp(episode.trace[:, 7:], axis=0)[1::3].min() > 0.05  # every hip swings

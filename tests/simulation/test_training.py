@@ -22,10 +22,14 @@ def test_symmetry_and_hidden_units_are_those_of_walk(options: dict[str, Any], tm
     run_walk(Walk(out=tmp_path, motors="fleet", **SHORT, **options))
     walked = Policy.load(tmp_path / POLICY)
     found = mp.train_policy(PUPPER_V2, mp.load_fleet("pupper_v2"), **SHORT, **options)
-    assert len(found.arrays.hidden) == options.get("hidden_units", 0) and found.arrays.weights.any(), (
-        "or nothing would differ"
+    assert (
+        len(found.arrays.hidden) == options.get("hidden_units", 0) and found.arrays.weights.any()
+    ), "or nothing would differ"
+    assert (
+        found.provenance["symmetric"]
+        == walked.provenance["symmetric"]
+        == options.get("symmetric", True)
     )
-    assert found.provenance["symmetric"] == walked.provenance["symmetric"] == options.get("symmetric", True)
     for one, other in zip(found.arrays, walked.arrays, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found.provenance["best_return"] == walked.provenance["best_return"]

@@ -28,7 +28,8 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
     world = World(PUPPER_V2, suspended=True)
     motors = world.reset(PD)
     world.data.qvel[:] = np.linspace(-3, 3, 12)
-    error, speed = np.linspace(0.1, -0.1, 12), world.data.qvel.copy()
+    error = np.linspace(0.1, -0.1, 12)
+    speed = world.data.qvel.copy()
     total = physics_step(world.arrays, motors, PUPPER_V2.nominal_pose + error)
     law = np.clip(8.8 * error - 0.84 * speed, -1.26, 1.26)
     np.testing.assert_allclose(world.data.qfrc_applied, law + 0.84 * speed, atol=1e-12)
@@ -39,7 +40,8 @@ def test_the_reported_torque_is_the_motors_with_the_engines_share():
 
 
 def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
-    world, target = World(PUPPER_V2, suspended=True), PUPPER_V2.nominal_pose + 0.2
+    world = World(PUPPER_V2, suspended=True)
+    target = PUPPER_V2.nominal_pose + 0.2
     motors = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
@@ -53,11 +55,13 @@ def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
 
 def test_reset_forgets():
     targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.3, 0.3, (30, 12))
-    fresh, used = World(PUPPER_V2), World(PUPPER_V2)
+    fresh = World(PUPPER_V2)
+    used = World(PUPPER_V2)
     heavy = IdealPd.uniform(12, kp=3.0, kd=0.1, torque_limit=5.0, armature=0.02, delay=0.02)
     replay(used, heavy, -targets)  # other motors, other fall
     used.data.qfrc_applied[:] = 7.0
-    one, other = replay(fresh, PD, targets), replay(used, PD, targets)
+    one = replay(fresh, PD, targets)
+    other = replay(used, PD, targets)
     for name in ("joint_pos", "joint_torque", "measured_joint_pos", "base"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
@@ -79,19 +83,31 @@ def test_a_state_that_is_not_finite_is_fault_1_and_ends_the_episode_with_no_rewa
     simulator = WalkSimulator(Scene(PUPPER_V2, lambda rng: motors))
     episode = simulator.run(random_policy(1.0, seed=0), seed=0)
     assert episode.fault == 1 and episode.steps < 250
-    assert np.isfinite(episode.total) and np.all(np.isfinite(episode.mean)) and np.all(episode.displacement == 0.0)
+    assert (
+        np.isfinite(episode.total)
+        and np.all(np.isfinite(episode.mean))
+        and np.all(episode.displacement == 0.0)
+    )
     with pytest.raises(SimulationFault, match="not finite"):
         replay(World(PUPPER_V2), motors, np.tile(PUPPER_V2.nominal_pose + 0.1, (5, 1)))
 
 
 @pytest.mark.usefixtures("in_tmp_path")
 def test_full_memory_ends_the_compiled_episode_with_its_name():
-    # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet, is too much
-    small = PUPPER_V2.model.path.read_text().replace("<worldbody>", '<size memory="4K"/><worldbody>', 1)
+    # 4 kB hold a robot in the air and no constraint: the first touch of the ground, with four feet,
+    # is too much
+    small = PUPPER_V2.model.path.read_text().replace(
+        "<worldbody>", '<size memory="4K"/><worldbody>', 1
+    )
     path = Path("small.xml").resolve()
     path.write_text(small)
     cramped = replace(PUPPER_V2, model=ModelFile.of(path))
     standing = WalkConfig(episode_steps=60, commands=Commands.steady(0.0))
-    episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(PolicyShape(12).untrained(), seed=0)
-    assert (episode.fault, FAULTS[episode.fault]) == (2, "MuJoCo ran out of contact or constraint memory")
+    episode = WalkSimulator(Scene(cramped, lambda rng: PD, standing)).run(
+        PolicyShape(12).untrained(), seed=0
+    )
+    assert (episode.fault, FAULTS[episode.fault]) == (
+        2,
+        "MuJoCo ran out of contact or constraint memory",
+    )
     assert episode.steps < 60 and np.isfinite(episode.total)

@@ -11,24 +11,37 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import Episode
 from motorprior.studies.gait_quality import gait_quality, walk_measures
 
-DT, STEPS, JOINTS = ROBOT.control_dt, 500, ROBOT.num_joints
+DT = ROBOT.control_dt
+STEPS = 500
+JOINTS = ROBOT.num_joints
 TIME = DT * np.arange(STEPS)
 Series = np.ndarray | float
 
 
 def gliding(
-    speed: float = 0.3, aside: float = 0.0, yaw: Series = 0.0, steps: int = STEPS, height: Series = 0.0
+    speed: float = 0.3,
+    aside: float = 0.0,
+    yaw: Series = 0.0,
+    steps: int = STEPS,
+    height: Series = 0.0,
 ) -> Episode:
     """A robot in the nominal pose that glides, its feet this high above the floor [m], along its heading."""
     heading = np.broadcast_to(yaw, (STEPS,))
-    along, left = np.stack([np.cos(heading), np.sin(heading)]), np.stack([-np.sin(heading), np.cos(heading)])
+    along = np.stack([np.cos(heading), np.sin(heading)])
+    left = np.stack([-np.sin(heading), np.cos(heading)])
     velocity = speed * along + aside * left
-    trace, motion = np.zeros((STEPS, 7 + JOINTS)), np.zeros((STEPS, 6 + 2 * JOINTS))
+    trace = np.zeros((STEPS, 7 + JOINTS))
+    motion = np.zeros((STEPS, 6 + 2 * JOINTS))
     trace[1:, :2] = DT * np.cumsum(velocity.T[:-1], axis=0)
-    trace[:, 2], trace[:, 3], trace[:, 6] = ROBOT.standing_height + height, np.cos(heading / 2), np.sin(heading / 2)
-    trace[:, 7:], motion[:, :2] = ROBOT.nominal_pose, velocity.T
+    trace[:, 2] = ROBOT.standing_height + height
+    trace[:, 3] = np.cos(heading / 2)
+    trace[:, 6] = np.sin(heading / 2)
+    trace[:, 7:] = ROBOT.nominal_pose
+    motion[:, :2] = velocity.T
     nothing = np.zeros(23)
-    return Episode(0.0, steps, 0.0, trace[-1, :2], 0, nothing, nothing, trace[:steps], motion[:steps])
+    return Episode(
+        0.0, steps, 0.0, trace[-1, :2], 0, nothing, nothing, trace[:steps], motion[:steps]
+    )
 
 
 def measured(episode: Episode, forward: float = 0.3, yaw_rate: float = 0.0) -> dict[str, float]:
@@ -70,7 +83,9 @@ def test_a_commanded_turn_is_no_error():
 
 def commanded_heading(rate: float) -> np.ndarray:
     """(steps,) heading [rad] before every control step that follows `follow_command` exactly."""
-    body, gait, headings = body_of(ROBOT), new_gait(body_of(ROBOT)), [0.0]
+    body = body_of(ROBOT)
+    gait = new_gait(body_of(ROBOT))
+    headings = [0.0]
     for _ in range(STEPS - 1):
         gait.observation[:] = 0.0
         follow_command(body, gait, 0.3, rate)
@@ -81,7 +96,8 @@ def commanded_heading(rate: float) -> np.ndarray:
 def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
     step, phase = np.divmod(np.arange(STEPS), 35)  # a swing of all feet in some of the steps
     lifts = np.zeros(15)
-    lifts[[4, 6, 8, 10, 14]] = 0.01, 0.03, 0.02, 0.001, 0.9  # one is below 2 mm, and the last does not end
+    # one is below 2 mm, and the last does not end
+    lifts[[4, 6, 8, 10, 14]] = 0.01, 0.03, 0.02, 0.001, 0.9
     hopping = gliding(height=lifts[step] * np.maximum(0.0, -np.cos(2.0 * np.pi * phase / 35)))
     for episode, lift in ((hopping, 20.0), (gliding(height=0.0), 0.0)):
         found = [measured(episode)[f"foot_lift_mm/{leg.name}"] for leg in ROBOT.legs]
@@ -90,8 +106,11 @@ def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
 
 def test_cost_of_transport_is_work_over_weight_and_distance():
     episode = gliding(height=0.1)
-    velocity, torque = episode.motion[:, 6 : 6 + JOINTS], episode.motion[:, 6 + JOINTS :]
-    velocity[:, 3], torque[:, 3], torque[:, 5] = -2.0, 0.6, 1.1
+    velocity = episode.motion[:, 6 : 6 + JOINTS]
+    torque = episode.motion[:, 6 + JOINTS :]
+    velocity[:, 3] = -2.0
+    torque[:, 3] = 0.6
+    torque[:, 5] = 1.1
     # only the third joint moves
     assert measured(episode)["cost_of_transport"] == pytest.approx(1.2 / (ROBOT.weight * 0.3))
 
@@ -100,16 +119,24 @@ def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():
     fell = measured(gliding(0.3, steps=300))
     assert fell["upright"] == 0.0 and fell["speed"] == pytest.approx(0.3)
     assert measured(replace(gliding(), fault=1))["upright"] == 0.0
-    late, early = measured(gliding(0.3, steps=250)), measured(gliding(0.3, steps=249))
-    assert (late["speed"], early["speed"]) == (pytest.approx(0.3), 0.0), "a second is left, and a little less"
+    late = measured(gliding(0.3, steps=250))
+    early = measured(gliding(0.3, steps=249))
+    assert (late["speed"], early["speed"]) == (pytest.approx(0.3), 0.0), (
+        "a second is left, and a little less"
+    )
     tumbles = gliding(0.3, steps=300)
     tumbles.motion[-45:, 3:5] = 9.0
-    assert measured(tumbles)["body_rate"] == pytest.approx(fell["body_rate"]), "tumbling is not measured"
+    assert measured(tumbles)["body_rate"] == pytest.approx(fell["body_rate"]), (
+        "tumbling is not measured"
+    )
     assert measured(gliding(steps=150)) == {"upright": 0.0, "speed": 0.0, "speed_error": 1.0}
 
 
 def test_measures_of_a_study_include_the_time_after_a_fall():
-    walked, fell = (walk_measures(ROBOT, gliding(0.3, aside=0.03, steps=steps), 0.3, STEPS) for steps in (STEPS, 300))
+    walked, fell = (
+        walk_measures(ROBOT, gliding(0.3, aside=0.03, steps=steps), 0.3, STEPS)
+        for steps in (STEPS, 300)
+    )
     assert walked["speed"] == pytest.approx(0.3, rel=0.01) and walked["upright"] == 1.0
     assert walked["drift"] == pytest.approx(0.15, rel=0.01) and np.isnan(fell["drift"])
     assert fell["upright"] == 299 / 500
@@ -117,4 +144,6 @@ def test_measures_of_a_study_include_the_time_after_a_fall():
 
 def test_without_velocities_of_the_engine_they_are_differences_of_the_poses():
     without = measured(replace(gliding(), motion=np.zeros((0, 6 + 2 * JOINTS))))
-    assert without["slip"] == pytest.approx(1.0, rel=0.01) and np.isnan(without["cost_of_transport"])
+    assert without["slip"] == pytest.approx(1.0, rel=0.01) and np.isnan(
+        without["cost_of_transport"]
+    )

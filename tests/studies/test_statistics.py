@@ -34,7 +34,11 @@ def test_the_interquartile_mean_is_that_of_the_middle_half_of_the_finite_scores(
 def test_intervals_have_their_nominal_coverage():
     found = [(estimate(one), compare_scores(one, other)) for one, other in studies(400)]
     assert 0.92 < np.mean([own.low <= 0.0 <= own.high for own, _ in found]) < 0.98
-    assert 0.92 < np.mean([both.difference.low <= 0.0 <= both.difference.high for _, both in found]) < 0.98
+    assert (
+        0.92
+        < np.mean([both.difference.low <= 0.0 <= both.difference.high for _, both in found])
+        < 0.98
+    )
 
 
 def test_the_interval_of_a_single_bench_is_over_its_samples():
@@ -55,15 +59,23 @@ def test_the_corrected_family_wise_error_is_at_its_level():
 
 def test_p_values_of_few_policies_have_their_lower_bound():
     assert permutation_p(np.ones((1, 2)), np.zeros((1, 2))) == pytest.approx(1 / 3, rel=0.05)
-    assert permutation_p(np.ones((2, 2)), np.zeros((2, 2))) == pytest.approx(1 / 3 * 1 / 3 / 2 * 1, rel=0.1)
+    assert permutation_p(np.ones((2, 2)), np.zeros((2, 2))) == pytest.approx(
+        1 / 3 * 1 / 3 / 2 * 1, rel=0.1
+    )
     assert permutation_p(np.ones((4, 4)), np.zeros((4, 4))) == pytest.approx(1 / 20_001)
     assert permutation_p(np.ones((1, 1)), np.zeros((1, 1))) == 1.0
 
 
 def test_policies_are_exchanged_within_their_bench_only():
     benches = np.array([[0.0], [10.0]])
-    one, other = benches + np.arange(4) / 100, benches + np.arange(4, 8) / 100
-    assert permutation_p(one, other) < 0.01 < 0.5 < permutation_p(one.reshape(1, -1), other.reshape(1, -1))
+    one = benches + np.arange(4) / 100
+    other = benches + np.arange(4, 8) / 100
+    assert (
+        permutation_p(one, other)
+        < 0.01
+        < 0.5
+        < permutation_p(one.reshape(1, -1), other.reshape(1, -1))
+    )
 
 
 def test_holm_is_the_textbooks():

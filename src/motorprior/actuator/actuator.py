@@ -1,12 +1,14 @@
 """Interface of motor models: (position_target, joint_pos, joint_vel, memory) -> torque, memory.
 
-An actuator is data for compiled functions. `Actuator.arrays` returns both, and `kernels.step_actuator` runs them.
-Conventions: error = position_target - joint_pos [rad]; a positive torque [N·m] accelerates the joint in its positive
-direction; the physics engine integrates ``armature`` [kg·m²] and ``damping`` [N·m·s/rad] implicitly,
+An actuator is data for compiled functions. `Actuator.arrays` returns both, and
+`kernels.step_actuator` runs them. Conventions: error = position_target - joint_pos [rad]; a
+positive torque [N·m] accelerates the joint in its positive direction; the physics engine integrates
+``armature`` [kg·m²] and ``damping`` [N·m·s/rad] implicitly,
 
     (joint_inertia + armature)·ddq = torque - damping·dq + all other torques.
 
-An actuator may change its damping every step (gear contact): engines read it from ``ActuatorArrays.damping``.
+An actuator may change its damping every step (gear contact): engines read it from
+``ActuatorArrays.damping``.
 """
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -34,24 +36,33 @@ class KernelTable(NamedTuple):
 class ActuatorArrays(NamedTuple):
     """Arrays of n motors for compiled code. Networks are evaluated in blocks of 16 motors.
 
-    The module of a kind names the rows of ``parameters`` and ``memory``. The fields from ``weights`` on are those of
-    networks.
+    The module of a kind names the rows of ``parameters`` and ``memory``. The fields from
+    ``weights`` on are those of networks.
     """
 
     kernels: KernelTable
     parameters: np.ndarray  # (rows, n) float64
     memory: np.ndarray  # (rows, n) float64, state
-    clock: np.ndarray  # (2,) int64: steps since reset; steps per network update, or substeps per step
-    damping: np.ndarray  # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
+    # (2,) int64: steps since reset; steps per network update, or substeps per step
+    clock: np.ndarray
+    # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
+    damping: np.ndarray
     weights: np.ndarray = np.zeros(0, np.float32)  # flat: matrices of the layers, row-major
-    inputs: np.ndarray = np.zeros(0, np.int64)  # (inputs,) rows of the history that are inputs, counted from the newest
-    biases: np.ndarray = _NO_BLOCKS  # (blocks, neurons of all layers, 16); the first layer's include z
-    history: np.ndarray = _NO_BLOCKS  # (blocks, 4·ring, 16): scaled error twice, then velocity twice; state
+    # (inputs,) rows of the history that are inputs, counted from the newest
+    inputs: np.ndarray = np.zeros(0, np.int64)
+    # (blocks, neurons of all layers, 16); the first layer's include z
+    biases: np.ndarray = _NO_BLOCKS
+    # (blocks, 4·ring, 16): scaled error twice, then velocity twice; state
+    history: np.ndarray = _NO_BLOCKS
     scratch: np.ndarray = _NO_BLOCKS  # (blocks, inputs and neurons of all layers, 16)
 
 
 def empty_arrays(
-    kind: "ActuatorKind", parameters: np.ndarray, memory_rows: int, clock_ratio: int, damping: np.ndarray | None = None
+    kind: "ActuatorKind",
+    parameters: np.ndarray,
+    memory_rows: int,
+    clock_ratio: int,
+    damping: np.ndarray | None = None,
 ) -> ActuatorArrays:
     """Arrays of a kind without a network; ``damping`` (n,) is zero if not given."""
     return ActuatorArrays(
@@ -59,7 +70,9 @@ def empty_arrays(
         parameters=np.ascontiguousarray(parameters, dtype=np.float64),
         memory=np.zeros((memory_rows, parameters.shape[1])),
         clock=np.array([0, clock_ratio], dtype=np.int64),
-        damping=np.zeros(parameters.shape[1]) if damping is None else np.array(damping, dtype=np.float64),
+        damping=np.zeros(parameters.shape[1])
+        if damping is None
+        else np.array(damping, dtype=np.float64),
     )
 
 
@@ -107,11 +120,14 @@ def require_motors(actuator: object, count: int) -> None:
     """Raise `ConfigError` unless this is an actuator of ``count`` motors: compiled code does not check bounds."""
     given = getattr(actuator, "num_motors", None)
     if given != count:
-        found = f"{type(actuator).__name__} is not an actuator" if given is None else f"{given} motors"
+        found = (
+            f"{type(actuator).__name__} is not an actuator" if given is None else f"{given} motors"
+        )
         raise ConfigError(
             f"motors: {found} for the {count} joints of the robot",
-            remedy=f"sample {count} motors, for example with MotorPrior.sample", argument="motors",
-        )  # fmt: skip
+            remedy=f"sample {count} motors, for example with MotorPrior.sample",
+            argument="motors",
+        )
 
 
 class Factors(NamedTuple):

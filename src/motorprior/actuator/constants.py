@@ -53,13 +53,18 @@ class Constants:
 
     @classmethod
     def of(
-        cls, values: Mapping[str, np.ndarray], units: Mapping[str, str], identified: Mapping[str, bool | None]
+        cls,
+        values: Mapping[str, np.ndarray],
+        units: Mapping[str, str],
+        identified: Mapping[str, bool | None],
     ) -> "Constants":
         """Quantiles of samples (n,) by name; constants without ``identified`` are unknown."""
         found = []
         for name, samples in values.items():
             low, median, high = np.quantile(samples, [0.05, 0.5, 0.95]).tolist()
-            found.append(ConstantSummary(name, units[name], median, low, high, identified.get(name)))
+            found.append(
+                ConstantSummary(name, units[name], median, low, high, identified.get(name))
+            )
         return cls(tuple(found))
 
     def __iter__(self) -> Iterator[ConstantSummary]:
@@ -76,7 +81,8 @@ class Constants:
         """Texts of the rows, in the order of the columns."""
         words = {True: "yes", False: "no", None: "unknown"}
         return [
-            [row.name, row.unit, *(f"{value:.3g}" for value in row[2:5]), words[row.identifiable]] for row in self.rows
+            [row.name, row.unit, *(f"{value:.3g}" for value in row[2:5]), words[row.identifiable]]
+            for row in self.rows
         ]
 
     def __str__(self) -> str:
@@ -86,11 +92,13 @@ class Constants:
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-def named_constants(model: "GreyBox | LatentNetwork", z: np.ndarray, gains: np.ndarray | None) -> dict[str, np.ndarray]:
+def named_constants(
+    model: "GreyBox | LatentNetwork", z: np.ndarray, gains: np.ndarray | None
+) -> dict[str, np.ndarray]:
     """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
 
-    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A network has a
-    torque limit and, if it decodes one, an armature.
+    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A
+    network has a torque limit and, if it decodes one, an armature.
     """
     if not isinstance(model, GreyBox):
         limit = {"torque_limit": np.full(len(z), model.torque_limit)}
@@ -102,7 +110,10 @@ def named_constants(model: "GreyBox | LatentNetwork", z: np.ndarray, gains: np.n
         return values
     kd_is_logged = gains is None or not np.array_equal(*gains)  # else the ratio is one of the motor
     multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
-    return {f"{name}{PER_LOGGED}" if name in multiples else name: value for name, value in values.items()}
+    return {
+        f"{name}{PER_LOGGED}" if name in multiples else name: value
+        for name, value in values.items()
+    }
 
 
 def plot_response(motors: Any, title: str, period: float) -> Any:

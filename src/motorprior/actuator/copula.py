@@ -2,8 +2,9 @@
 
     x = zᵀ·mixing,   latent_k = Q_k(x_k)
 
-mixing gives correlations, x_k is standard normal. Q_k interpolates the latent's ``quantiles`` linearly at SCORES,
-with linear extrapolation, and gives each latent its distribution over the training motors.
+mixing gives correlations, x_k is standard normal. Q_k interpolates the latent's ``quantiles``
+linearly at SCORES, with linear extrapolation, and gives each latent its distribution over the
+training motors.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ _STEPS = np.diff(SCORES)[:, None]
 
 def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
     """(n, Z) latents of the decoder for z (n, Z), by numpy or JAX; mixing (Z, Z), quantiles (9, Z) ascending."""
-    x = (z[:, :, None] * mixing).sum(axis=1)  # not @, whose rounding depends on the number of motors
+    # not @, whose rounding depends on the number of motors
+    x = (z[:, :, None] * mixing).sum(axis=1)
     slopes = (quantiles[1:] - quantiles[:-1]) / _STEPS
     beyond = x[:, None, :] - SCORES[1:-1, None]
     bends = (slopes[1:] - slopes[:-1]) * 0.5 * (beyond + abs(beyond))
@@ -41,6 +43,7 @@ class Copula:
 def normal_scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
     """(n, Z) standard normal x of latents (n, Z): the inverse of Q."""
     slopes = np.diff(quantiles, axis=0) / _STEPS
-    part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)  # (n, Z) index of the linear segment
+    # (n, Z) index of the linear segment
+    part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)
     column = np.arange(latents.shape[1])
     return SCORES[part] + (latents - quantiles[part, column]) / slopes[part, column]

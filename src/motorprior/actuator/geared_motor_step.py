@@ -1,28 +1,31 @@
 """A servo motor with rotor, dry friction and gear: its constants, and one step as one formula for every arithmetic.
 
-The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of compiled code
-(`geared_motor`) and on numpy (tests), and imports neither.
+The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of
+compiled code (`geared_motor`) and on numpy (tests), and imports neither.
 
-All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from t - h/2 to
-t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except for EXTRA_DAMPING the step is
-second-order accurate. It is linearly implicit in the rotor's new velocity v'; the velocity at t is v̄ = (v + v')/2:
+All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from
+t - h/2 to t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except
+for EXTRA_DAMPING the step is second-order accurate. It is linearly implicit in the rotor's new
+velocity v'; the velocity at t is v̄ = (v + v')/2:
 
     gear      s = twist ∓ backlash/2, or 0 within the backlash,  twist = rotor_pos - joint_pos, in contact where
-              twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
-              τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
-    friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    encoder   θ = rotor_pos - softened·s + h/2·(v̄ - v) + encoder_zero
+              twist + h/2·(v - dq) is beyond the backlash;  D = gear_damping +
+              EXTRA_DAMPING·h·gear_stiffness τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ -
+              dq)
+    friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)| + stribeck_torque/(1 +
+    (v/STRIBECK_VELOCITY)²) encoder   θ = rotor_pos - softened·s + h/2·(v̄ - v) + encoder_zero
     control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit)
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),  v' = 0 if F can stop it
 
-The delayed target and the filtered velocity are means from t - h/2 to t + h/2. A gear that is too stiff for the step is
-softened; ``softened`` is the share of its twist s that this adds.
+The delayed target and the filtered velocity are means from t - h/2 to t + h/2. A gear that is too
+stiff for the step is softened; ``softened`` is the share of its twist s that this adds.
 
-The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping + h·gear_stiffness)/2, which the
-engine integrates implicitly: a stiff gear on a light shank is then stable. The rotor gets the momentum of that damping
-in the same step, for an expected velocity change, and the difference to the actual one a step later: momentum is
-conserved, and slow motions are second-order accurate. Expected is the smaller of the last two changes while the gear
-stays in contact, and 0 if their signs differ, so that impacts and vibrations are not extrapolated.
+The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping +
+h·gear_stiffness)/2, which the engine integrates implicitly: a stiff gear on a light shank is then
+stable. The rotor gets the momentum of that damping in the same step, for an expected velocity
+change, and the difference to the actual one a step later: momentum is conserved, and slow motions
+are second-order accurate. Expected is the smaller of the last two changes while the gear stays in
+contact, and 0 if their signs differ, so that impacts and vibrations are not extrapolated.
 
 Optional terms add a firmware profile, an integral, a voltage limit and others (`optional_terms`).
 """
@@ -53,21 +56,26 @@ PARAMETERS = (
     "kp", "kd_over_kp", "velocity_filter", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "backlash", "gear_damping", "encoder_zero",
 )  # fmt: skip
-# Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this limit, since they
-# would be unstable; encoders do not see the additional twist, which would act like a longer delay
-MAX_STIFFNESS, MAX_DAMPING = 1.5, 1.0
-MAX_RATE = 0.25  # kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
+# Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this
+# limit, since they would be unstable; encoders do not see the additional twist, which would act
+# like a longer delay
+MAX_STIFFNESS = 1.5
+MAX_DAMPING = 1.0
+# kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
+MAX_RATE = 0.25
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
 LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
-EXTRA_DAMPING = 0.1  # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
+# additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
+EXTRA_DAMPING = 0.1
 STRIBECK_VELOCITY = 0.3  # [rad/s]
 PER_LOGGED = "_per_logged"  # suffix of constants that are multiples of a logged gain
 
 Values = Any  # one number per motor, in the type of the arithmetic
 
 
-# Rows that every motor has: as in PARAMETERS, but kd, delay in steps, half_backlash, and a gear that is limited by
-# MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of its mean over the step
+# Rows that every motor has: as in PARAMETERS, but kd, delay in steps, half_backlash, and a gear
+# that is limited by MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of
+# its mean over the step
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque", "viscous_damping",
     "load_friction", "gear_stiffness", "half_backlash", "gear_damping", "encoder_zero", "mean_filter_gain", "softened",
@@ -76,9 +84,18 @@ _BASE = (
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length; also the rows of the compiled step's table
 StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
-# State of motors, without the delay line of commands. joint_vel, damping (given to the engine) and expected_change are
-# those of the previous step; vel_change is the last change of joint_vel. Rows of optional terms follow, if any.
-_STATE = ("rotor_pos", "rotor_vel", "filtered_vel", "joint_vel", "damping", "vel_change", "expected_change")
+# State of motors, without the delay line of commands. joint_vel, damping (given to the engine) and
+# expected_change are those of the previous step; vel_change is the last change of joint_vel. Rows
+# of optional terms follow, if any.
+_STATE = (
+    "rotor_pos",
+    "rotor_vel",
+    "filtered_vel",
+    "joint_vel",
+    "damping",
+    "vel_change",
+    "expected_change",
+)
 BASE_STATE = len(_STATE)
 MotorState = namedtuple("MotorState", (*_STATE, *STATE_ROWS), defaults=[None] * len(STATE_ROWS))
 
@@ -93,8 +110,8 @@ def decode(
 ) -> dict[str, np.ndarray]:
     """Constants by name, each (…), from decoder outputs (…, P).
 
-    exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY. ``conditions`` are
-    numbers or (…).
+    exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY.
+    ``conditions`` are numbers or (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else np.exp(raw[..., row])
@@ -112,16 +129,20 @@ def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
 
 
-def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ...] = ()) -> StepConstants:
+def step_constants(
+    values: dict[str, np.ndarray], h: float, terms: tuple[str, ...] = ()
+) -> StepConstants:
     """Constants for steps of ``h`` [s] from constants by name.
 
-    A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has the gain
-    1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants without effect.
+    A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has
+    the gain 1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants
+    without effect.
     """
     steps = h / values["velocity_filter"]
     gain = -np.expm1(-steps)
     same = {name: values[name] for name in PARAMETERS if name in _BASE}
-    kd, max_damping = values["kp"] * values["kd_over_kp"], MAX_DAMPING * values["armature"] / h
+    kd = values["kp"] * values["kd_over_kp"]
+    max_damping = MAX_DAMPING * values["armature"] / h
     stiffness = np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2)
     softened = 1.0 - stiffness / values["gear_stiffness"]
     changed = {
@@ -143,11 +164,13 @@ def step_constants(values: dict[str, np.ndarray], h: float, terms: tuple[str, ..
 class Arithmetic(NamedTuple):
     """Element-wise functions on a type of `Values` that have no operator."""
 
-    where: Callable[[Any, Any, Any], Values]  # (condition, yes, no); ``yes`` and ``no`` may be plain numbers
+    # (condition, yes, no); ``yes`` and ``no`` may be plain numbers
+    where: Callable[[Any, Any, Any], Values]
     indicator: Callable[[Any], Values]  # 1 where the condition is true, 0 elsewhere
     clip: Callable[[Values, Values], Values]  # (x, limit): x within ±limit
     positive_part: Callable[[Values], Values]  # max(x, 0); NaN stays NaN
-    with_sign_of: Callable[[Values, Values], Values]  # (magnitude, other): the magnitude with the sign of ``other``
+    # (magnitude, other): the magnitude with the sign of ``other``
+    with_sign_of: Callable[[Values, Values], Values]
     sqrt: Callable[[Values], Values]  # defined for numbers >= 0
 
 
@@ -163,17 +186,20 @@ def step(
 ) -> tuple[MotorState, Values, Values]:
     """Advance motors by one step of ``h`` [s], the length that the constants ``p`` are for.
 
-    ``target`` is the delayed position target, mean over the step [rad]; ``q`` and ``dq`` are position [rad] and
-    velocity [rad/s] of the joint. Returns the state after the step, and torque [N·m] and damping [N·m·s/rad] of the
-    joint for the engine.
+    ``target`` is the delayed position target, mean over the step [rad]; ``q`` and ``dq`` are
+    position [rad] and velocity [rad/s] of the joint. Returns the state after the step, and torque
+    [N·m] and damping [N·m·s/rad] of the joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:
         state = profiled(p, state, target, h, arithmetic)
         target = state.reference
-    r, filtered, half_h = state.rotor_pos, state.filtered_vel, 0.5 * h
+    r = state.rotor_pos
+    filtered = state.filtered_vel
+    half_h = 0.5 * h
     # momentum that the engine's implicit damping took from the joint, less that given in advance
-    change, before = dq - state.joint_vel, state.vel_change
+    change = dq - state.joint_vel
+    before = state.vel_change
     v = state.rotor_vel + h * state.damping * (change - state.expected_change) / p.armature
     smaller = where(abs(change) < abs(before), change, before)
     expected = where(change * before * state.damping > 0.0, smaller, 0.0)
@@ -185,36 +211,47 @@ def step(
     stiffness = contact * p.gear_stiffness
     damping = 0.5 * (contact * p.gear_damping + h * stiffness)
     damper = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness
-    gear, lead = stiffness * deflection + damper * (v - dq), damper + half_h * stiffness
+    gear = stiffness * deflection + damper * (v - dq)
+    lead = damper + half_h * stiffness
 
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
     friction = friction + p.load_friction * abs(gear)
     # forces at v, plus their slopes times v̄ - v = (v' - v)/2
-    # encoder angle and velocity, without the twist that MAX_STIFFNESS adds; and the slope of the latter by v
+    # encoder angle and velocity, without the twist that MAX_STIFFNESS adds; and the slope of the
+    # latter by v
     twisting = where(abs(deflection) > 0.0, v - dq, 0.0)
-    encoder_pos, encoder_vel, follows = r - p.softened * deflection, v - p.softened_rate * twisting, 1.0
+    encoder_pos = r - p.softened * deflection
+    encoder_vel = v - p.softened_rate * twisting
+    follows = 1.0
     if "output_encoder" in terms:
         encoder_pos = encoder_pos + p.output_encoder * (q - encoder_pos)
         encoder_vel = encoder_vel + p.output_encoder * (dq - encoder_vel)
         follows = 1.0 - p.output_encoder * (1.0 - contact)
-    error, active = target - encoder_pos - p.encoder_zero, 1.0  # active: 1 outside the dead zone, 0 within
+    # active: 1 outside the dead zone, 0 within
+    error = target - encoder_pos - p.encoder_zero
+    active = 1.0
     if "dead_zone" in terms:
         active = arithmetic.indicator(abs(error) > p.dead_zone)
         error = error - arithmetic.clip(error, p.dead_zone)
     push = p.kp * error - p.kd * (filtered + p.mean_filter_gain * (encoder_vel - filtered))
     if "integral" in terms:
         state = state._replace(
-            integral=arithmetic.clip(state.integral + h * p.integral_rate * p.kp * error, p.integral_limit)
+            integral=arithmetic.clip(
+                state.integral + h * p.integral_rate * p.kp * error, p.integral_limit
+            )
         )
         push = push + state.integral
     for control_law_of_term in (TERMS[name].law for name in terms):
         if control_law_of_term is not None:
             push = control_law_of_term(p, push, v, arithmetic)
     braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
-    old, share = 0.0, 1.0  # torque of the motor = old + share·torque of the control law
+    # torque of the motor = old + share·torque of the control law
+    old = 0.0
+    share = 1.0
     if "current" in terms:
-        old, share = (1.0 - p.mean_current_gain) * state.current, p.mean_current_gain
+        old = (1.0 - p.mean_current_gain) * state.current
+        share = p.mean_current_gain
     inertia = p.armature + half_h * (lead + p.viscous_damping)
     carried = inertia * v - h * (gear + p.viscous_damping * v - damping * expected)
 
@@ -231,14 +268,21 @@ def step(
         force = arithmetic.clip(stiffness * (state.bristle + h * yielding), limit)
         return (impulse - h * force) / inertia, force / stiffness
 
-    in_force, eased = old + share * push, share * braking
-    free, bristle = velocity_after(carried + h * in_force + half_h * eased * v, inertia + half_h * eased)
+    in_force = old + share * push
+    eased = share * braking
+    free, bristle = velocity_after(
+        carried + h * in_force + half_h * eased * v, inertia + half_h * eased
+    )
     control_law = push - 0.5 * braking * (free - v)
     bounded = arithmetic.clip(control_law, p.torque_limit)
     if "torque_speed" in terms:
         bounded = within_voltage(p, bounded, v, arithmetic)
     bounded_vel, bounded_bristle = velocity_after(carried + h * (old + share * bounded), inertia)
-    limited = abs(control_law) > p.torque_limit if "torque_speed" not in terms else abs(control_law - bounded) > 0.0
+    limited = (
+        abs(control_law) > p.torque_limit
+        if "torque_speed" not in terms
+        else abs(control_law - bounded) > 0.0
+    )
     after = where(limited, bounded_vel, free)
 
     mean = 0.5 * (v + after)

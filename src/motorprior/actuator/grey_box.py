@@ -1,10 +1,11 @@
 """Grey boxes: compiled geared motors whose constants are decoded from a latent z.
 
     log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the optional terms, within e^±LOG_REACH
-                                         of center; linear for constants that may be negative (`optional_terms.SIGNED`)
+                                         of center; linear for constants that may be negative
+                                         (`optional_terms.SIGNED`)
 
-A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor. The model simulates the
-rotor, so the engine gets no armature.
+A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor. The
+model simulates the rotor, so the engine gets no armature.
 """
 
 import math
@@ -17,7 +18,13 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import (
+    Actuator,
+    ActuatorArrays,
+    Factors,
+    empty_arrays,
+    require_step,
+)
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
@@ -32,7 +39,13 @@ from motorprior.actuator.geared_motor_step import (
     with_logged_gains,
 )
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
-from motorprior.actuator.optional_terms import COLD, HALF_WARM, REFERENCE, TERMS, OperatingConditions
+from motorprior.actuator.optional_terms import (
+    COLD,
+    HALF_WARM,
+    REFERENCE,
+    TERMS,
+    OperatingConditions,
+)
 from motorprior.actuator.vector import LANE_ARITHMETIC, Vector
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -45,10 +58,13 @@ _DELAY, _ZERO, _HALF_BACKLASH, SOFTENED = (StepConstants._fields.index(name) for
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
 REFERENCE_ROW = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
-TARGET, LINE = len(MotorState._fields), len(MotorState._fields) + 1
+TARGET = len(MotorState._fields)
+LINE = len(MotorState._fields) + 1
 
 
-def motor_table(values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()) -> np.ndarray:
+def motor_table(
+    values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()
+) -> np.ndarray:
     """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
     return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
 
@@ -67,7 +83,8 @@ class GreyBox:
     period: float  # sample period of the fitted logs, the largest physics step [s]
     terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
     copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
-    gain_unit: str = ""  # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
+    # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
+    gain_unit: str = ""
 
     @property
     def num_latents(self) -> int:
@@ -78,7 +95,9 @@ class GreyBox:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
         return z if self.copula is None else self.copula.decoder_latents(z)
 
-    def constants(self, z: np.ndarray, conditions: OperatingConditions = COLD) -> dict[str, np.ndarray]:
+    def constants(
+        self, z: np.ndarray, conditions: OperatingConditions = COLD
+    ) -> dict[str, np.ndarray]:
         """(n,) physical constants by name at these conditions, without them of cold motors at nominal conditions.
 
         With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
@@ -98,7 +117,10 @@ class GreyBox:
         return 1.0 - np.exp(-seconds / self.constants(z)["heat_time"])
 
     def motors(
-        self, z: np.ndarray, conditions: OperatingConditions = HALF_WARM, gains: np.ndarray | None = None
+        self,
+        z: np.ndarray,
+        conditions: OperatingConditions = HALF_WARM,
+        gains: np.ndarray | None = None,
     ) -> "GreyBoxActuator":
         """Motors with latents z (n, Z)."""
         return GreyBoxActuator(self, z, conditions, gains)
@@ -111,7 +133,8 @@ class GreyBoxActuator(Actuator):
     model: GreyBox  # shared by all motors
     z: np.ndarray  # (n, Z)
     conditions: OperatingConditions = HALF_WARM
-    gains: np.ndarray | None = None  # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
+    # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
+    gains: np.ndarray | None = None
     factors: Factors | None = None  # multiply the constants
 
     def __repr__(self) -> str:
@@ -130,7 +153,9 @@ class GreyBoxActuator(Actuator):
     def with_factors(self, factors: Factors) -> "GreyBoxActuator":
         """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
         before = self.factors
-        return replace(self, factors=factors if before is None else Factors(*np.multiply(before, factors)))
+        return replace(
+            self, factors=factors if before is None else Factors(*np.multiply(before, factors))
+        )
 
     def constants(self) -> dict[str, np.ndarray]:
         """(n,) constants by name, at these conditions, with gains and factors."""
@@ -144,7 +169,9 @@ class GreyBoxActuator(Actuator):
             return values
         kp, kd, torque_limit, coulomb = self.factors
         others = {"torque_limit": torque_limit, "coulomb": coulomb, "stribeck_torque": coulomb}
-        return with_logged_gains(values, kp, kd) | {name: values[name] * factor for name, factor in others.items()}
+        return with_logged_gains(values, kp, kd) | {
+            name: values[name] * factor for name, factor in others.items()
+        }
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
@@ -164,18 +191,22 @@ def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nda
 
 
 @njit(cache=True, nogil=True)
-def _update_targets(p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray) -> None:
+def _update_targets(
+    p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray
+) -> None:
     """Write delayed targets [rad], interpolated linearly: means from half a step before to half a step after now."""
     newest = write_line(memory, LINE, now, position_target)
     for motor in range(position_target.shape[0]):
         memory[TARGET, motor] = interpolated(memory, LINE, newest, p[_DELAY, motor] + 0.5, motor)
 
 
-def _emit_step(builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]) -> None:
+def _emit_step(
+    builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]
+) -> None:
     """Emit one physics step for ``width`` consecutive motors.
 
-    ``columns`` are (address of the first motor in the first row, bytes between rows) of table, memory, joint_pos,
-    joint_vel, torque and damping.
+    ``columns`` are (address of the first motor in the first row, bytes between rows) of table,
+    memory, joint_pos, joint_vel, torque and damping.
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -238,12 +269,19 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
     The table has more than BASE_CONSTANTS rows for motors with optional terms.
     """
     # separately: a tuple would count each array once more
-    arrays, torque = without_refcounts(arrays), without_refcounts(torque)
+    arrays = without_refcounts(arrays)
+    torque = without_refcounts(torque)
     position_target = without_refcounts(position_target)
-    joint_pos, joint_vel = without_refcounts(joint_pos), without_refcounts(joint_vel)
-    p, memory, now, damping = arrays.parameters, arrays.memory, arrays.clock[0], arrays.damping
+    joint_pos = without_refcounts(joint_pos)
+    joint_vel = without_refcounts(joint_vel)
+    p = arrays.parameters
+    memory = arrays.memory
+    now = arrays.clock[0]
+    damping = arrays.damping
     _update_targets(p, memory, now, position_target)
-    n, first, servo = torque.shape[0], 0, p.shape[0] > BASE_CONSTANTS
+    n = torque.shape[0]
+    first = 0
+    servo = p.shape[0] > BASE_CONSTANTS
     while first < n:
         if servo and n - first >= 8:
             _servo_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
@@ -273,7 +311,8 @@ def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> N
 @njit(cache=True, nogil=True)
 def added_twist(arrays: ActuatorArrays, motor: int, joint_pos: float) -> float:
     """Twist [rad] of the gear that only its softening for the step adds."""
-    twist, half = arrays.memory[ROTOR_POS, motor] - joint_pos, arrays.parameters[_HALF_BACKLASH, motor]
+    twist = arrays.memory[ROTOR_POS, motor] - joint_pos
+    half = arrays.parameters[_HALF_BACKLASH, motor]
     return arrays.parameters[SOFTENED, motor] * (twist - min(max(twist, -half), half))
 
 
@@ -287,7 +326,8 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 
 def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
-    stiffness, softened = arrays.parameters[STIFFNESS], arrays.parameters[SOFTENED]
+    stiffness = arrays.parameters[STIFFNESS]
+    softened = arrays.parameters[SOFTENED]
     softened[:] = 1.0 - (1.0 - softened) * np.minimum(1.0, max_stiffness / stiffness)
     np.minimum(stiffness, max_stiffness, out=stiffness)
 

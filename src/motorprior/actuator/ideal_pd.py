@@ -3,22 +3,26 @@
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
                    - clip(coulomb/FULL_FRICTION_SPEED·joint_vel, ±coulomb)
 
-kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd, which it integrates
-implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this size makes a light joint chatter.
+kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd,
+which it integrates implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this
+size makes a light joint chatter.
 
-Friction is a force, not a constraint of the engine. Below FULL_FRICTION_SPEED it is proportional to the speed, so a
-static joint creeps where a real one sticks. Such a steep explicit force could reverse a light joint within a step h.
-Friction is therefore explicit only if it cannot reverse even the bare rotor,
+Friction is a force, not a constraint of the engine. Below FULL_FRICTION_SPEED it is proportional to
+the speed, so a static joint creeps where a real one sticks. Such a steep explicit force could
+reverse a light joint within a step h. Friction is therefore explicit only if it cannot reverse even
+the bare rotor,
 
     |v| >= FULL_FRICTION_SPEED  and  armature·|v| + h·(torque·sign(v) - coulomb) > 0.
 
 Otherwise it is a damping coulomb/w, which the engine integrates implicitly:
 
-    w = |v|  from FULL_FRICTION_SPEED,  below it  max(FULL_FRICTION_SPEED, speed of the bare rotor after the step)
-    speed of the bare rotor after the step = (|armature·v + h·torque| - h·coulomb) / (armature + h·kd)
+    w = |v|  from FULL_FRICTION_SPEED,  below it  max(FULL_FRICTION_SPEED, speed of the bare rotor
+    after the step) speed of the bare rotor after the step = (|armature·v + h·torque| - h·coulomb) /
+    (armature + h·kd)
 
-Friction is wrong for one step when a heavy load starts or a bare rotor reverses. An engine with constant damping gets a
-friction of at most armature/h·v, which equals coulomb at the speed coulomb·h/armature.
+Friction is wrong for one step when a heavy load starts or a bare rotor reverses. An engine with
+constant damping gets a friction of at most armature/h·v, which equals coulomb at the speed
+coulomb·h/armature.
 """
 
 import math
@@ -27,7 +31,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.actuator import (
+    ActuatorArrays,
+    Factors,
+    empty_arrays,
+    require_step,
+    require_unchanged,
+)
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -36,7 +46,8 @@ if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
 
 FULL_FRICTION_SPEED = 0.1  # speed [rad/s] from which friction equals coulomb
-_KP, KD, _DELAY, _TORQUE_LIMIT, _COULOMB, _ARMATURE, _MAX_SLOPE = range(7)  # the last three with friction only
+# the last three with friction only
+_KP, KD, _DELAY, _TORQUE_LIMIT, _COULOMB, _ARMATURE, _MAX_SLOPE = range(7)
 _TINY = 1e-12  # replaces zero armature [kg·m²]
 
 
@@ -67,7 +78,12 @@ class IdealPd:
         coulomb: float = 0.0,
     ) -> "IdealPd":
         """The same constants for every motor."""
-        return cls(*(np.full(num_motors, float(value)) for value in (kp, kd, torque_limit, armature, delay, coulomb)))
+        return cls(
+            *(
+                np.full(num_motors, float(value))
+                for value in (kp, kd, torque_limit, armature, delay, coulomb)
+            )
+        )
 
     @property
     def kind(self) -> ActuatorKind:
@@ -88,7 +104,10 @@ class IdealPd:
         """See `actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")
-        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors._asdict().items()})
+        return replace(
+            self,
+            **{name: getattr(self, name) * factor for name, factor in factors._asdict().items()},
+        )
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
@@ -141,16 +160,22 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 def _step_with_friction(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
-        kd, coulomb = arrays.parameters[KD, motor], arrays.parameters[_COULOMB, motor]
-        armature, velocity = arrays.parameters[_ARMATURE, motor], joint_vel[motor]
-        speed, impulse, friction = abs(velocity), physics_dt * torque[motor], physics_dt * coulomb
+        kd = arrays.parameters[KD, motor]
+        coulomb = arrays.parameters[_COULOMB, motor]
+        armature = arrays.parameters[_ARMATURE, motor]
+        velocity = joint_vel[motor]
+        speed = abs(velocity)
+        impulse = physics_dt * torque[motor]
+        friction = physics_dt * coulomb
         moves = speed >= FULL_FRICTION_SPEED
         arrays.damping[motor] = kd
         if moves and armature * speed + math.copysign(impulse, impulse * velocity) > friction:
             torque[motor] -= math.copysign(coulomb, velocity)
             continue
         if not moves:
-            reached = (abs(armature * velocity + impulse) - friction) / max(armature + physics_dt * kd, _TINY)
+            reached = (abs(armature * velocity + impulse) - friction) / max(
+                armature + physics_dt * kd, _TINY
+            )
             speed = max(FULL_FRICTION_SPEED, reached)
         arrays.damping[motor] += coulomb / speed
 
@@ -166,11 +191,18 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=_reset, step=_step)
 FRICTION_PD = ActuatorKind(
-    "friction_pd", "PD with friction", reset=_reset, step=_step_with_friction, make_explicit=_make_explicit
+    "friction_pd",
+    "PD with friction",
+    reset=_reset,
+    step=_step_with_friction,
+    make_explicit=_make_explicit,
 )
 
 
 def described_pd(robot: "Robot") -> IdealPd:
     """An ideal PD with the gains and torque limits of the robot's description."""
-    columns = [np.array([getattr(joint, name) for joint in robot.joints]) for name in ("kp", "kd", "torque_limit")]
+    columns = [
+        np.array([getattr(joint, name) for joint in robot.joints])
+        for name in ("kp", "kd", "torque_limit")
+    ]
     return IdealPd(*columns, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))

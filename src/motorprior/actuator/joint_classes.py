@@ -1,7 +1,7 @@
 """Classes of joints in a motor prior: a unit of class c has z ~ N(mean of c, I).
 
-The spread between units is pooled over the classes. A class that was never recorded has z ~ N(0, unseen_std²), whose
-variance includes that between classes.
+The spread between units is pooled over the classes. A class that was never recorded has z ~ N(0,
+unseen_std²), whose variance includes that between classes.
 """
 
 from collections.abc import Sequence

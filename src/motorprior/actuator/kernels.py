@@ -1,7 +1,7 @@
 """Kinds of actuators and their compiled kernels, which compiled code calls by address.
 
-`ActuatorArrays.kernels` holds the addresses. A new kind of motors therefore needs no recompilation: loops that were
-compiled, or cached on disk, before it existed can run it.
+`ActuatorArrays.kernels` holds the addresses. A new kind of motors therefore needs no recompilation:
+loops that were compiled, or cached on disk, before it existed can run it.
 """
 
 from collections.abc import Callable
@@ -39,19 +39,24 @@ def keep_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
 class ActuatorKind:
     """Name and compiled functions of an actuator model.
 
-    The functions are compiled (``njit``), write into their last argument and do not raise. Vectors are (n,) float64.
+    The functions are compiled (``njit``), write into their last argument and do not raise. Vectors
+    are (n,) float64.
     """
 
     name: str  # name in files and figures
     title: str  # name in reports
-    reset: Any  # (arrays, position_target [rad], joint_pos [rad]) resets the memory to a static motor
-    # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque [N·m]) writes the
-    # torque of the coming step, and ``arrays.damping`` if it changes
+    # (arrays, position_target [rad], joint_pos [rad]) resets the memory to a static motor
+    reset: Any
+    # (arrays, physics_dt [s], position_target [rad], joint_pos [rad], joint_vel [rad/s], torque
+    # [N·m]) writes the torque of the coming step, and ``arrays.damping`` if it changes
     step: Any
-    measure: Any = read_joint  # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
-    # (arrays, joint_vel [rad/s], torque [N·m]): moves changing dampings into the torque if the engine's are constant
+    # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
+    measure: Any = read_joint
+    # (arrays, joint_vel [rad/s], torque [N·m]): moves changing dampings into the torque if the
+    # engine's are constant
     make_explicit: Any = keep_implicit
-    # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not compiled
+    # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not
+    # compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
     max_step: float = np.inf  # maximum physics step [s]; see `Robot.physics_step`
     bench_step: float = 0.002  # maximum step on the dynamometer [s]
@@ -59,16 +64,24 @@ class ActuatorKind:
     @cached_property
     def kernels(self) -> KernelTable:
         """Addresses of the compiled functions in this process; compiles them, or loads them from the cache."""
-        arrays, vector = arrays_type(), types.Array(types.float64, 1, "C")
-        pair, step = (arrays, vector, vector), (arrays, types.float64, *[vector] * 4)
-        functions = (self.reset, pair), (self.step, step), (self.measure, pair), (self.make_explicit, pair)
+        arrays = arrays_type()
+        vector = types.Array(types.float64, 1, "C")
+        pair = (arrays, vector, vector)
+        step = (arrays, types.float64, *[vector] * 4)
+        functions = (
+            (self.reset, pair),
+            (self.step, step),
+            (self.measure, pair),
+            (self.make_explicit, pair),
+        )
         return KernelTable(*(_address(function, arguments) for function, arguments in functions))
 
 
 @cache
 def arrays_type() -> types.Type:
     """Numba's type of all `ActuatorArrays`."""
-    table, kernels = np.zeros((1, 1)), KernelTable(0, 0, 0, 0)
+    table = np.zeros((1, 1))
+    kernels = KernelTable(0, 0, 0, 0)
     return typeof(ActuatorArrays(kernels, table, table, np.zeros(1, np.int64), table[0]))
 
 
@@ -80,14 +93,21 @@ def _address(function: Any, arguments: tuple[types.Type, ...]) -> int:
 
 def _require_types(arrays: Any, vectors: tuple[Any, ...]) -> None:
     """Reject at compile time arrays that the function at an address would misread."""
-    contiguous = all(isinstance(each, types.Array) and each.layout == "C" and each.ndim == 1 for each in vectors)
-    if arrays != arrays_type() or not contiguous or any(each.dtype != types.float64 for each in vectors):
+    contiguous = all(
+        isinstance(each, types.Array) and each.layout == "C" and each.ndim == 1 for each in vectors
+    )
+    if (
+        arrays != arrays_type()
+        or not contiguous
+        or any(each.dtype != types.float64 for each in vectors)
+    ):
         raise TypingError("the motors' arrays must be contiguous float64")
 
 
 def _emit_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """Call the function at the address in the first argument, by numba's calling convention."""
-    kinds, convention = signature.args[1:], context.call_conv
+    kinds = signature.args[1:]
+    convention = context.call_conv
     function = convention.get_function_type(types.none, kinds).as_pointer()
     callee = builder.inttoptr(arguments[0], function)
     convention.call_function(builder, callee, types.none, kinds, arguments[1:])
@@ -131,14 +151,16 @@ def _uncounted(typingctx, arrays):
 
 _call_pair: Any = intrinsic(_pair)
 _call_step: Any = intrinsic(_step)
-# For compiled code: an array, or a (named) tuple of arrays, without reference counting. Counting is an atomic
-# instruction whenever an array is taken from a tuple or sliced, 10 % of the time of an episode. The caller of a
-# compiled episode must keep references to all arrays until it returns.
+# For compiled code: an array, or a (named) tuple of arrays, without reference counting. Counting is
+# an atomic instruction whenever an array is taken from a tuple or sliced, 10 % of the time of an
+# episode. The caller of a compiled episode must keep references to all arrays until it returns.
 without_refcounts: Any = intrinsic(_uncounted)
 
 
 @njit(cache=True, nogil=True)
-def reset_actuator(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
+def reset_actuator(
+    arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray
+) -> None:
     """Reset the memory to a static motor: target and joint have never moved."""
     arrays.clock[0] = 0
     _call_pair(arrays.kernels.reset, arrays, position_target, joint_pos)
@@ -154,7 +176,9 @@ def step_actuator(
     torque: np.ndarray,
 ) -> None:
     """Write the (n,) torque [N·m] and ``arrays.damping`` for the coming physics step [s]."""
-    _call_step(arrays.kernels.step, arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
+    _call_step(
+        arrays.kernels.step, arrays, physics_dt, position_target, joint_pos, joint_vel, torque
+    )
     arrays.clock[0] += 1
 
 
@@ -162,8 +186,8 @@ def step_actuator(
 def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
     """Add a changing damping to the torque, for an engine whose damping is constant.
 
-    With gear stiffness k and a bare link of inertia I, a step h is stable only if 2·k·h²/I + gear_damping·h/I < 4: see
-    `ActuatorKind.limit_stiffness`.
+    With gear stiffness k and a bare link of inertia I, a step h is stable only if 2·k·h²/I +
+    gear_damping·h/I < 4: see `ActuatorKind.limit_stiffness`.
     """
     _call_pair(arrays.kernels.make_explicit, arrays, joint_vel, torque)
 

@@ -5,8 +5,9 @@
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
     armature = exp(a0 + aᵀz)                                  (zero if the network decodes none)
 
-The torque is updated every ``period`` and constant in between. b1 + V1ᵀz is computed once per motor. The kernel
-evaluates blocks of 16 motors in float32, with one motor per lane of the vector registers.
+The torque is updated every ``period`` and constant in between. b1 + V1ᵀz is computed once per
+motor. The kernel evaluates blocks of 16 motors in float32, with one motor per lane of the vector
+registers.
 """
 
 from collections.abc import Mapping
@@ -27,7 +28,8 @@ from motorprior.exceptions import ConfigError
 from motorprior.schema import Schema, Tensor
 
 LANES = 16  # motors per block: float32 values per vector
-NETWORK_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")  # fields of `LatentNetwork`
+# fields of `LatentNetwork`
+NETWORK_SCALES = ("error_scale", "velocity_scale", "torque_scale", "torque_limit")
 _INPUT_ORDER = "errors of all taps, then velocities of all taps; tap k is k periods old"
 # content of a prior's file: arrays, and entries of its header
 WEIGHTS = {
@@ -105,19 +107,29 @@ class LatentNetwork:
 
     def contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and header entries for a prior's file."""
-        entries = {"input_order": _INPUT_ORDER, "taps": list(self.taps), "has_armature": self.has_armature}
+        entries = {
+            "input_order": _INPUT_ORDER,
+            "taps": list(self.taps),
+            "has_armature": self.has_armature,
+        }
         weights = {name: np.asarray(getattr(self, name), np.float64) for name in WEIGHTS}
         return weights, entries | {name: getattr(self, name) for name in NETWORK_SCALES}
 
     @classmethod
     def of(
-        cls, tensors: Mapping[str, np.ndarray], entries: Mapping[str, Any], period: float, copula: Copula | None
+        cls,
+        tensors: Mapping[str, np.ndarray],
+        entries: Mapping[str, Any],
+        period: float,
+        copula: Copula | None,
     ) -> "LatentNetwork":
         """From `contents`, with its ``period`` [s]."""
         values: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
         values |= {name: float(entries[name]) for name in NETWORK_SCALES}
         taps = tuple(entries["taps"])
-        return cls(**values, taps=taps, period=period, has_armature=entries["has_armature"], copula=copula)
+        return cls(
+            **values, taps=taps, period=period, has_armature=entries["has_armature"], copula=copula
+        )
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
@@ -177,12 +189,24 @@ class NetworkActuator(Actuator):
                 f"physics step {physics_dt:g} s does not divide the prior's period {net.period:g} s",
                 remedy=f"use a step of {net.period:g} s or an integer fraction of it",
             )
-        ring, taps, blocks = net.taps[-1] + 1, np.array(net.taps), -(-self.num_motors // LANES)
+        ring = net.taps[-1] + 1
+        taps = np.array(net.taps)
+        blocks = -(-self.num_motors // LANES)
         padded = np.zeros((blocks * LANES, net.num_latents))
         padded[: self.num_motors] = self.z
-        first, ones = first_bias(vars(net), net.decoder_latents(padded)), np.ones((len(padded), 1))
-        biases = np.concatenate([first, ones * net.b2, ones * float(net.b3)], axis=1, dtype=np.float32)
-        scales = np.array([[1 / net.error_scale], [1 / net.velocity_scale], [net.torque_scale], [net.torque_limit]])
+        first = first_bias(vars(net), net.decoder_latents(padded))
+        ones = np.ones((len(padded), 1))
+        biases = np.concatenate(
+            [first, ones * net.b2, ones * float(net.b3)], axis=1, dtype=np.float32
+        )
+        scales = np.array(
+            [
+                [1 / net.error_scale],
+                [1 / net.velocity_scale],
+                [net.torque_scale],
+                [net.torque_limit],
+            ]
+        )
         return ActuatorArrays(
             kernels=self.kind.kernels,
             parameters=np.repeat(scales, self.num_motors, axis=1),
@@ -213,7 +237,8 @@ def _write_history(history, parameters, slot, position_target, joint_pos, joint_
     """Write error and velocity twice, one ring length apart, so that reads of any age need no wrap-around."""
     ring = history.shape[1] // 4
     for motor in range(position_target.shape[0]):
-        block, lane = motor // LANES, motor % LANES
+        block = motor // LANES
+        lane = motor % LANES
         error = np.float32((position_target[motor] - joint_pos[motor]) * parameters[0, 0])
         velocity = np.float32(joint_vel[motor] * parameters[1, 0])
         history[block, slot, lane] = error
@@ -227,8 +252,12 @@ def _product_added(typingctx, total, weight, x):
 
     def codegen(context, builder, signature, arguments):
         total, weight, x = arguments
-        before, factor = (Vector.load(builder, address, LANES, FLOAT).value for address in (total, x))
-        product = builder.fmul(Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",))
+        before, factor = (
+            Vector.load(builder, address, LANES, FLOAT).value for address in (total, x)
+        )
+        product = builder.fmul(
+            Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",)
+        )
         Vector(builder, builder.fadd(before, product, flags=("contract",))).store(total)
         return context.get_dummy_value()
 
@@ -254,7 +283,9 @@ _soften: Any = intrinsic(_softened)
 def _layer(weights, inputs, biases, outputs):
     """outputs[k] = biases[k] + Σ_i weights[i, k]·inputs[i], rows of 16 float32; ``weights`` is flat, row-major."""
     outputs[:] = biases
-    neurons, x, y = outputs.shape[0], inputs.ctypes.data, outputs.ctypes.data
+    neurons = outputs.shape[0]
+    x = inputs.ctypes.data
+    y = outputs.ctypes.data
     for i in range(inputs.shape[0]):
         for k in range(neurons):
             _add_product(y + 4 * LANES * k, weights[i * neurons + k], x + 4 * LANES * i)
@@ -263,14 +294,22 @@ def _layer(weights, inputs, biases, outputs):
 @njit(cache=True, nogil=True)
 def _evaluate(weights, inputs, biases, history, scratch, slot):
     """Write inputs, hidden neurons, and last the torque / torque_scale of one block of motors into ``scratch``."""
-    count, neurons = inputs.shape[0], (biases.shape[0] - 1) // 2
-    second, last, address = count + neurons, count + 2 * neurons, scratch.ctypes.data
+    count = inputs.shape[0]
+    neurons = (biases.shape[0] - 1) // 2
+    second = count + neurons
+    last = count + 2 * neurons
+    address = scratch.ctypes.data
     for i in range(count):
         scratch[i] = history[slot + inputs[i]]
     _layer(weights, scratch[:count], biases[:neurons], scratch[count:second])
     for row in range(count, second):
         _soften(address + 4 * LANES * row)
-    _layer(weights[count * neurons :], scratch[count:second], biases[neurons : 2 * neurons], scratch[second:last])
+    _layer(
+        weights[count * neurons :],
+        scratch[count:second],
+        biases[neurons : 2 * neurons],
+        scratch[second:last],
+    )
     for row in range(second, last):
         _soften(address + 4 * LANES * row)
     _layer(weights[neurons * second :], scratch[second:last], biases[2 * neurons :], scratch[last:])
@@ -282,11 +321,16 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     arrays = without_refcounts(arrays)
     if arrays.clock[0] % arrays.clock[1] == 0:
         slot = (arrays.clock[0] // arrays.clock[1]) % (arrays.history.shape[1] // 4)
-        _write_history(arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel)
+        _write_history(
+            arrays.history, arrays.parameters, slot, position_target, joint_pos, joint_vel
+        )
         for block in range(arrays.history.shape[0]):
-            biases, history, scratch = arrays.biases[block], arrays.history[block], arrays.scratch[block]
+            biases = arrays.biases[block]
+            history = arrays.history[block]
+            scratch = arrays.scratch[block]
             _evaluate(arrays.weights, arrays.inputs, biases, history, scratch, slot)
-        scale, limit = arrays.parameters[2, 0], arrays.parameters[3, 0]
+        scale = arrays.parameters[2, 0]
+        limit = arrays.parameters[3, 0]
         for motor in range(torque.shape[0]):
             raw = scale * float(arrays.scratch[motor // LANES, -1, motor % LANES])
             arrays.memory[0, motor] = min(limit, max(-limit, raw))

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
-from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
+from motorprior.actuator.constants import (
+    COLUMNS,
+    NUM_SAMPLES,
+    UNITS,
+    Constants,
+    named_constants,
+    plot_response,
+)
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_model_error
@@ -44,7 +51,8 @@ class MotorPosterior(Printable):
     covariance: np.ndarray  # (M, Z, Z)
     joint_names: tuple[str, ...]  # M names in the log
     seconds: float  # length of the log
-    outlier_p_value: tuple[float, ...]  # (M,) p-value of the outlier test against the training motors
+    # (M,) p-value of the outlier test against the training motors
+    outlier_p_value: tuple[float, ...]
     gains: np.ndarray | None = None  # (2, M) logged kp and kd, None if the prior has none
 
     def sample(
@@ -62,13 +70,17 @@ class MotorPosterior(Printable):
         Args:
             of: number of motors, or the robot.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not given.
-            limit_follows_gain: scale the torque limit of every motor by its kp over that of the prior's central motor,
-                as for a smaller torque constant in firmware that controls currents. Grey boxes only.
-            prior_share: share of the prior's standard deviation of z (1), in addition to the posterior's [-].
+            gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not
+                given.
+            limit_follows_gain: scale the torque limit of every motor by its kp over that of the
+                prior's central motor, as for a smaller torque constant in firmware that controls
+                currents. Grey boxes only.
+            prior_share: share of the prior's standard deviation of z (1), in addition to the
+                posterior's [-].
 
         Raises:
-            ConfigError: the posterior has neither one motor nor as many, or an argument is out of range.
+            ConfigError: the posterior has neither one motor nor as many, or an argument is out of
+                range.
         """
         count = of.num_joints if isinstance(of, Robot) else of
         require_count("count", count)
@@ -81,7 +93,9 @@ class MotorPosterior(Printable):
         factors = np.linalg.cholesky(self.covariance + prior_share**2 * np.eye(self.mean.shape[1]))
         noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
         if self.gains is not None:
-            gains = checked_gains(np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count)
+            gains = checked_gains(
+                np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count
+            )
         z = self.mean + np.einsum("mij,mj->mi", factors, noise)
         motors = self.prior.model.motors(z, gains=None if self.gains is None else gains)
         if not limit_follows_gain:
@@ -94,19 +108,25 @@ class MotorPosterior(Printable):
             )
         central = self.prior.classes.mean_and_std(self.prior.joint_classes(self.joint_names))[0]
         one = np.ones(count)
-        return motors.with_factors(Factors(one, one, kp_ratio(motors.model, motors.z, central), one))
+        return motors.with_factors(
+            Factors(one, one, kp_ratio(motors.model, motors.z, central), one)
+        )
 
     def constants(self) -> Constants:
         """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.
 
-        A constant is narrowed if its standard deviation (of the logarithm of positive constants) is below NARROWER
-        times the prior's for at least half of the motors. Ranges include `MODEL_ERROR`, as in `MotorPrior.intervals`.
+        A constant is narrowed if its standard deviation (of the logarithm of positive constants) is
+        below NARROWER times the prior's for at least half of the motors. Ranges include
+        `MODEL_ERROR`, as in `MotorPrior.intervals`.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)
         before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
         precision = with_model_error(np.linalg.inv(self.covariance), before)
-        rng, factors = np.random.default_rng(0), np.linalg.cholesky(np.linalg.inv(precision))
-        z = self.mean + np.einsum("mij,dmj->dmi", factors, rng.standard_normal((NUM_SAMPLES, *self.mean.shape)))
+        rng = np.random.default_rng(0)
+        factors = np.linalg.cholesky(np.linalg.inv(precision))
+        z = self.mean + np.einsum(
+            "mij,dmj->dmi", factors, rng.standard_normal((NUM_SAMPLES, *self.mean.shape))
+        )
         gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
         values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
         new = mean + std * rng.standard_normal(z.shape)
@@ -118,48 +138,63 @@ class MotorPosterior(Printable):
             own, prior = (each.reshape(NUM_SAMPLES, -1).std(axis=0) for each in both)
             varies = np.median(prior) > 1e-9  # logged gains do not
             narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
-        return replace(Constants.of(values, UNITS, narrowed), columns=(*COLUMNS[:-1], "narrowed by the log"))
+        return replace(
+            Constants.of(values, UNITS, narrowed), columns=(*COLUMNS[:-1], "narrowed by the log")
+        )
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of samples of these motors to a step of the command."""
         count = len(self.mean) if len(self.mean) > 1 else 40
-        return plot_response(self.sample(count, 0), "samples of the posterior", self.prior.model.period)
+        return plot_response(
+            self.sample(count, 0), "samples of the posterior", self.prior.model.period
+        )
 
     def overview(self) -> Overview:
         """For people: log, outliers and constants."""
         worst = int(np.argmin(self.outlier_p_value))
         facts = {
-            "log": f"{self.seconds:.3g} s", "prior": f"{self.prior.preset}, {self.prior.motor}",
+            "log": f"{self.seconds:.3g} s",
+            "prior": f"{self.prior.preset}, {self.prior.motor}",
             "joints": listed(self.joint_names, 8),
             "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
-        }  # fmt: skip
-        headline, every = f"motor posterior of {len(self.mean)} motors", self.constants()
+        }
+        headline = f"motor posterior of {len(self.mean)} motors"
+        every = self.constants()
         if len(self.mean) == 1:
             return Overview(headline, facts, every.columns, every.cells)
         shown = [row for row in every if row.identifiable]  # a column each, at the posterior means
         values = named_constants(self.prior.model, self.mean, self.gains)
         rows = [
-            [name, *(f"{values[row.name][motor]:.3g}" for row in shown)] for motor, name in enumerate(self.joint_names)
+            [name, *(f"{values[row.name][motor]:.3g}" for row in shown)]
+            for motor, name in enumerate(self.joint_names)
         ]
-        return Overview(headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows)
+        return Overview(
+            headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows
+        )
 
     def take(self, index: list[int]) -> "MotorPosterior":
         """The motors at ``index``."""
         return replace(
-            self, mean=self.mean[index], covariance=self.covariance[index],
+            self,
+            mean=self.mean[index],
+            covariance=self.covariance[index],
             joint_names=tuple(self.joint_names[each] for each in index),
             outlier_p_value=tuple(self.outlier_p_value[each] for each in index),
             gains=None if self.gains is None else self.gains[:, index],
-        )  # fmt: skip
+        )
 
     def save(self, path: str | Path) -> None:
         """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
         header = _HEADER.make(
-            joint_names=list(self.joint_names), prior_sha256=self.prior.sha256(), seconds=self.seconds,
+            joint_names=list(self.joint_names),
+            prior_sha256=self.prior.sha256(),
+            seconds=self.seconds,
             surprise=list(self.outlier_p_value),
-        )  # fmt: skip
+        )
         tensors = {"mean": self.mean, "covariance": self.covariance}
-        write_tensors(Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header)
+        write_tensors(
+            Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header
+        )
 
     @classmethod
     def load(cls, path: str | Path, prior: MotorPrior) -> "MotorPosterior":
@@ -171,13 +206,21 @@ class MotorPosterior(Printable):
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        wanted = {"mean": Tensor(("motors", "latents")), "covariance": Tensor(("motors", "latents", "latents"))}
+        wanted = {
+            "mean": Tensor(("motors", "latents")),
+            "covariance": Tensor(("motors", "latents", "latents")),
+        }
         wanted |= {"gains": Tensor((2, "motors"))} if prior.model.gain_unit else {}
         check_tensors(tensors, wanted, path, _REMEDY, {"motors": len(header["joint_names"])})
         if header["prior_sha256"] != prior.sha256():
-            raise ConfigError("posterior of another prior", where=path, remedy="adapt this prior to the log again")
-        mean, covariance, gains = tensors["mean"], tensors["covariance"], tensors.get("gains")
-        names, outlier_p_value = tuple(header["joint_names"]), tuple(header["surprise"])
+            raise ConfigError(
+                "posterior of another prior", where=path, remedy="adapt this prior to the log again"
+            )
+        mean = tensors["mean"]
+        covariance = tensors["covariance"]
+        gains = tensors.get("gains")
+        names = tuple(header["joint_names"])
+        outlier_p_value = tuple(header["surprise"])
         return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
 
 

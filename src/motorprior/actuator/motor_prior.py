@@ -1,7 +1,7 @@
 """The motor prior: a distribution of motors, saved as a file.
 
-Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m is the mean of its class of joints
-(`joint_classes`), 0 for a prior with one class.
+Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m is the mean of its
+class of joints (`joint_classes`), 0 for a prior with one class.
 """
 
 import hashlib
@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, UNITS, Constants, named_constants, plot_response
+from motorprior.actuator.constants import (
+    COLUMNS,
+    NUM_SAMPLES,
+    UNITS,
+    Constants,
+    named_constants,
+    plot_response,
+)
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
@@ -46,14 +53,18 @@ _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": 
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 _REMEDY = "identify it again with this version"
 IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
-UNIDENTIFIED = "unidentified_"  # prefix of a metric: maximum over the motors of a limit that is not identifiable
-# assumed standard deviation of z about the training motor of the same joint: its friction varies by 13 to 17 %
+# prefix of a metric: maximum over the motors of a limit that is not identifiable
+UNIDENTIFIED = "unidentified_"
+# assumed standard deviation of z about the training motor of the same joint: its friction varies by
+# 13 to 17 %
 SAME_JOINT_STD = 0.3
-# factor on a fit's standard deviations in `intervals`: most of its error is model error, the same in all windows.
-# Chosen on eight simulated arms, where 90 % intervals contain 93 % of the constants (benchmarks/simulated_arms.py)
+# factor on a fit's standard deviations in `intervals`: most of its error is model error, the same
+# in all windows. Chosen on eight simulated arms, where 90 % intervals contain 93 % of the constants
+# (benchmarks/simulated_arms.py)
 MODEL_ERROR = 1.5
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
-UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"  # metric: number of motors whose logs do not identify the torque scale
+# metric: number of motors whose logs do not identify the torque scale
+UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
@@ -81,7 +92,9 @@ _HEADER = Header(
     "identify",
 )
 SCHEMA_VERSION = _HEADER.version
-LIBRARY, CARD_PRIOR = files("motorprior") / "exports" / "library", "prior.safetensors"  # shipped motor cards
+# shipped motor cards
+LIBRARY = files("motorprior") / "exports" / "library"
+CARD_PRIOR = "prior.safetensors"
 _MOTORS = {
     "mean": Tensor(("motors", "latents")),
     "log_var": Tensor(("motors", "latents")),
@@ -90,7 +103,10 @@ _MOTORS = {
     "unseen_std": Tensor(("latents",), above=0.0),
 }
 _GAINS = {"gains": Tensor((2, "motors"))}
-_GREY_BOX = {"motor_center": Tensor(("constants",)), "motor_slope": Tensor(("latents", "constants"))}
+_GREY_BOX = {
+    "motor_center": Tensor(("constants",)),
+    "motor_slope": Tensor(("latents", "constants")),
+}
 _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
 
 
@@ -116,12 +132,15 @@ class MotorPrior(Printable):
     preset: str  # name of the recipe
     robot: str
     motor: str  # motor model
-    provenance: dict[str, Any]  # source of the logs (for a bench, its fleet with all distributions), recipe, seed
+    # source of the logs (for a bench, its fleet with all distributions), recipe, seed
+    provenance: dict[str, Any]
     metrics: dict[str, float]  # metrics of the training
     joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
-    gains: np.ndarray | None = None  # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
+    # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
+    gains: np.ndarray | None = None
     given_classes: JointClasses | None = None  # `classes`; None: one class
-    # (M,) residual of each training motor over that of all at its speeds (`reference.residual_scale`) [-]; none: 1
+    # (M,) residual of each training motor over that of all at its speeds
+    # (`reference.residual_scale`) [-]; none: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @property
@@ -132,15 +151,18 @@ class MotorPrior(Printable):
     def joint_classes(self, of: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
         """The class of each joint of a log or a robot, or of joints of these names.
 
-        As in the robot's description; if it has none or an unknown one, that of the training motor of the same name,
-        otherwise by name.
+        As in the robot's description; if it has none or an unknown one, that of the training motor
+        of the same name, otherwise by name.
         """
         names, stated = (of, ()) if isinstance(of, Sequence) else (of.joint_names, of.given_classes)
-        known, own = self.classes.names, dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+        known = self.classes.names
+        own = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
         kinds = zip(names, map(kind_of, names), classes_by_name(names), strict=True)
         named = [own.get(name, kind if kind in known else other) for name, kind, other in kinds]
         both = zip(stated if any(stated) else named, named, strict=True)
-        return tuple(first if first in known or second not in known else second for first, second in both)
+        return tuple(
+            first if first in known or second not in known else second for first, second in both
+        )
 
     def sample(
         self,
@@ -152,12 +174,15 @@ class MotorPrior(Printable):
         """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
         Args:
-            of: the robot, whose joints have classes; a class or a joint's name per motor; or a number of motors: if as
-                many as the training motors, they have the classes of these, in order, otherwise those of random ones.
+            of: the robot, whose joints have classes; a class or a joint's name per motor; or a
+                number of motors: if as many as the training motors, they have the classes of these,
+                in order, otherwise those of random ones.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not given, those of the
-                robot or, for as many motors as the training motors, of these; otherwise the medians of the classes.
-            spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the classes.
+            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not
+                given, those of the robot or, for as many motors as the training motors, of these;
+                otherwise the medians of the classes.
+            spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the
+                classes.
 
         Raises:
             ConfigError: an argument out of range.
@@ -179,13 +204,22 @@ class MotorPrior(Printable):
         model = self.model
         if group not in FROZEN or not isinstance(model, GreyBox):
             problem = f"no constants {group!r} to freeze"
-            raise ConfigError(problem, remedy=f"a prior of preset rollout has {', '.join(FROZEN)}", argument="frozen")
+            raise ConfigError(
+                problem,
+                remedy=f"a prior of preset rollout has {', '.join(FROZEN)}",
+                argument="frozen",
+            )
         constants = np.array([name in FROZEN[group] for name in parameters_of(model.terms)])
-        mean_motor = model.center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ model.slope
-        center, slope = np.where(constants, mean_motor, model.center), np.where(constants, 0.0, model.slope)
+        mean_motor = (
+            model.center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ model.slope
+        )
+        center = np.where(constants, mean_motor, model.center)
+        slope = np.where(constants, 0.0, model.slope)
         return replace(self, model=replace(model, center=center, slope=slope))
 
-    def _sampled_classes(self, of: "int | Robot | Sequence[str]", rng: np.random.Generator) -> tuple[str, ...]:
+    def _sampled_classes(
+        self, of: "int | Robot | Sequence[str]", rng: np.random.Generator
+    ) -> tuple[str, ...]:
         if isinstance(of, Iterable):
             return self._classes_named((of,) if isinstance(of, str) else tuple(of))
         if not isinstance(of, int | np.integer):
@@ -199,7 +233,9 @@ class MotorPrior(Printable):
     def _classes_named(self, names: Sequence[str]) -> tuple[str, ...]:
         """The class of each name, which is that of a class or of a joint."""
         by_joint = zip(names, self.joint_classes(names), strict=True)
-        return tuple(name if name in self.classes.names else of_joint for name, of_joint in by_joint)
+        return tuple(
+            name if name in self.classes.names else of_joint for name, of_joint in by_joint
+        )
 
     def _gains(self, classes: Sequence[str], gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
@@ -208,103 +244,140 @@ class MotorPrior(Printable):
             return checked_gains(gains, len(classes))
         if tuple(classes) == self.classes.of_motors:
             return self.gains
-        return np.stack([np.median(self.gains[:, self.classes.rows_of(name)], axis=1) for name in classes], axis=1)
+        return np.stack(
+            [np.median(self.gains[:, self.classes.rows_of(name)], axis=1) for name in classes],
+            axis=1,
+        )
 
     def training_motors(self, index: np.ndarray) -> "GreyBoxActuator | NetworkActuator":
         """The training motors at ``index``, at their posterior means."""
-        return self.model.motors(self.mean[index], gains=None if self.gains is None else self.gains[:, index])
+        return self.model.motors(
+            self.mean[index], gains=None if self.gains is None else self.gains[:, index]
+        )
 
     def predicted(self, of: MotorLog | Sequence[str]) -> Prediction:
         """Motors of the joints of a log, without the log, or of joints of these names.
 
-        Each is predicted to be the training motor of the same name, with standard deviation SAME_JOINT_STD, or else a
-        unit of its class. With several classes the standard deviation is always that between units, 1, since the log
-        may be that of another robot.
+        Each is predicted to be the training motor of the same name, with standard deviation
+        SAME_JOINT_STD, or else a unit of its class. With several classes the standard deviation is
+        always that between units, 1, since the log may be that of another robot.
         """
-        classes, joint_names = self.joint_classes(of), of if isinstance(of, Sequence) else of.joint_names
+        classes = self.joint_classes(of)
+        joint_names = of if isinstance(of, Sequence) else of.joint_names
         mean, std = self.classes.mean_and_std(classes)
         own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
-        misfit = np.array([np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes])
+        misfit = np.array(
+            [np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes]
+        )
         rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
         for joint, name in enumerate(joint_names):
             if name in rows:
-                mean[joint], misfit[joint] = self.mean[rows[name]], own[rows[name]]
+                mean[joint] = self.mean[rows[name]]
+                misfit[joint] = own[rows[name]]
                 std[joint] = SAME_JOINT_STD if len(self.classes.names) == 1 else 1.0
         return Prediction(mean, std, misfit)
 
     def intervals(self, level: float = 90.0) -> dict[str, np.ndarray]:
         """(2, M) lower and upper ends of the central intervals [%] of each training motor's constants, by name.
 
-        They are those of its posterior given its log, with MODEL_ERROR; a constant that the log does not identify has
-        that of its class. Empty for a network.
+        They are those of its posterior given its log, with MODEL_ERROR; a constant that the log
+        does not identify has that of its class. Empty for a network.
         """
         if not isinstance(self.model, GreyBox):
             return {}
         noise = np.random.default_rng(0).standard_normal((NUM_SAMPLES, *self.mean.shape))
         std = with_model_error(np.exp(-self.log_var), 1.0) ** -0.5
         z = (self.mean + std * noise).reshape(-1, self.mean.shape[1])
-        ends, shape = [50.0 - 0.5 * level, 50.0 + 0.5 * level], noise.shape[:2]
+        ends = [50.0 - 0.5 * level, 50.0 + 0.5 * level]
+        shape = noise.shape[:2]
         gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
         values = named_constants(self.model, z, gains)
-        return {name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()}
+        return {
+            name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()
+        }
 
     def spread_notes(self) -> list[str]:
         """Lines "name: text" on the spread between units: what is measured, pooled and assumed."""
         found = self.provenance.get(SPREAD)
         if not found:
             return []
-        units = ", ".join(f"{name or 'all joints'} {count}" for name, count in found["units"].items())
+        units = ", ".join(
+            f"{name or 'all joints'} {count}" for name, count in found["units"].items()
+        )
         lines = [f"measured: mean of each class of joints (units: {units})"]
         pooled = f" pooled over {len(found['units'])} classes," if len(found["units"]) > 1 else ""
         lines += [f"spread between units:{pooled} {found['degrees_of_freedom']} degrees of freedom"]
         if found["assumed_units"]:
-            lines += [f"assumed, worth {found['assumed_units']:g} units: the spread of {found['source']}"]
+            lines += [
+                f"assumed, worth {found['assumed_units']:g} units: the spread of {found['source']}"
+            ]
         if len(found["units"]) > 1:
-            lines += ["a class that was not recorded: mean of all classes and the spread between them"]
+            lines += [
+                "a class that was not recorded: mean of all classes and the spread between them"
+            ]
         return lines
 
     def constants(self, joint_class: str | None = None) -> Constants:
         """Constants of new motors with units and ranges between them, at the median logged gains if there are any.
 
-        New motors are of ``joint_class``, or that of the joint of this name; without one, of the classes of the
-        training motors, in their proportions.
+        New motors are of ``joint_class``, or that of the joint of this name; without one, of the
+        classes of the training motors, in their proportions.
         """
         if joint_class is not None:
             (joint_class,) = self._classes_named((joint_class,))
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=NUM_SAMPLES)
-        classes = [self.classes.of_motors[row] if joint_class is None else joint_class for row in rows]
+        classes = [
+            self.classes.of_motors[row] if joint_class is None else joint_class for row in rows
+        ]
         mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
-        known = {name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}") for name in values}
+        known = {
+            name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}")
+            for name in values
+        }
         identified = {name: None if value is None else value > 0.0 for name, value in known.items()}
         return Constants.of(values, UNITS, identified)
 
     def plot(self) -> Any:
         """A matplotlib figure of the responses of 40 new motors to a step of the command."""
         return plot_response(
-            self.sample(40, 0), f"{self.motor or 'motors'}: 40 samples of the prior", self.model.period
+            self.sample(40, 0),
+            f"{self.motor or 'motors'}: 40 samples of the prior",
+            self.model.period,
         )
 
     def overview(self) -> Overview:
         """For people: origin, errors and constants."""
-        kinds, metrics = ("grey box", "network"), self.metrics
+        kinds = ("grey box", "network")
+        metrics = self.metrics
         replayed = f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""
         facts = {
-            "robot": self.robot or "none stated", "motor": self.motor, "preset": self.preset,
+            "robot": self.robot or "none stated",
+            "motor": self.motor,
+            "preset": self.preset,
             "model": f"{kinds[not isinstance(self.model, GreyBox)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
-            "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors" if "minutes_of_log" in metrics else "",
-            "joints": listed(self.joint_names, 8), **dict(line.split(": ", 1) for line in self.spread_notes()),
+            "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors"
+            if "minutes_of_log" in metrics
+            else "",
+            "joints": listed(self.joint_names, 8),
+            **dict(line.split(": ", 1) for line in self.spread_notes()),
             "replayed logs, median error": replayed,
-        }  # fmt: skip
-        headline, names = f"motor prior of {len(self.mean)} motors", self.classes.names
+        }
+        headline = f"motor prior of {len(self.mean)} motors"
+        names = self.classes.names
         if len(names) == 1:
             return Overview(headline, facts, COLUMNS, self.constants().cells)
-        tables = [self.constants(name) for name in names]  # a column per class: median and 5 to 95 %
+        # a column per class: median and 5 to 95 %
+        tables = [self.constants(name) for name in names]
         rows = [
-            [of_one[0].name, of_one[0].unit, *(f"{x.median:.3g} ({x.low:.3g} to {x.high:.3g})" for x in of_one)]
+            [
+                of_one[0].name,
+                of_one[0].unit,
+                *(f"{x.median:.3g} ({x.low:.3g} to {x.high:.3g})" for x in of_one),
+            ]
             for of_one in zip(*tables, strict=True)
         ]
         return Overview(headline, facts, ("constant", "unit", *names), rows)
@@ -318,7 +391,9 @@ class MotorPrior(Printable):
         if self.robot not in (robot, ""):
             remedy = f"identify one from logs of {robot}; if {robot} has such motors, add of_robot={self.robot} to the "
             remedy += f"text of the motors, prior:FILE,of_robot={self.robot}, or use prior.for_robot({robot!r})"
-            raise ConfigError(f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=remedy)
+            raise ConfigError(
+                f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=remedy
+            )
         self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
@@ -330,20 +405,36 @@ class MotorPrior(Printable):
         return hashlib.sha256(tensors_as_bytes(*self._contents())).hexdigest()
 
     def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        model, tensors, network, terms = self.model, {}, {}, ()
+        model = self.model
+        tensors = {}
+        network = {}
+        terms = ()
         if isinstance(model, GreyBox):
-            tensors, terms = {"motor_center": model.center, "motor_slope": model.slope}, model.terms
+            tensors = {"motor_center": model.center, "motor_slope": model.slope}
+            terms = model.terms
         else:
             tensors, network = model.contents()
         if model.copula is not None:
             tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
         header = _HEADER.make(
-            units=_UNITS, sign=SIGN, motor_parameters=list(parameters_of(terms)), motor_terms=list(terms),
-            period=model.period, network=network, grey_box=isinstance(model, GreyBox),
-            standardised=model.copula is not None, preset=self.preset, robot=self.robot, motor=self.motor,
-            provenance=self.provenance, metrics=self.metrics, joint_names=list(self.joint_names),
-            gain_unit=model.gain_unit, classes=list(self.classes.names), joint_classes=list(self.classes.of_motors),
-        )  # fmt: skip
+            units=_UNITS,
+            sign=SIGN,
+            motor_parameters=list(parameters_of(terms)),
+            motor_terms=list(terms),
+            period=model.period,
+            network=network,
+            grey_box=isinstance(model, GreyBox),
+            standardised=model.copula is not None,
+            preset=self.preset,
+            robot=self.robot,
+            motor=self.motor,
+            provenance=self.provenance,
+            metrics=self.metrics,
+            joint_names=list(self.joint_names),
+            gain_unit=model.gain_unit,
+            classes=list(self.classes.names),
+            joint_classes=list(self.classes.of_motors),
+        )
         if self.gains is not None:
             tensors["gains"] = self.gains
         tensors |= {"misfit": self.misfit if len(self.misfit) else np.ones(len(self.mean))}
@@ -355,28 +446,40 @@ class MotorPrior(Printable):
         """Read a prior, or that of a shipped motor card by name.
 
         Raises:
-            ArtifactError: not a motor prior, another schema, unknown or missing keys, or wrong shapes.
+            ArtifactError: not a motor prior, another schema, unknown or missing keys, or wrong
+                shapes.
         """
         path = prior_path(path)
         tensors, header = _HEADER.read(path)
         _check(tensors, header, path)
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
-        period, network = float(header["period"]), header["network"]
+        period = float(header["period"])
+        network = header["network"]
         if header["grey_box"]:
-            center, slope, terms = tensors["motor_center"], tensors["motor_slope"], tuple(header["motor_terms"])
+            center = tensors["motor_center"]
+            slope = tensors["motor_slope"]
+            terms = tuple(header["motor_terms"])
             model = GreyBox(center, slope, period, terms, copula, header["gain_unit"])
         else:
             from motorprior.actuator.latent import LatentNetwork  # here: few priors are networks
 
             model = LatentNetwork.of(tensors, network, period, copula)
-        texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")}
-        names, gains = tuple(header["joint_names"]), tensors.get("gains")
+        texts = {
+            name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")
+        }
+        names = tuple(header["joint_names"])
+        gains = tensors.get("gains")
         classes = tuple(header["classes"]), tuple(header["joint_classes"])
         return cls(
-            model, tensors["mean"], tensors["log_var"], **texts, joint_names=names, gains=gains,
+            model,
+            tensors["mean"],
+            tensors["log_var"],
+            **texts,
+            joint_names=names,
+            gains=gains,
             given_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
             misfit=tensors["misfit"],
-        )  # fmt: skip
+        )
 
 
 def shipped_cards() -> tuple[str, ...]:
@@ -421,13 +524,18 @@ def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
     wrong = ~(np.isfinite(gains).all(axis=0) & (gains[0] > 0.0) & (gains[1] >= 0.0))
     if wrong.any():
         worst = gains[:, int(wrong.argmax())].tolist()
-        raise ConfigError(f"kp and kd {worst} are not valid gains", remedy="give kp > 0 and kd >= 0", argument="gains")
+        raise ConfigError(
+            f"kp and kd {worst} are not valid gains",
+            remedy="give kp > 0 and kd >= 0",
+            argument="gains",
+        )
     return gains
 
 
 def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
     """Raise `LogError` if the median of logged gains (2, M) cannot be in N·m/rad and N·m·s/rad."""
-    kp, ratio = float(np.median(gains[0])), float(np.median(gains[1] / gains[0]))
+    kp = float(np.median(gains[0]))
+    ratio = float(np.median(gains[1] / gains[0]))
     if not 1e-3 <= kp <= 1e3 or ratio > 10.0:
         raise LogError(
             f"logged gains: median kp = {kp:.4g} N·m/rad, median kd/kp = {ratio:.4g} s; expected 0.001 to 1000 N·m/rad "
@@ -438,19 +546,31 @@ def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
-    wanted = _MOTORS | (_COPULA if header["standardised"] else {}) | (_GAINS if header["gain_unit"] else {})
-    names, network = parameters_of(tuple(header["motor_terms"])), header["network"]
+    wanted = (
+        _MOTORS
+        | (_COPULA if header["standardised"] else {})
+        | (_GAINS if header["gain_unit"] else {})
+    )
+    names = parameters_of(tuple(header["motor_terms"]))
+    network = header["network"]
     if header["grey_box"]:
-        wanted, known, fits = wanted | _GREY_BOX, {"constants": len(names)}, not network
+        wanted = wanted | _GREY_BOX
+        known = {"constants": len(names)}
+        fits = not network
     else:
         from motorprior.actuator.latent import WEIGHTS, network_schema
 
         network_schema(_REMEDY).check(network, path)
         wanted |= WEIGHTS
-        known, fits = {"inputs": 2 * len(network["taps"])}, network["taps"] == sorted(network["taps"])
+        known = {"inputs": 2 * len(network["taps"])}
+        fits = network["taps"] == sorted(network["taps"])
     known |= {"classes": len(header["classes"]), "motors": len(header["joint_classes"])}
     sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
-    fits = fits and header["motor_parameters"] == list(names) and {*header["joint_classes"]} <= {*header["classes"]}
+    fits = (
+        fits
+        and header["motor_parameters"] == list(names)
+        and {*header["joint_classes"]} <= {*header["classes"]}
+    )
     if sizes["motors"] == 0 or not fits:
         problem = f"{sizes['motors']} motors, network or motor_parameters are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

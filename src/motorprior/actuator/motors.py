@@ -11,14 +11,14 @@ from motorprior.exceptions import ConfigError
 class Motors:
     """n motors with their state.
 
-    A step returns a torque and a damping that the simulator must integrate implicitly. With inertia J, step h and all
-    other torques τ_other on the joint, the new velocity dq' solves
+    A step returns a torque and a damping that the simulator must integrate implicitly. With inertia
+    J, step h and all other torques τ_other on the joint, the new velocity dq' solves
 
         (J + armature)·(dq' - dq)/h = torque - damping·dq' + τ_other,
 
-    that is dq' = (dq + h·(torque + τ_other)/(J + armature)) / (1 + h·damping/(J + armature)). The total motor torque is
-    torque - damping·dq'. Explicit damping would make a stiff gear or a large kd chatter on a light link. In MuJoCo, set
-    ``dof_armature`` and ``dof_damping``.
+    that is dq' = (dq + h·(torque + τ_other)/(J + armature)) / (1 + h·damping/(J + armature)). The
+    total motor torque is torque - damping·dq'. Explicit damping would make a stiff gear or a large
+    kd chatter on a light link. In MuJoCo, set ``dof_armature`` and ``dof_damping``.
 
     Args:
         actuator: n motors, for example from `MotorPrior.sample`.
@@ -27,15 +27,24 @@ class Motors:
         position_target: (n,) targets before the first step [rad]; ``joint_pos`` if not given.
 
     Raises:
-        ConfigError: no motors, motors that cannot be simulated at this step, or an array of the wrong shape.
+        ConfigError: no motors, motors that cannot be simulated at this step, or an array of the
+            wrong shape.
     """
 
-    def __init__(self, actuator: Actuator, dt: float, joint_pos: np.ndarray, position_target: np.ndarray | None = None):
+    def __init__(
+        self,
+        actuator: Actuator,
+        dt: float,
+        joint_pos: np.ndarray,
+        position_target: np.ndarray | None = None,
+    ):
         if not hasattr(actuator, "arrays"):
             problem = f"a {type(actuator).__name__} is a distribution, not motors"
             raise ConfigError(problem, remedy="give samples of it: .sample(…)", argument="actuator")
-        self._shape, self._dt = (actuator.num_motors,), dt
-        self._arrays, self._armature = actuator.arrays(dt), np.array(actuator.armature)
+        self._shape = (actuator.num_motors,)
+        self._dt = dt
+        self._arrays = actuator.arrays(dt)
+        self._armature = np.array(actuator.armature)
         self.reset(joint_pos, position_target)
 
     def __repr__(self) -> str:
@@ -44,7 +53,11 @@ class Motors:
     def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
         """Restart with static rotors at ``joint_pos`` (n,) [rad]; arguments as in the class."""
         start = require_array("joint_pos", joint_pos, self._shape)
-        before = start if position_target is None else require_array("position_target", position_target, self._shape)
+        before = (
+            start
+            if position_target is None
+            else require_array("position_target", position_target, self._shape)
+        )
         reset_actuator(self._arrays, before, start)
 
     @property
@@ -57,7 +70,8 @@ class Motors:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torque [N·m] and damping [N·m·s/rad], (n,) each, for the coming physics step; see the class.
 
-        All arguments are (n,), [rad] and [rad/s]. Raises `ConfigError` for another shape or non-finite values.
+        All arguments are (n,), [rad] and [rad/s]. Raises `ConfigError` for another shape or
+        non-finite values.
         """
         target = require_array("position_target", position_target, self._shape)
         pos = require_array("joint_pos", joint_pos, self._shape)

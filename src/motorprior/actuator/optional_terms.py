@@ -3,11 +3,14 @@
 All quantities are at the output shaft; h is the step. In the order in which they act:
 
     profile        trapezoidal profile of the firmware: the velocity of the reference approaches
-                   w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h) by at most
-                   profile_acceleration·h, with d = target - reference, c = h·profile_acceleration/2. The reference
-                   replaces the target. (Dynamixel, Feetech: profile velocity, profile acceleration, goal speed)
-    output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is assumed to accelerate
-                   like the rotor, so that the control law is as implicit as with an encoder on the rotor.
+                   w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h) by
+                   at most profile_acceleration·h, with d = target - reference, c =
+                   h·profile_acceleration/2. The reference replaces the target. (Dynamixel, Feetech:
+                   profile velocity, profile acceleration, goal speed)
+    output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is
+    assumed to accelerate
+                   like the rotor, so that the control law is as implicit as with an encoder on the
+                   rotor.
     dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
     integral       the control law adds the torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
     torque_speed   |torque of the control law| <= stall_torque·(1 - v/no_load_speed) when driving (voltage limit)
@@ -15,18 +18,20 @@ All quantities are at the output shaft; h is the step. In the order in which the
                    τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
     presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
-                   yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
+                   yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont
+                   et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
     heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at
                    time t of the log, and 0.5 where the time is unknown
     supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque
-                   by s = supply voltage / nominal voltage. supply_share is 1 if the control law commands the duty cycle
-                   of the bridge (most hobby servos), 0 if it commands the current.
+                   by s = supply voltage / nominal voltage. supply_share is 1 if the control law
+                   commands the duty cycle of the bridge (most hobby servos), 0 if it commands the
+                   current.
     temperature    torques of the control law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
 
-Nominal values are the medians of the logs that a prior was trained on, and the default. A new term is an entry of
-TERMS: with ``law`` it changes the torque of the control law; others have a line in `geared_motor_step.step` or
-`at_conditions`.
+Nominal values are the medians of the logs that a prior was trained on, and the default. A new term
+is an entry of TERMS: with ``law`` it changes the torque of the control law; others have a line in
+`geared_motor_step.step` or `at_conditions`.
 """
 
 from collections.abc import Callable, Iterable
@@ -44,10 +49,13 @@ class TermConstant(NamedTuple):
     unit: str
     initial: float  # value at the start of a search
     negligible: float  # value at the start of a second search: almost no effect
-    disabled: float | None = None  # without effect in a step; None: it changes other constants, not the step
-    signed: float = 0.0  # value per unit of decoder output, if it may be negative; all others are exp(output)
+    # without effect in a step; None: it changes other constants, not the step
+    disabled: float | None = None
+    # value per unit of decoder output, if it may be negative; all others are exp(output)
+    signed: float = 0.0
     max: float = 0.0  # bound of the magnitude, 0: none
-    is_lag: bool = False  # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
+    # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
+    is_lag: bool = False
     unlimited: float = 0.0  # value if the log states that it is off; small enough for float32
 
     @property
@@ -65,7 +73,8 @@ class Term(NamedTuple):
     constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
     is_usual: bool = False  # whether hobby servos usually have it
-    # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed torque
+    # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed
+    # torque
     law: Callable[[Any, Any, Any, Any], Any] | None = None
 
 
@@ -82,18 +91,33 @@ TERMS = {
     "output_encoder": Term(is_usual=True),
     "dead_zone": Term((TermConstant("dead_zone", "rad", 0.003, 1e-4, 0.0),), is_usual=True),
     "integral": Term(
-        (TermConstant("integral_rate", "1/s", 2.0, 0.05, 0.0), TermConstant("integral_limit", "N·m", 0.3, 0.05, 0.0)),
+        (
+            TermConstant("integral_rate", "1/s", 2.0, 0.05, 0.0),
+            TermConstant("integral_limit", "N·m", 0.3, 0.05, 0.0),
+        ),
         ("integral",),
     ),
     "torque_speed": Term(
-        (TermConstant("stall_torque", "N·m", 3.0, 20.0, 1e9), TermConstant("no_load_speed", "rad/s", 10.0, 100.0, 1e9))
+        (
+            TermConstant("stall_torque", "N·m", 3.0, 20.0, 1e9),
+            TermConstant("no_load_speed", "rad/s", 10.0, 100.0, 1e9),
+        )
     ),
-    "current": Term((TermConstant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)),
+    "current": Term(
+        (TermConstant("current_time", "s", 0.003, 3e-4, 1e-12, is_lag=True),), ("current",)
+    ),
     "asymmetry": Term((TermConstant("asymmetry", "1", 0.0, 0.0, 0.0, signed=0.2, max=MAX_SHARE),)),
-    "presliding": Term((TermConstant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)),
-    "output_damping": Term((TermConstant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True),
+    "presliding": Term(
+        (TermConstant("bristle_stiffness", "N·m/rad", 10.0, 200.0, 1e9),), ("bristle",)
+    ),
+    "output_damping": Term(
+        (TermConstant("output_damping", "N·m·s/rad", 0.005, 1e-4, 0.0),), is_usual=True
+    ),
     "heat": Term(
-        (TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE), TermConstant("heat_time", "s", 10.0, 10.0))
+        (
+            TermConstant("heat_loss", "1", 0.1, 0.01, max=MAX_SHARE),
+            TermConstant("heat_time", "s", 10.0, 10.0),
+        )
     ),
     "supply": Term((TermConstant("supply_share", "1", 0.7, 0.1),)),
     "temperature": Term((TermConstant("temperature_loss", "1", 0.0, 0.0, signed=0.1),)),
@@ -114,8 +138,11 @@ UNLIMITED = {name: constant.unlimited for name, constant in CONSTANTS.items() if
 STEP_ROWS = tuple(row for name in TERMS for row in rows_of(name))
 STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
 # constants that may be negative, and their value per unit of decoder output
-SIGNED = {"encoder_zero": 0.05} | {name: constant.signed for name, constant in CONSTANTS.items() if constant.signed}
-# constants that scale with torques of the control law, with the field of the magnets, with the voltage
+SIGNED = {"encoder_zero": 0.05} | {
+    name: constant.signed for name, constant in CONSTANTS.items() if constant.signed
+}
+# constants that scale with torques of the control law, with the field of the magnets, with the
+# voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
 _OF_VOLTAGE = ("stall_torque", "no_load_speed")
@@ -131,7 +158,8 @@ class OperatingConditions(NamedTuple):
 
 
 # nominal voltage and temperature; motor at the start of operation, and at an unknown time
-COLD, HALF_WARM = OperatingConditions(), OperatingConditions(warmth=0.5)
+COLD = OperatingConditions()
+HALF_WARM = OperatingConditions(warmth=0.5)
 
 
 def at_conditions(conditions: OperatingConditions, values: dict[str, Any]) -> dict[str, Any]:
@@ -169,7 +197,9 @@ def in_order(terms: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in TERMS if name in wanted)
 
 
-def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any) -> dict[str, Any]:
+def step_rows(
+    terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any
+) -> dict[str, Any]:
     """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s]; those not in ``terms`` have no effect."""
     rows = {}
     for name, term in TERMS.items():
@@ -179,7 +209,11 @@ def step_rows(terms: tuple[str, ...], values: dict[str, Any], h: float, zero: An
             value = values.get(constant.name, zero + (constant.disabled or 0.0))
             if constant.is_lag:
                 lags = h / value
-                rows |= dict(zip(constant.rows, (-np.expm1(-lags), 1.0 + np.expm1(-lags) / lags), strict=True))
+                rows |= dict(
+                    zip(
+                        constant.rows, (-np.expm1(-lags), 1.0 + np.expm1(-lags) / lags), strict=True
+                    )
+                )
             elif constant.rows:
                 rows[constant.name] = value
     return rows
@@ -194,7 +228,8 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     """The state with the reference moved towards the target for one step."""
     away = target - state.reference
     distance = abs(away)
-    change = 0.5 * h * p.profile_acceleration  # change of speed in half a step: whole steps then end at the target
+    # change of speed in half a step: whole steps then end at the target
+    change = 0.5 * h * p.profile_acceleration
     stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
     speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
     wanted = arithmetic.with_sign_of(speed, away) - state.reference_vel

@@ -1,7 +1,8 @@
 """Out-of-family motors: a second ground truth, most of whose equations are in no learned model.
 
-All quantities are at the output shaft; x, w are position and velocity of the rotor, q, dq of the joint, which moves at
-constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the firmware, every T = servo_period:
+All quantities are at the output shaft; x, w are position and velocity of the rotor, q, dq of the
+joint, which moves at constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of
+the firmware, every T = servo_period:
 
     profile   v = clip(sqrt((a·T)² + 2·a·|d|) - a·T, ..profile_speed)·sign(d), at most a·T from the last v
               reference += T·v,   with d = position_target(t - delay) - reference, a = profile_acceleration
@@ -16,31 +17,36 @@ constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of the 
                         - cogging·sin(cogging_order·x + cogging_phase)
     gear      s = deadzone(x - q, backlash / 2)
               y = clip(y + slider_stiffness·Δs, ±slider_torque), zero in the play
-              τ_gear = gear_stiffness·s + gear_hardening·s³ + y + gear_damping·(w - dq) in contact, never pulling
+              τ_gear = gear_stiffness·s + gear_hardening·s³ + y + gear_damping·(w - dq) in contact,
+              never pulling
     friction  g = (coulomb + static_torque·exp(-(w / stribeck_velocity)²))·(1 + asymmetry·sign(w))
-                  ·(1 + position_friction·sin(position_order·x + position_phase)) + load_friction·|τ_gear|
+                  ·(1 + position_friction·sin(position_order·x + position_phase)) +
+                  load_friction·|τ_gear|
               dz/dt = w - bristle_stiffness·|w|·z / g
               F = bristle_stiffness·z + bristle_damping·exp(-(w / stribeck_velocity)²)·dz/dt
     rotor     armature·dw/dt = τ_motor - τ_gear - F - viscous_damping·w
 
-z is integrated exactly for the velocity at the start of the substep, which is stable for any stiffness; viscous damping
-is implicit. A term is off where its first constant is 0; firmware of period 0 ticks every substep. The joint gets the
-mean of τ_gear over the substeps, and the engine applies output_damping·dq.
+z is integrated exactly for the velocity at the start of the substep, which is stable for any
+stiffness; viscous damping is implicit. A term is off where its first constant is 0; firmware of
+period 0 ticks every substep. The joint gets the mean of τ_gear over the substeps, and the engine
+applies output_damping·dq.
 
-Sources. Friction: Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems with friction, IEEE
-TAC 40 (1995); damping of the bristles that falls with speed, and friction that differs by direction: Olsson et al.,
-Friction models and friction compensation, Eur. J. Control 4 (1998); growth with the load: Bittencourt and Gunnarsson,
-Static friction in a robot joint, ASME J. Dyn. Sys. 134 (2012). Friction and ripple over the position, hardening of the
-gear: Tuttle and Seering, A nonlinear model of a harmonic drive gear transmission, IEEE T-RA 12 (1996). Spring and
-slider: Iwan, A distributed-element model for hysteresis, J. Appl. Mech. 33 (1966), one Jenkins element. Profile, dead
-zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215. Assumptions: a linear torque-speed curve of a DC
-motor, lowered in proportion to the torque (sag); first-order current loop, velocity filter and warming; one sine of
-ripple and one of cogging; play as a dead zone; viscous damping of the shaft; the order of the firmware's steps; encoder
-readings without latency; a final winding temperature that does not depend on the load; winding resistance and no-load
-speed that do not depend on the temperature.
+Sources. Friction: Canudas de Wit, Olsson, Åström and Lischinsky, A new model for control of systems
+with friction, IEEE TAC 40 (1995); damping of the bristles that falls with speed, and friction that
+differs by direction: Olsson et al., Friction models and friction compensation, Eur. J. Control 4
+(1998); growth with the load: Bittencourt and Gunnarsson, Static friction in a robot joint, ASME J.
+Dyn. Sys. 134 (2012). Friction and ripple over the position, hardening of the gear: Tuttle and
+Seering, A nonlinear model of a harmonic drive gear transmission, IEEE T-RA 12 (1996). Spring and
+slider: Iwan, A distributed-element model for hysteresis, J. Appl. Mech. 33 (1966), one Jenkins
+element. Profile, dead zone, integral: control tables of ROBOTIS XL330 and Feetech STS3215.
+Assumptions: a linear torque-speed curve of a DC motor, lowered in proportion to the torque (sag);
+first-order current loop, velocity filter and warming; one sine of ripple and one of cogging; play
+as a dead zone; viscous damping of the shaft; the order of the firmware's steps; encoder readings
+without latency; a final winding temperature that does not depend on the load; winding resistance
+and no-load speed that do not depend on the temperature.
 
-The learned models (`optional_terms`) lack position-dependent friction, sag, ripple, cogging, a hardening or hysteretic
-gear, discrete firmware ticks and encoder quantisation.
+The learned models (`optional_terms`) lack position-dependent friction, sag, ripple, cogging, a
+hardening or hysteretic gear, discrete firmware ticks and encoder quantisation.
 """
 
 import math
@@ -56,12 +62,14 @@ from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, held, write_line
 
 SUBSTEP = 0.0001  # maximum substep [s]
-# Maximum physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²) some shipped motors
-# chatter above 2 N·m of load, where the hardening gear is stiffer. Simulated walking does not reach it.
+# Maximum physics step [s]. Joint and gear are coupled once per step: on a bare shank (1e-4 kg·m²)
+# some shipped motors chatter above 2 N·m of load, where the hardening gear is stiffer. Simulated
+# walking does not reach it.
 MAX_STEP = 0.001
 
-# Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo period at least a
-# substep, and a time constant the filter gain per substep (of the velocity filter: per tick).
+# Rows of the parameters, and their number. In `ActuatorArrays` the delay is in steps, the servo
+# period at least a substep, and a time constant the filter gain per substep (of the velocity
+# filter: per tick).
 (
     KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI, INTEGRAL_LIMIT,
     OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME, STALL_TORQUE, NO_LOAD_SPEED, SAG,
@@ -80,7 +88,8 @@ MAX_STEP = 0.001
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
     """Static rotor at the joint's angle, centred in the backlash; the firmware's reference is the target."""
-    p, memory = arrays.parameters, arrays.memory
+    p = arrays.parameters
+    memory = arrays.memory
     memory[:LINE, :] = 0.0
     for motor in range(joint_pos.shape[0]):
         memory[ROTOR_POS, motor] = joint_pos[motor]
@@ -102,15 +111,20 @@ def _dead_zone(value: float, half: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _reading(p: np.ndarray, motor: int, position: float) -> float:
-    quantum, angle = p[ENCODER_QUANTUM, motor], position + p[ENCODER_ZERO, motor]
+    quantum = p[ENCODER_QUANTUM, motor]
+    angle = position + p[ENCODER_ZERO, motor]
     return quantum * math.floor(angle / quantum + 0.5) if quantum > 0.0 else angle
 
 
 @njit(cache=True, nogil=True)
-def _move_reference(p: np.ndarray, memory: np.ndarray, motor: int, target: float, period: float) -> None:
+def _move_reference(
+    p: np.ndarray, memory: np.ndarray, motor: int, target: float, period: float
+) -> None:
     """One tick of the trapezoidal profile, which stops at the target."""
-    fastest, a = p[PROFILE_SPEED, motor], p[PROFILE_ACCELERATION, motor]
-    distance, speed = target - memory[REFERENCE, motor], memory[REFERENCE_VEL, motor]
+    fastest = p[PROFILE_SPEED, motor]
+    a = p[PROFILE_ACCELERATION, motor]
+    distance = target - memory[REFERENCE, motor]
+    speed = memory[REFERENCE_VEL, motor]
     wish = abs(distance) / period
     if a > 0.0:
         wish = min(wish, math.sqrt(a * period * a * period + 2.0 * a * abs(distance)) - a * period)
@@ -133,35 +147,50 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
     reading = _reading(p, motor, position)
     velocity = (reading - memory[READING, motor]) / period
     memory[READING, motor] = reading
-    memory[FILTERED_VEL, motor] += p[VELOCITY_FILTER, motor] * (velocity - memory[FILTERED_VEL, motor])
+    memory[FILTERED_VEL, motor] += p[VELOCITY_FILTER, motor] * (
+        velocity - memory[FILTERED_VEL, motor]
+    )
     error = _dead_zone(memory[REFERENCE, motor] - reading, p[DEAD_ZONE, motor])
     integral = memory[INTEGRAL, motor] + period * p[KI, motor] * error
     memory[INTEGRAL, motor] = _clip(integral, p[INTEGRAL_LIMIT, motor])
-    command = p[KP, motor] * error + memory[INTEGRAL, motor] - p[KD, motor] * memory[FILTERED_VEL, motor]
+    command = (
+        p[KP, motor] * error + memory[INTEGRAL, motor] - p[KD, motor] * memory[FILTERED_VEL, motor]
+    )
     memory[COMMAND, motor] = _clip(command, p[TORQUE_LIMIT, motor])
 
 
 @njit(cache=True, nogil=True)
 def _motor_torque(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
-    x, stall, command = memory[ROTOR_POS, motor], p[STALL_TORQUE, motor], memory[COMMAND, motor]
+    x = memory[ROTOR_POS, motor]
+    stall = p[STALL_TORQUE, motor]
+    command = memory[COMMAND, motor]
     if stall > 0.0:
         limit = max(0.0, stall - p[SAG, motor] * abs(memory[TORQUE, motor]))
-        command = voltage_limited(command, limit, stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor])
+        command = voltage_limited(
+            command, limit, stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor]
+        )
     memory[TORQUE, motor] += p[CURRENT_TIME, motor] * (command - memory[TORQUE, motor])
     memory[HEAT, motor] += p[HEAT_TIME, motor] * (1.0 - memory[HEAT, motor])
     torque = memory[TORQUE, motor] * (1.0 - p[HEAT_LOSS, motor] * memory[HEAT, motor])
     if p[RIPPLE, motor] > 0.0:
-        torque *= 1.0 + p[RIPPLE, motor] * math.sin(p[RIPPLE_ORDER, motor] * x + p[RIPPLE_PHASE, motor])
+        torque *= 1.0 + p[RIPPLE, motor] * math.sin(
+            p[RIPPLE_ORDER, motor] * x + p[RIPPLE_PHASE, motor]
+        )
     if p[COGGING, motor] > 0.0:
-        torque -= p[COGGING, motor] * math.sin(p[COGGING_ORDER, motor] * x + p[COGGING_PHASE, motor])
+        torque -= p[COGGING, motor] * math.sin(
+            p[COGGING_ORDER, motor] * x + p[COGGING_PHASE, motor]
+        )
     return torque
 
 
 @njit(cache=True, nogil=True)
-def _gear_torque(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float) -> float:
+def _gear_torque(
+    p: np.ndarray, memory: np.ndarray, motor: int, twist: float, twist_vel: float
+) -> float:
     s = _dead_zone(twist, 0.5 * p[BACKLASH, motor])
     if s == 0.0:
-        memory[TWIST, motor], memory[SLIDER, motor] = 0.0, 0.0
+        memory[TWIST, motor] = 0.0
+        memory[SLIDER, motor] = 0.0
         return 0.0
     slid = memory[SLIDER, motor] + p[SLIDER_STIFFNESS, motor] * (s - memory[TWIST, motor])
     memory[SLIDER, motor] = _clip(slid, p[SLIDER_TORQUE, motor])
@@ -173,7 +202,9 @@ def _gear_torque(p: np.ndarray, memory: np.ndarray, motor: int, twist: float, tw
 
 @njit(cache=True, nogil=True)
 def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: float) -> float:
-    w, z, stiffness = memory[ROTOR_VEL, motor], memory[BRISTLE, motor], p[BRISTLE_STIFFNESS, motor]
+    w = memory[ROTOR_VEL, motor]
+    z = memory[BRISTLE, motor]
+    stiffness = p[BRISTLE_STIFFNESS, motor]
     slow = stribeck_share(w, p[STRIBECK_VELOCITY, motor])
     sliding = p[COULOMB, motor] + p[STATIC_TORQUE, motor] * slow
     sliding *= 1.0 + p[ASYMMETRY, motor] * math.copysign(1.0, w)
@@ -193,14 +224,20 @@ def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: flo
 
 @njit(cache=True, nogil=True)
 def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
-    p, memory = arrays.parameters, arrays.memory
-    now, substeps = arrays.clock[0], arrays.clock[1]
-    newest, h = write_line(memory, LINE, now, position_target), physics_dt / substeps
+    p = arrays.parameters
+    memory = arrays.memory
+    now = arrays.clock[0]
+    substeps = arrays.clock[1]
+    newest = write_line(memory, LINE, now, position_target)
+    h = physics_dt / substeps
     for motor in range(torque.shape[0]):
-        q, dq, total = joint_pos[motor], joint_vel[motor], 0.0
+        q = joint_pos[motor]
+        dq = joint_vel[motor]
+        total = 0.0
         on_output = p[OUTPUT_ENCODER, motor] > 0.5
         for k in range(substeps):
-            x, w = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
+            x = memory[ROTOR_POS, motor]
+            w = memory[ROTOR_VEL, motor]
             if memory[WAIT, motor] <= 1e-9:
                 target = held(memory, LINE, newest, p[DELAY, motor] - k / substeps, motor)
                 since = memory[WAIT, motor]  # negative: the tick was a fraction of a substep ago
@@ -223,11 +260,19 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
     p = arrays.parameters
     for motor in range(out.shape[0]):
         on_output = p[OUTPUT_ENCODER, motor] > 0.5
-        out[motor] = _reading(p, motor, joint_pos[motor] if on_output else arrays.memory[ROTOR_POS, motor])
+        out[motor] = _reading(
+            p, motor, joint_pos[motor] if on_output else arrays.memory[ROTOR_POS, motor]
+        )
 
 
 OUT_OF_FAMILY_KIND = ActuatorKind(
-    "out_of_family", "out of family", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
+    "out_of_family",
+    "out of family",
+    reset=_reset,
+    step=_step,
+    measure=_measure,
+    max_step=MAX_STEP,
+    bench_step=SUBSTEP,
 )
 
 
@@ -237,15 +282,21 @@ class OutOfFamilyMotors(TrueMotors):
 
     kind = OUT_OF_FAMILY_KIND
     # ki scales with kp, as in the learned models
-    factor_names = {name: name for name in Factors._fields} | {"static_torque": "coulomb", "ki": "kp"}
+    factor_names = {name: name for name in Factors._fields} | {
+        "static_torque": "coulomb",
+        "ki": "kp",
+    }
 
     kp: Annotated[np.ndarray, "N·m/rad"]
     kd: Annotated[np.ndarray, "N·m·s/rad"]
-    torque_limit: Annotated[np.ndarray, "N·m"]  # current limit times torque constant of the cold motor
+    # current limit times torque constant of the cold motor
+    torque_limit: Annotated[np.ndarray, "N·m"]
     delay: Annotated[np.ndarray, "s"]  # command latency
-    servo_period: Annotated[np.ndarray, "s"]  # period of the firmware's control law; 0: every substep
+    # period of the firmware's control law; 0: every substep
+    servo_period: Annotated[np.ndarray, "s"]
     profile_speed: Annotated[np.ndarray, "rad/s"]  # maximum speed of the reference; 0: no bound
-    profile_acceleration: Annotated[np.ndarray, "rad/s²"]  # maximum acceleration of the reference; 0: no bound
+    # maximum acceleration of the reference; 0: no bound
+    profile_acceleration: Annotated[np.ndarray, "rad/s²"]
     dead_zone: Annotated[np.ndarray, "rad"]  # error below which kp and ki have no effect
     ki: Annotated[np.ndarray, "N·m/(rad·s)"]  # integral gain
     integral_limit: Annotated[np.ndarray, "N·m"]  # maximum integral part of the torque
@@ -254,8 +305,10 @@ class OutOfFamilyMotors(TrueMotors):
     encoder_zero: Annotated[np.ndarray, "rad"]  # encoder reading at true zero
     velocity_filter: Annotated[np.ndarray, "s"]  # time constant of the velocity in the control law
     current_time: Annotated[np.ndarray, "s"]  # time constant of the current loop
-    stall_torque: Annotated[np.ndarray, "N·m"]  # voltage-limited torque at zero speed; 0: no voltage limit
-    no_load_speed: Annotated[np.ndarray, "rad/s"]  # speed at which the torque limit is zero; 0: no back-EMF
+    # voltage-limited torque at zero speed; 0: no voltage limit
+    stall_torque: Annotated[np.ndarray, "N·m"]
+    # speed at which the torque limit is zero; 0: no back-EMF
+    no_load_speed: Annotated[np.ndarray, "rad/s"]
     sag: Annotated[np.ndarray, "1"]  # share of the supply voltage lost at the stall current
     heat_loss: Annotated[np.ndarray, "1"]  # relative loss of the torque constant when warm
     heat_time: Annotated[np.ndarray, "s"]  # time constant of the warming; 0: constant warmth
@@ -270,33 +323,47 @@ class OutOfFamilyMotors(TrueMotors):
     viscous_damping: Annotated[np.ndarray, "N·m·s/rad"]
     coulomb: Annotated[np.ndarray, "N·m"]  # sliding friction
     static_torque: Annotated[np.ndarray, "N·m"]  # static friction minus sliding friction
-    stribeck_velocity: Annotated[np.ndarray, "rad/s"]  # 0: friction is independent of speed, bristles have no damping
+    # 0: friction is independent of speed, bristles have no damping
+    stribeck_velocity: Annotated[np.ndarray, "rad/s"]
     bristle_stiffness: Annotated[np.ndarray, "N·m/rad"]  # presliding stiffness; 0: no dry friction
     bristle_damping: Annotated[np.ndarray, "N·m·s/rad"]  # presliding damping
     load_friction: Annotated[np.ndarray, "1"]  # friction per gear torque
-    asymmetry: Annotated[np.ndarray, "1"]  # relative increase of friction forwards, decrease backwards
-    position_friction: Annotated[np.ndarray, "1"]  # relative amplitude of position-dependent friction
+    # relative increase of friction forwards, decrease backwards
+    asymmetry: Annotated[np.ndarray, "1"]
+    # relative amplitude of position-dependent friction
+    position_friction: Annotated[np.ndarray, "1"]
     position_order: Annotated[np.ndarray, "1/rev"]  # as ripple_order
     position_phase: Annotated[np.ndarray, "rad"]
     backlash: Annotated[np.ndarray, "rad"]  # full play
-    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness at first contact, without the slider
+    # stiffness at first contact, without the slider
+    gear_stiffness: Annotated[np.ndarray, "N·m/rad"]
     gear_hardening: Annotated[np.ndarray, "N·m/rad³"]  # cubic stiffness
     gear_damping: Annotated[np.ndarray, "N·m·s/rad"]
     slider_stiffness: Annotated[np.ndarray, "N·m/rad"]  # stiffness of the spring behind the slider
     slider_torque: Annotated[np.ndarray, "N·m"]  # torque at which the slider slips
-    output_damping: Annotated[np.ndarray, "N·m·s/rad"]  # viscous damping of the output shaft (seals, grease)
+    # viscous damping of the output shaft (seals, grease)
+    output_damping: Annotated[np.ndarray, "N·m·s/rad"]
     log_position_noise: Annotated[np.ndarray, "rad"]  # standard deviation of logged angles
     log_position_quantum: Annotated[np.ndarray, "rad"]  # resolution of logged angles
-    log_velocity_filter: Annotated[np.ndarray, "s"]  # time constant of logged velocities; 0: true ones
+    # time constant of logged velocities; 0: true ones
+    log_velocity_filter: Annotated[np.ndarray, "s"]
     log_velocity_noise: Annotated[np.ndarray, "rad/s"]  # standard deviation of logged velocities
     log_torque_noise: Annotated[np.ndarray, "N·m"]  # standard deviation of logged torques
 
     def after(self, seconds: float) -> "OutOfFamilyMotors":
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
-        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0))
+        return replace(
+            self,
+            warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0),
+        )
 
     def logged(
-        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
+        self,
+        rng: np.random.Generator,
+        period: float,
+        joint_pos: np.ndarray,
+        joint_vel: np.ndarray,
+        torque: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m], with noise.
 
@@ -306,23 +373,31 @@ class OutOfFamilyMotors(TrueMotors):
         angle = joint_pos + self.log_position_noise * position
         step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
         angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
-        differenced = _differenced(angle, period, _filter_gain(period, self.log_velocity_filter, 1.0))
+        differenced = _differenced(
+            angle, period, _filter_gain(period, self.log_velocity_filter, 1.0)
+        )
         speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
-        return angle, speed + self.log_velocity_noise * velocity, torque + self.log_torque_noise * effort
+        return (
+            angle,
+            speed + self.log_velocity_noise * velocity,
+            torque + self.log_torque_noise * effort,
+        )
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
         require_step(physics_dt, MAX_STEP)
         table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
-        h, line = physics_dt / substeps, int(np.ceil(table[DELAY].max() / physics_dt)) + 2
+        h = physics_dt / substeps
+        line = int(np.ceil(table[DELAY].max() / physics_dt)) + 2
         table[DELAY] /= physics_dt
         table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
         table[VELOCITY_FILTER] = _filter_gain(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
         table[CURRENT_TIME] = _filter_gain(h, table[CURRENT_TIME], 1.0)
         table[HEAT_TIME] = _filter_gain(h, table[HEAT_TIME], 0.0)
         table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
-        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)  # 0: friction is independent of speed
+        # 0: friction is independent of speed
+        table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)
         return empty_arrays(OUT_OF_FAMILY_KIND, table, LINE + line, substeps, self.output_damping)
 
 

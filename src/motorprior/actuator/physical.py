@@ -1,19 +1,21 @@
 """The physical motor with firmware, rotor, friction and gear: the ground truth of virtual benches and robots.
 
-All quantities are at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at constant velocity:
+All quantities are at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at
+constant velocity:
 
     encoder   θ = rotor_pos + encoder_zero            (on the rotor, so it does not measure backlash)
     filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
     control   τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
     speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
     gear      p = deadzone(rotor_pos - joint_pos, backlash / 2)
-              τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact, never pulling
-    friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²) + load_friction·|τ_gear|
-    rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
+              τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact, never
+              pulling
+    friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²) +
+    load_friction·|τ_gear| rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
 
-Dry friction is an impulse that can stop the rotor but never reverse it (exact stiction). The joint gets the mean of
-τ_gear over the substeps. The structure follows puppersim's motor model (jietan/puppersim), with rotor, backlash and
-delay added.
+Dry friction is an impulse that can stop the rotor but never reverse it (exact stiction). The joint
+gets the mean of τ_gear over the substeps. The structure follows puppersim's motor model
+(jietan/puppersim), with rotor, backlash and delay added.
 """
 
 import math
@@ -23,13 +25,20 @@ from typing import Annotated, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import (
+    Actuator,
+    ActuatorArrays,
+    Factors,
+    empty_arrays,
+    require_step,
+)
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, held, write_line
 
 SUBSTEP = 0.00025  # maximum substep [s]: a tenth of the period of the fastest gear oscillation
-MAX_STEP = 0.001  # maximum physics step [s] at which gear and bare shank, coupled once per step, are stable
+# maximum physics step [s] at which gear and bare shank, coupled once per step, are stable
+MAX_STEP = 0.001
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
@@ -61,11 +70,15 @@ class TrueMotors(Protocol):
 
     def take(self, index: np.ndarray) -> Self:
         """The motors at ``index``."""
-        return replace(self, **{each.name: getattr(self, each.name)[index] for each in fields(self)})
+        return replace(
+            self, **{each.name: getattr(self, each.name)[index] for each in fields(self)}
+        )
 
     def scaled(self, factors: Mapping[str, Any]) -> Self:
         """The motors with parameters multiplied by factors [-]."""
-        return replace(self, **{name: getattr(self, name) * factor for name, factor in factors.items()})
+        return replace(
+            self, **{name: getattr(self, name) * factor for name, factor in factors.items()}
+        )
 
     def actuator(self) -> "PhysicalActuator":
         """The same motors as an `Actuator`."""
@@ -76,7 +89,12 @@ class TrueMotors(Protocol):
         return self
 
     def logged(
-        self, rng: np.random.Generator, period: float, joint_pos: np.ndarray, joint_vel: np.ndarray, torque: np.ndarray
+        self,
+        rng: np.random.Generator,
+        period: float,
+        joint_pos: np.ndarray,
+        joint_vel: np.ndarray,
+        torque: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m]: the true ones, without noise."""
         return joint_pos, joint_vel, torque
@@ -105,7 +123,9 @@ class PhysicalActuator(Actuator):
 
     def with_factors(self, factors: Factors) -> "PhysicalActuator":
         """See `actuator.with_factors`."""
-        scales = {name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()}
+        scales = {
+            name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()
+        }
         return PhysicalActuator(self.motors.scaled(scales))
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
@@ -136,7 +156,9 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 
 @njit(cache=True, nogil=True)
-def _control_torque(p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float) -> float:
+def _control_torque(
+    p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float
+) -> float:
     limit = p[_TORQUE_LIMIT, motor]
     torque = min(limit, max(-limit, p[_KP, motor] * error - p[_KD, motor] * filtered))
     slope = p[_STALL_TORQUE, motor] / p[_NO_LOAD_SPEED, motor]
@@ -154,7 +176,9 @@ def _gear_torque(p: np.ndarray, motor: int, twist: float, twist_vel: float) -> f
 
 
 @njit(cache=True, nogil=True)
-def _apply_friction(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float) -> float:
+def _apply_friction(
+    p: np.ndarray, motor: int, free_vel: float, rotor_vel: float, gear: float, h: float
+) -> float:
     friction = p[_COULOMB, motor] + p[_LOAD_FRICTION, motor] * abs(gear)
     friction += p[_STRIBECK_TORQUE, motor] * stribeck_share(rotor_vel, p[_STRIBECK_VELOCITY, motor])
     remaining = max(0.0, abs(free_vel) - h / p[_ARMATURE, motor] * friction)
@@ -163,23 +187,35 @@ def _apply_friction(p: np.ndarray, motor: int, free_vel: float, rotor_vel: float
 
 @njit(cache=True, nogil=True)
 def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
-    p, memory = arrays.parameters, arrays.memory
-    now, substeps = arrays.clock[0], arrays.clock[1]
-    newest, h = write_line(memory, _LINE, now, position_target), physics_dt / substeps
+    p = arrays.parameters
+    memory = arrays.memory
+    now = arrays.clock[0]
+    substeps = arrays.clock[1]
+    newest = write_line(memory, _LINE, now, position_target)
+    h = physics_dt / substeps
     for motor in range(torque.shape[0]):
-        rotor_pos, rotor_vel = memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor]
-        filtered, q, dq, total = memory[FILTERED_VEL, motor], joint_pos[motor], joint_vel[motor], 0.0
+        rotor_pos = memory[ROTOR_POS, motor]
+        rotor_vel = memory[ROTOR_VEL, motor]
+        filtered = memory[FILTERED_VEL, motor]
+        q = joint_pos[motor]
+        dq = joint_vel[motor]
+        total = 0.0
         for k in range(substeps):
             target = held(memory, _LINE, newest, p[_DELAY, motor] - k / substeps, motor)
             filtered += p[_FILTER, motor] * (rotor_vel - filtered)
-            law = _control_torque(p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel)
+            law = _control_torque(
+                p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel
+            )
             gear = _gear_torque(p, motor, rotor_pos - q, rotor_vel - dq)
             force = law - gear - p[_VISCOUS, motor] * rotor_vel
-            rotor_vel = _apply_friction(p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h)
+            rotor_vel = _apply_friction(
+                p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h
+            )
             rotor_pos += h * rotor_vel
             q += h * dq
             total += gear
-        memory[ROTOR_POS, motor], memory[ROTOR_VEL, motor] = rotor_pos, rotor_vel
+        memory[ROTOR_POS, motor] = rotor_pos
+        memory[ROTOR_VEL, motor] = rotor_vel
         memory[FILTERED_VEL, motor] = filtered
         torque[motor] = total / substeps
 
@@ -191,7 +227,13 @@ def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> 
 
 
 PHYSICAL = ActuatorKind(
-    "physical", "physical", reset=_reset, step=_step, measure=_measure, max_step=MAX_STEP, bench_step=SUBSTEP
+    "physical",
+    "physical",
+    reset=_reset,
+    step=_step,
+    measure=_measure,
+    max_step=MAX_STEP,
+    bench_step=SUBSTEP,
 )
 
 

@@ -2,9 +2,10 @@
 
     KIND[:VALUE][,OPTION=VALUE][,FLAG]        a VALUE without a name is that of the first option
 
-A kind is a function (robot, options) -> `EpisodeMotors`, registered by `register`. Its parameters after the robot are
-the options: numbers, flags (True), or texts (names, and files, which have a suffix). To add an actuator, add one file
-to this folder, with its kernels, its `Actuator` and its kind.
+A kind is a function (robot, options) -> `EpisodeMotors`, registered by `register`. Its parameters
+after the robot are the options: numbers, flags (True), or texts (names, and files, which have a
+suffix). To add an actuator, add one file to this folder, with its kernels, its `Actuator` and its
+kind.
 """
 
 import pkgutil
@@ -51,7 +52,8 @@ def register(kind: str) -> Callable[[Callable[..., EpisodeMotors]], Callable[...
 def motors_from_text(text: str, robot: Robot) -> tuple[EpisodeMotors, Options]:
     """The motors that a text chooses for a robot, and the given options.
 
-    Errors as in `parsed`, and for a value out of range, an unreadable file, or motors of another robot.
+    Errors as in `parsed`, and for a value out of range, an unreadable file, or motors of another
+    robot.
     """
     kind, options = parsed(text)
     try:
@@ -69,15 +71,26 @@ def parsed(text: str) -> tuple[str, Options]:
         import_module(f"motorprior.actuator.{module.name}")
     kind, _, rest = text.partition(":")
     if kind not in KINDS:
-        raise _error(text, f"no kind {kind!r}", f"use one of {', '.join(KINDS)}; a shipped prior is prior:NAME")
+        raise _error(
+            text,
+            f"no kind {kind!r}",
+            f"use one of {', '.join(KINDS)}; a shipped prior is prior:NAME",
+        )
     parameters = list(signature(KINDS[kind]).parameters.values())[1:]
-    names, options = [each.name for each in parameters], {}
+    names = [each.name for each in parameters]
+    options = {}
     for item in filter(None, rest.split(",")):
         option, separator, value = item.partition("=")
         if not option.isidentifier() or (not separator and item not in names):
-            option, separator, value = names[0] if names else item, "=", item
+            option = names[0] if names else item
+            separator = "="
+            value = item
         if option not in names or option in options:
-            raise _error(text, f"unknown or repeated option {item!r}", f"{kind} has {', '.join(names) or 'none'}")
+            raise _error(
+                text,
+                f"unknown or repeated option {item!r}",
+                f"{kind} has {', '.join(names) or 'none'}",
+            )
         options[option] = _value(value) if separator else True
     for each in parameters:
         if each.default is each.empty and each.name not in options:
@@ -94,15 +107,23 @@ def _value(text: str) -> float | str:
 
 def file_options(options: Options) -> list[str]:
     """Names of the options that are files."""
-    return [name for name, value in options.items() if isinstance(value, str) and Path(value).suffix]
+    return [
+        name for name, value in options.items() if isinstance(value, str) and Path(value).suffix
+    ]
 
 
 def motor_text(kind: str, **options: float | Path | str | None) -> str:
     """The text that chooses motors of a kind; options that are None or False are left out."""
-    given = {option: value for option, value in options.items() if value is not None and value is not False}
+    given = {
+        option: value
+        for option, value in options.items()
+        if value is not None and value is not False
+    }
     items = [option if value is True else f"{option}={value}" for option, value in given.items()]
     return ":".join([kind, ",".join(items)][: 1 + bool(items)])
 
 
-def _error(text: str, problem: str, remedy: str | None, kind: type[MotorPriorError] = ConfigError) -> MotorPriorError:
+def _error(
+    text: str, problem: str, remedy: str | None, kind: type[MotorPriorError] = ConfigError
+) -> MotorPriorError:
     return kind(f"motors {quoted(text, 80)}: {problem}", remedy=remedy, argument="motors")

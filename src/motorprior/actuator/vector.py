@@ -1,8 +1,9 @@
 """Vector arithmetic with ordinary operators, for the intrinsics that emit compiled code.
 
-LLVM does not vectorise a loop over the columns of (rows, motors) arrays: it would have to prove that no two of about
-thirty rows overlap. A `Vector` is a value of the emitted code with one lane per motor. Operations are emitted in the
-order in which they are written and never contracted, so every width gives the bytes of the scalar loop.
+LLVM does not vectorise a loop over the columns of (rows, motors) arrays: it would have to prove
+that no two of about thirty rows overlap. A `Vector` is a value of the emitted code with one lane
+per motor. Operations are emitted in the order in which they are written and never contracted, so
+every width gives the bytes of the scalar loop.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from numba.core import cgutils
 
 from motorprior.actuator.geared_motor_step import Arithmetic
 
-_DOUBLE, FLOAT = ir.DoubleType(), ir.FloatType()
+_DOUBLE = ir.DoubleType()
+FLOAT = ir.FloatType()
 _BYTES = {_DOUBLE: 8, FLOAT: 4}
 
 
@@ -31,13 +33,16 @@ class Vector:
     """An LLVM vector of floating-point numbers, or the bits of a comparison: a value of the code of a builder."""
 
     def __init__(self, builder: Any, value: Any):
-        self.builder, self.value = builder, value
+        self.builder = builder
+        self.value = value
 
     @classmethod
     def broadcast(cls, builder: Any, scalar: Any, width: int) -> Vector:
         """A scalar of the code in every lane."""
         kind = ir.VectorType(scalar.type, width)
-        single = builder.insert_element(ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
+        single = builder.insert_element(
+            ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
+        )
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width)
         return cls(builder, builder.shuffle_vector(single, ir.Constant(kind, ir.Undefined), zeros))
 
@@ -50,11 +55,19 @@ class Vector:
     def store(self, address: Any) -> None:
         """Store to an integer address."""
         kind = self.value.type
-        self.builder.store(self.value, self.builder.inttoptr(address, kind.as_pointer()), align=_BYTES[kind.element])
+        self.builder.store(
+            self.value,
+            self.builder.inttoptr(address, kind.as_pointer()),
+            align=_BYTES[kind.element],
+        )
 
-    __add__, __sub__ = _operator("fadd"), _operator("fsub")
-    __mul__, __truediv__ = _operator("fmul"), _operator("fdiv")
-    __radd__, __rmul__ = __add__, __mul__  # commutative, to the last bit
+    __add__ = _operator("fadd")
+    __sub__ = _operator("fsub")
+    __mul__ = _operator("fmul")
+    __truediv__ = _operator("fdiv")
+    # commutative, to the last bit
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __rsub__(self, other: float) -> Vector:
         return Vector(self.builder, self.builder.fsub(_operand(other, self.value.type), self.value))
@@ -66,10 +79,16 @@ class Vector:
         return self.call("fabs", self)
 
     def __gt__(self, other: Vector | float) -> Vector:
-        return Vector(self.builder, self.builder.fcmp_ordered(">", self.value, _operand(other, self.value.type)))
+        return Vector(
+            self.builder,
+            self.builder.fcmp_ordered(">", self.value, _operand(other, self.value.type)),
+        )
 
     def __lt__(self, other: Vector | float) -> Vector:
-        return Vector(self.builder, self.builder.fcmp_ordered("<", self.value, _operand(other, self.value.type)))
+        return Vector(
+            self.builder,
+            self.builder.fcmp_ordered("<", self.value, _operand(other, self.value.type)),
+        )
 
     def __or__(self, other: Vector) -> Vector:
         return Vector(self.builder, self.builder.or_(self.value, other.value))
@@ -84,7 +103,9 @@ class Vector:
 
 
 def _operand(value: Vector | float, kind: Any) -> Any:
-    return value.value if isinstance(value, Vector) else ir.Constant(kind, [float(value)] * kind.count)
+    return (
+        value.value if isinstance(value, Vector) else ir.Constant(kind, [float(value)] * kind.count)
+    )
 
 
 def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
@@ -95,7 +116,8 @@ def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector
 
 def _clip(x: Vector, limit: Vector) -> Vector:
     """Within ±limit; NaN stays NaN."""
-    above, below = x > limit, x < -limit
+    above = x > limit
+    below = x < -limit
     return _where(above, limit, _where(below, -limit, x))
 
 

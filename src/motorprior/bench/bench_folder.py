@@ -19,7 +19,8 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.schema import Schema
 from motorprior.stage import description, is_finished, working
 
-LOG, BENCH_JSON = "log.parquet", "bench.json"
+LOG = "log.parquet"
+BENCH_JSON = "bench.json"
 _MAX_COUNT = 2**31 - 1
 _REMEDY = "record the bench again"
 _SCHEMA = Schema(
@@ -55,10 +56,15 @@ class BenchSettings:
         """Entries of bench.json and of a prior's provenance; the family is omitted if it is `GEARED`."""
         family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
         return family | {
-            "fleet": self.fleet.name, "motor": self.fleet.motor, "robot": self.fleet.robot,
+            "fleet": self.fleet.name,
+            "motor": self.fleet.motor,
+            "robot": self.fleet.robot,
             "parameters": self.fleet.summary(),
-            "preset": self.preset, "motors": self.motors, "steps": self.steps, "seed": self.seed,
-        }  # fmt: skip
+            "preset": self.preset,
+            "motors": self.motors,
+            "steps": self.steps,
+            "seed": self.seed,
+        }
 
 
 def bench_from_json(data: Any, where: str) -> BenchSettings:
@@ -81,7 +87,9 @@ def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
         stated = f"{BENCH_JSON} states {bench.motors} x {bench.steps}"
         problem = f"{log.num_joints} motors x {log.num_rows} rows; {stated}"
         raise LogError(problem, where=folder / LOG, remedy=_REMEDY)
-    return replace(log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor), bench
+    return replace(
+        log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor
+    ), bench
 
 
 def record_bench(
@@ -99,16 +107,18 @@ def record_bench(
     """Record physical motors of a fleet on a virtual dynamometer.
 
     Args:
-        robot: for the loads of the motors; a name, the path of a .toml file, or the result of `load_robot`.
+        robot: for the loads of the motors; a name, the path of a .toml file, or the result of
+            `load_robot`.
         fleet: population of the motors; the robot's own if not given.
         motors: number of motors.
         steps: samples per motor.
-        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same, shorter), narrow
-            (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
+        preset: excitation: rollout (sinusoids, steps, gaits, impacts, 2 ms), adapt (the same,
+            shorter), narrow (sinusoids on one load, 2 ms), paper (sinusoids on one load, 10 ms).
         seed: of the motors and their excitation; the log is deterministic.
-        excitation: a name of `EXCITATIONS`, or a file of `fit_excitation` with its loads, played in every segment
-            instead of the preset's.
-        out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written without it.
+        excitation: a name of `EXCITATIONS`, or a file of `fit_excitation` with its loads, played in
+            every segment instead of the preset's.
+        out: folder for log.parquet and bench.json; a repeated call reads them. Nothing is written
+            without it.
         progress: where to report to.
 
     Returns:
@@ -122,19 +132,23 @@ def record_bench(
     require_count("steps", steps, 2)
     require_seed(seed)
     robot = as_robot(robot)
-    population, chosen = load_robot_fleet(robot, fleet), bench_preset(preset).for_robot(robot)
+    population = load_robot_fleet(robot, fleet)
+    chosen = bench_preset(preset).for_robot(robot)
     chosen = chosen if excitation is None else replace(chosen, kinds=(str(excitation),))
     settings = BenchSettings(population, preset, motors, steps, seed)
     if out is None:
         log = record(settings.physical_motors(), chosen, steps, seed, population)
         return replace(log, robot=population.robot)  # no bench.json names it
-    out, played = Path(out), [Path(name) for name in chosen.kinds if name.endswith(".safetensors")]
+    out = Path(out)
+    played = [Path(name) for name in chosen.kinds if name.endswith(".safetensors")]
     wanted = description("bench", settings.as_json(), [*robot.files, *played], asdict(chosen))
     if not is_finished(out, wanted):
         title = f"bench {preset}: {motors} motors, {steps} steps"
         with working(out, wanted), progress.start(title, 1) as task:
             (out / BENCH_JSON).unlink(missing_ok=True)  # it may be of other motors
-            write_log(out / LOG, record(settings.physical_motors(), chosen, steps, seed, population))
+            write_log(
+                out / LOG, record(settings.physical_motors(), chosen, steps, seed, population)
+            )
             write_json(out / BENCH_JSON, settings.as_json())
             task.advance()
     return read_bench(out)[0]

@@ -7,13 +7,14 @@ A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
     s' = s + dt·v'
     q  = soft_clip(s, A)                                                 |q| < A
 
-`soft_clip` is the identity up to 80 % of its bound and saturates with tanh. Its slope is at most 1 and its curvature at
-most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² + CURVE·(U·dt)²/A. With
+`soft_clip` is the identity up to 80 % of its bound and saturates with tanh. Its slope is at most 1
+and its curvature at most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² +
+CURVE·(U·dt)²/A. With
 
     U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
 
-these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. s follows x exactly while both clips of the
-step are the identity, so that signals well inside the bounds are kept.
+these are V·dt and W·dt². v' lies between v and w, since soft_clip shrinks. s follows x exactly
+while both clips of the step are the identity, so that signals well inside the bounds are kept.
 """
 
 from typing import Any, NamedTuple
@@ -36,7 +37,8 @@ class Bounds(NamedTuple):
 
 def soft_clip(value: Any, bound: Any) -> Any:
     """``value`` up to KNEE·b for ``bound`` b, then ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
-    knee, rest = KNEE * bound, (1.0 - KNEE) * bound
+    knee = KNEE * bound
+    rest = (1.0 - KNEE) * bound
     over = np.maximum(np.abs(value) - knee, 0.0)
     return np.clip(value, -knee, knee) + np.sign(value) * rest * np.tanh(over / rest)
 
@@ -46,7 +48,9 @@ def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:
     amplitude = bounds.amplitude
     speed = np.minimum(bounds.speed, np.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
     change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
-    position, velocity, out = raw[0], np.zeros_like(raw[0]), np.empty_like(raw[1:])
+    position = raw[0]
+    velocity = np.zeros_like(raw[0])
+    out = np.empty_like(raw[1:])
     for row in range(len(out)):
         wanted = soft_clip((raw[row + 1] - raw[row]) / dt + RETURN * (raw[row] - position), speed)
         velocity = velocity + soft_clip(wanted - velocity, change)

@@ -16,8 +16,8 @@ def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: An
 
         dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia),   then q' = q + dt·dq'
 
-    ``torque`` is that of the motor without damping, ``external`` that of the load [N·m]; ``inertia`` includes the
-    armature [kg·m²]; ``damping`` is that of the motor [N·m·s/rad].
+    ``torque`` is that of the motor without damping, ``external`` that of the load [N·m];
+    ``inertia`` includes the armature [kg·m²]; ``damping`` is that of the motor [N·m·s/rad].
     """
     return (dq + dt * (torque + external) / inertia) / (1.0 + dt * damping / inertia)
 
@@ -29,8 +29,9 @@ _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 def step_joints(arrays, h, target, external, stiffness, inertia, q, dq, torque):
     """Advance n joints on their motors (`ActuatorArrays`) by one step of ``h`` [s]; all vectors are (n,), in SI units.
 
-    The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the torque of the motors
-    without their damping. The JAX rollout shares `next_velocity` alone: its arrays cannot be written.
+    The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the
+    torque of the motors without their damping. The JAX rollout shares `next_velocity` alone: its
+    arrays cannot be written.
     """
     step_actuator(arrays, h, target, q, dq, torque)
     for j in range(q.shape[0]):
@@ -49,16 +50,20 @@ class Trial:
     dt: float  # sample period [s]
     joint_pos: np.ndarray | None = None  # (n,) initial angles [rad]; the first target if not given
     joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
-    load_stiffness: np.ndarray | None = None  # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
+    # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
+    load_stiffness: np.ndarray | None = None
 
 
 def trial_of(segment: MotorLog) -> Trial:
     """A segment of a log with known loads as a trial.
 
-    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at the first target.
+    Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at
+    the first target.
     """
     assert segment.external_torque is not None and segment.load_inertia is not None
-    trial = Trial(segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period)
+    trial = Trial(
+        segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period
+    )
     if segment.load_stiffness is not None:
         at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
         trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
@@ -79,17 +84,25 @@ class Response:
 
 
 @njit(cache=True, nogil=True)
-def _simulate(arrays, inertia, targets, external, stiffness, dt, substeps, joint_pos, joint_vel, out):
+def _simulate(
+    arrays, inertia, targets, external, stiffness, dt, substeps, joint_pos, joint_vel, out
+):
     """Simulate a trial into out (4, steps, n), with ``substeps`` integration steps per sample."""
     steps, n = targets.shape
     h = dt / substeps
-    q, dq, torque = joint_pos.copy(), joint_vel.copy(), np.zeros(n)
+    q = joint_pos.copy()
+    dq = joint_vel.copy()
+    torque = np.zeros(n)
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
-        out[0, step], out[1, step], out[2, step] = q, dq, 0.0
+        out[0, step] = q
+        out[1, step] = dq
+        out[2, step] = 0.0
         measure_joint_pos(arrays, q, out[3, step])
         for _ in range(substeps):
-            step_joints(arrays, h, targets[step], external[step], stiffness[step], inertia, q, dq, torque)
+            step_joints(
+                arrays, h, targets[step], external[step], stiffness[step], inertia, q, dq, torque
+            )
             for j in range(n):
                 out[2, step, j] += (torque[j] - arrays.damping[j] * dq[j]) / substeps
 
@@ -97,16 +110,22 @@ def _simulate(arrays, inertia, targets, external, stiffness, dt, substeps, joint
 def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response:
     """Simulate ``trial`` from its initial angles plus ``start_offset`` [rad].
 
-    The integration step is the period of the trial, or shorter if the ``bench_step`` of the actuator kind requires it.
+    The integration step is the period of the trial, or shorter if the ``bench_step`` of the
+    actuator kind requires it.
     """
     substeps = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
-    targets, external = (np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque))
+    targets, external = (
+        np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque)
+    )
     steps, n = targets.shape
     stiffness = np.zeros((steps, n)) if trial.load_stiffness is None else trial.load_stiffness
     stiffness = np.ascontiguousarray(stiffness, float)
-    q = (targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)) + start_offset
+    q = (
+        targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)
+    ) + start_offset
     dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
-    arrays, inertia = actuator.arrays(trial.dt / substeps), trial.load_inertia + actuator.armature
+    arrays = actuator.arrays(trial.dt / substeps)
+    inertia = trial.load_inertia + actuator.armature
     out = np.zeros((4, steps, n))
     _simulate(arrays, inertia, targets, external, stiffness, trial.dt, substeps, q, dq, out)
     return Response(*out)

@@ -30,11 +30,15 @@ class Excitation:
     """Excitation of a motor."""
 
     target: Signal  # position targets [rad]
-    external_torque: Signal | None = None  # acts on the joint, in units that `streams` gets; 0 if None
+    # acts on the joint, in units that `streams` gets; 0 if None
+    external_torque: Signal | None = None
     jumps: bool = False  # whether targets change faster than any speed limit
-    is_bounded: ClassVar[bool] = False  # whether targets have a fixed amplitude, which a robot may only reduce
+    # whether targets have a fixed amplitude, which a robot may only reduce
+    is_bounded: ClassVar[bool] = False
 
-    def streams(self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0) -> Streams:
+    def streams(
+        self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0
+    ) -> Streams:
         """Streams of joints, sampled every ``dt`` [s]; ``unit`` of external torques [N·m]."""
         targets = np.stack([self.target(rng, steps, dt) for _ in joint_names], axis=1)
         if self.external_torque is None:
@@ -51,7 +55,9 @@ def _knots(rng: np.random.Generator, duration: float, low: float, high: float) -
     return knots
 
 
-def _wandering(rng: np.random.Generator, steps: int, dt: float, low: float, high: float) -> np.ndarray:
+def _wandering(
+    rng: np.random.Generator, steps: int, dt: float, low: float, high: float
+) -> np.ndarray:
     """A positive signal, log-linear between random levels 0.5-1.5 s apart."""
     knots = _knots(rng, steps * dt, 0.5, 1.5)
     levels = rng.uniform(np.log(low), np.log(high), len(knots))
@@ -68,7 +74,8 @@ def sine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 def held_steps(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """Levels within ±0.6 rad, each held for 0.08-0.5 s."""
-    targets, filled = np.empty(steps), 0
+    targets = np.empty(steps)
+    filled = 0
     while filled < steps:
         length = int(rng.uniform(0.08, 0.5) / dt)
         targets[filled : filled + length] = rng.uniform(-0.6, 0.6)
@@ -78,7 +85,8 @@ def held_steps(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
 
 def gait(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics, nearly static in part of the cycle."""
-    frequency, warp = rng.uniform(0.8, 2.5), rng.uniform(-0.8, 0.8)
+    frequency = rng.uniform(0.8, 2.5)
+    warp = rng.uniform(-0.8, 0.8)
     angle = 2 * np.pi * frequency * np.arange(steps) * dt + rng.uniform(0, 2 * np.pi)
     angle = angle + warp * np.sin(angle)
     targets = np.zeros(steps)
@@ -101,7 +109,9 @@ def multisine(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     frequency = np.geomspace(0.2, 8.0, 12) * rng.uniform(0.95, 1.05, 12)
     amplitude = 1.0 / np.maximum(1.0, frequency)
     phase = rng.uniform(0, 2 * np.pi, 12)
-    total = amplitude @ np.sin(2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None])
+    total = amplitude @ np.sin(
+        2 * np.pi * frequency[:, None] * np.arange(steps) * dt + phase[:, None]
+    )
     return 0.25 * total / np.sqrt(0.5 * np.sum(amplitude**2))
 
 
@@ -121,7 +131,8 @@ def ramps(rng: np.random.Generator, steps: int, dt: float, reach: float) -> np.n
 def impacts(rng: np.random.Generator, steps: int, dt: float) -> np.ndarray:
     """(steps,) external torque [N·m]: the weight on a leg in stance, and half-sine impacts of 4-60 ms, up to 3 N·m."""
     torque = np.full(steps, rng.uniform(-0.5, 0.5))
-    time, now = np.arange(steps) * dt, rng.uniform(0.0, 0.2)
+    time = np.arange(steps) * dt
+    now = rng.uniform(0.0, 0.2)
     while now < steps * dt:
         length = np.exp(rng.uniform(np.log(0.004), np.log(0.06)))
         peak = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
@@ -136,7 +147,8 @@ EXCITATIONS = {
     "steps": Excitation(held_steps, jumps=True),
     "gait": Excitation(gait),
     "impacts": Excitation(gait, impacts),
-    # slow motion [rad], dominated by friction and backlash; external torque [N·m] from stiction to the stall
+    # slow motion [rad], dominated by friction and backlash; external torque [N·m] from stiction to
+    # the stall
     "creep": Excitation(partial(ramps, reach=0.3), partial(ramps, reach=2.0)),
     "chirp": Excitation(chirp),
     "multisine": Excitation(multisine),
@@ -147,5 +159,7 @@ def excitation_named(name: str, others: tuple[str, ...] = ()) -> Excitation:
     """The excitation of that name; raises `ConfigError` if there is none. The remedy also lists ``others``."""
     if name not in EXCITATIONS:
         names = ", ".join((*EXCITATIONS, *others))
-        raise ConfigError(f"no excitation {name!r}", remedy=f"use one of {names}", argument="excitation")
+        raise ConfigError(
+            f"no excitation {name!r}", remedy=f"use one of {names}", argument="excitation"
+        )
     return EXCITATIONS[name]

@@ -30,19 +30,27 @@ class Family:
     positive: frozenset[str]  # parameters above 0
     stiffness: tuple[str, ...]  # parameters [N·m/rad] of the springs on the rotor
     damping: tuple[str, ...]  # parameters [N·m·s/rad] of the explicit dampers on the rotor
-    has_optional: bool = False  # whether parameters that may be 0 default to it, which disables their term
+    # whether parameters that may be 0 default to it, which disables their term
+    has_optional: bool = False
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Units of the parameters, in the order of sampling."""
         hints = get_type_hints(self.make, include_extras=True)
         units = {field.name: hints[field.name].__metadata__[0] for field in fields(self.make)}
-        return {"kd_over_kp" if name == "kd" else name: "s" if name == "kd" else unit for name, unit in units.items()}
+        return {
+            "kd_over_kp" if name == "kd" else name: "s" if name == "kd" else unit
+            for name, unit in units.items()
+        }
 
     @property
     def optional(self) -> frozenset[str]:
         """Parameters that default to 0."""
-        return frozenset(self.units) - self.positive - {"kd_over_kp"} if self.has_optional else frozenset()
+        return (
+            frozenset(self.units) - self.positive - {"kd_over_kp"}
+            if self.has_optional
+            else frozenset()
+        )
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Bounds of a parameter in SI units; samples are clipped to them."""
@@ -54,18 +62,24 @@ class Family:
         """Motors with these parameters, (n,) each."""
         given = {**values, "kd": values["kp"] * values["kd_over_kp"]}
         disabled = np.zeros(len(given["kp"]))
-        return self.make(**{field.name: given.get(field.name, disabled) for field in fields(self.make)})
+        return self.make(
+            **{field.name: given.get(field.name, disabled) for field in fields(self.make)}
+        )
 
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
         """Raise `ConfigError` unless the rotor of every motor is stable on its gear; ``values`` are (n,) each.
 
-        Semi-implicit Euler with substep h, armature J, total stiffness k and explicit damping d is stable in contact if
-        and only if 2·d·h + k·h² < 4·J (Jury's criterion for z² - (2 - d·h/J - k·h²/J)·z + 1 - d·h/J). A hardening gear
-        (torque k·s + c·s³ at twist s) has the stiffness k + 3·c·s² at the torque limit.
+        Semi-implicit Euler with substep h, armature J, total stiffness k and explicit damping d is
+        stable in contact if and only if 2·d·h + k·h² < 4·J (Jury's criterion for z² - (2 - d·h/J -
+        k·h²/J)·z + 1 - d·h/J). A hardening gear (torque k·s + c·s³ at twist s) has the stiffness k
+        + 3·c·s² at the torque limit.
         """
-        h, armature = self.kind.bench_step, values["armature"]
+        h = self.kind.bench_step
+        armature = values["armature"]
         zero = np.zeros(len(armature))
-        stiffness = sum((values[name] for name in self.stiffness if name in values), zero) + _hardened(values)
+        stiffness = sum(
+            (values[name] for name in self.stiffness if name in values), zero
+        ) + _hardened(values)
         damping = sum((values[name] for name in self.damping if name in values), zero)
         min_armature = (2.0 * damping * h + stiffness * h * h) / 4.0
         if not (armature > min_armature).all():
@@ -74,18 +88,22 @@ class Family:
                 f"armature = {armature[worst]:.3g} kg·m² cannot be simulated with {' + '.join(self.stiffness)} = "
                 f"{stiffness[worst]:.3g} N·m/rad and {' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad in "
                 f"steps of {1e3 * h:g} ms",
-                where=where, remedy=f"raise armature above {min_armature[worst]:.3g} kg·m², or soften the gear",
-            )  # fmt: skip
+                where=where,
+                remedy=f"raise armature above {min_armature[worst]:.3g} kg·m², or soften the gear",
+            )
 
 
 def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:
     """(n,) additional stiffness 3·c·s² of a hardening gear at the torque limit [N·m/rad]."""
-    linear, cubic = values["gear_stiffness"], values.get("gear_hardening", np.zeros(1))
+    linear = values["gear_stiffness"]
+    cubic = values.get("gear_hardening", np.zeros(1))
     if not np.any(cubic > 0.0):
         return np.zeros(len(linear))
     twist = values["torque_limit"] / linear
     for _ in range(50):  # Newton's method
-        twist = twist - (linear * twist + cubic * twist**3 - values["torque_limit"]) / (linear + 3.0 * cubic * twist**2)
+        twist = twist - (linear * twist + cubic * twist**3 - values["torque_limit"]) / (
+            linear + 3.0 * cubic * twist**2
+        )
     return 3.0 * cubic * twist**2
 
 
@@ -123,4 +141,6 @@ def require_geared(motors: TrueMotors) -> PhysicalMotors:
     if isinstance(motors, PhysicalMotors):
         return motors
     problem = f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}"
-    raise ConfigError(problem, remedy=f"give as fleet one of the {GEARED.name} family", argument="fleet")
+    raise ConfigError(
+        problem, remedy=f"give as fleet one of the {GEARED.name} family", argument="fleet"
+    )

@@ -30,13 +30,19 @@ class BenchPreset:
 
     def for_robot(self, robot: Robot) -> "BenchPreset":
         """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
-        low, high = (own / reference for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True))
+        low, high = (
+            own / reference
+            for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True)
+        )
         loads = low * self.load_inertia[0], high * self.load_inertia[1]
         return replace(self, load_inertia=loads, torque_factor=robot.reference_torque)
 
 
 REFERENCE_LOAD = (1e-4, 3e-2)  # load inertia of the robot for which the presets are written [kg·m²]
-MOTORS_STREAM, EXCITATION_STREAM, INSTRUMENTS_STREAM = 11, 13, 47  # tags of random streams
+# tags of random streams
+MOTORS_STREAM = 11
+EXCITATION_STREAM = 13
+INSTRUMENTS_STREAM = 47
 MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
 MAX_HALVINGS = 4
 MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
@@ -55,7 +61,9 @@ BENCH_PRESETS = {
 def bench_preset(name: str) -> BenchPreset:
     """The preset of that name; raises `ConfigError` if there is none."""
     if name not in BENCH_PRESETS:
-        raise ConfigError(f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}")
+        raise ConfigError(
+            f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}"
+        )
     return BENCH_PRESETS[name]
 
 
@@ -64,10 +72,14 @@ def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
     return fleet.sample(motors, np.random.default_rng([seed, MOTORS_STREAM]))
 
 
-def bench_trial(rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool) -> Trial:
+def bench_trial(
+    rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool
+) -> Trial:
     """A trial of one excitation for ``motors`` motors, with a signal and a load per motor."""
     chosen = excitation_of(kind)
-    targets, external, inertia = chosen.streams(rng, steps, preset.period, bench_names(motors), preset.torque_factor)
+    targets, external, inertia = chosen.streams(
+        rng, steps, preset.period, bench_names(motors), preset.torque_factor
+    )
     if hold:
         targets = zero_order_hold(targets, preset.hold_steps)
     if inertia is None:
@@ -76,14 +88,18 @@ def bench_trial(rng: np.random.Generator, kind: str, steps: int, motors: int, pr
     return Trial(targets, external, inertia, preset.period)
 
 
-def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet) -> MotorLog:
+def record(
+    motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet
+) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that have been warming
-    since the start of the log. An external torque that causes a position error above MAX_DEVIATION is halved, up to
-    four times. Raises ConfigError if a simulation diverges, since the gear is too stiff for the load.
+    Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that
+    have been warming since the start of the log. An external torque that causes a position error
+    above MAX_DEVIATION is halved, up to four times. Raises ConfigError if a simulation diverges,
+    since the gear is too stiff for the load.
     """
-    parts, count = [], len(motors)
+    parts = []
+    count = len(motors)
     bounds = [*range(0, steps - 1, preset.segment_steps), steps]
     for segment, (first, last) in enumerate(pairwise(bounds)):
         rng = np.random.default_rng([seed, segment, EXCITATION_STREAM])
@@ -91,7 +107,9 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
         round_, slot = divmod(segment, len(preset.kinds))
         hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
         part = bench_trial(rng, kind, last - first, count, preset, hold)
-        part, response = _with_limited_pushes(motors, motors.after(first * preset.period).actuator(), part)
+        part, response = _with_limited_pushes(
+            motors, motors.after(first * preset.period).actuator(), part
+        )
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
         true = response.joint_pos, response.joint_vel, response.joint_torque
         pos, vel, torque = motors.logged(instruments, preset.period, *true)
@@ -99,8 +117,11 @@ def record(motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet
     return as_log(parts, fleet.motor, f"virtual dynamometer, fleet {fleet.name}, seed {seed}")
 
 
-def _with_limited_pushes(motors: TrueMotors, actuator: Actuator, part: Trial) -> tuple[Trial, Response]:
-    # a joint far from its command contributes little to identification, and real benches have end stops
+def _with_limited_pushes(
+    motors: TrueMotors, actuator: Actuator, part: Trial
+) -> tuple[Trial, Response]:
+    # a joint far from its command contributes little to identification, and real benches have end
+    # stops
     response = _checked_run(motors, actuator, part)
     for _ in range(MAX_HALVINGS):
         error = np.abs(response.joint_pos - part.position_target).max(axis=0)

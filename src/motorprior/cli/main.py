@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn, Union, get_type_hints
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # before numpy: two BLAS threads make small products ten times slower
+    # before numpy: two BLAS threads make small products ten times slower
+    os.environ.setdefault(_name, "1")
 
 import tyro  # noqa: E402
 from rich.console import Console  # noqa: E402
@@ -39,7 +40,9 @@ def _positional(settings: type, **types: Any) -> type:
     """The settings with these fields, of these types, as positional arguments."""
     changed = [(name, tyro.conf.Positional[kind]) for name, kind in types.items()]
     documented = {"__doc__": settings.__doc__}
-    return make_dataclass(settings.__name__, changed, bases=(settings,), frozen=True, namespace=documented)
+    return make_dataclass(
+        settings.__name__, changed, bases=(settings,), frozen=True, namespace=documented
+    )
 
 
 def _printing(run: Callable[[Any, Any], object]) -> Callable[[Any], None]:
@@ -89,23 +92,37 @@ COMMON = {
 }
 
 
-def _one_of(commands: dict[str, tuple[type, Any]], common: Mapping[str, tuple[str, ...]]) -> list[Any]:
+def _one_of(
+    commands: dict[str, tuple[type, Any]], common: Mapping[str, tuple[str, ...]]
+) -> list[Any]:
     return [
-        Annotated[_shown(settings, common[name]) if name in common else settings, tyro.conf.subcommand(name)]
+        Annotated[
+            _shown(settings, common[name]) if name in common else settings,
+            tyro.conf.subcommand(name),
+        ]
         for name, (settings, _) in commands.items()
     ]
 
 
 def _shown(settings: type, names: tuple[str, ...]) -> type:
     """The settings with only these options in the help; those without a default are always there."""
-    hints, hidden = get_type_hints(settings, include_extras=True), []
+    hints = get_type_hints(settings, include_extras=True)
+    hidden = []
     for each in fields(settings):
         defaults = {"default": each.default, "default_factory": each.default_factory}
         given = {name: value for name, value in defaults.items() if value is not MISSING}
         if each.name not in names and given:
-            hidden.append((each.name, tyro.conf.Suppress[hints[each.name]], field(kw_only=each.kw_only, **given)))
+            hidden.append(
+                (
+                    each.name,
+                    tyro.conf.Suppress[hints[each.name]],
+                    field(kw_only=each.kw_only, **given),
+                )
+            )
     documented = {"__doc__": f"{settings.__doc__}\n\nAll options: {HELP_ALL}"}
-    return make_dataclass(settings.__name__, hidden, bases=(settings,), frozen=True, namespace=documented)
+    return make_dataclass(
+        settings.__name__, hidden, bases=(settings,), frozen=True, namespace=documented
+    )
 
 
 def _require_known(given: list[str], names: list[str]) -> None:
@@ -113,7 +130,9 @@ def _require_known(given: list[str], names: list[str]) -> None:
     for word in given:
         if word not in names and not word.startswith("-"):
             near = " or ".join(get_close_matches(word, names, 2)) or f"one of {', '.join(names)}"
-            raise ConfigError(f"no command {word!r}", remedy=f"did you mean {near}? --help lists them")
+            raise ConfigError(
+                f"no command {word!r}", remedy=f"did you mean {near}? --help lists them"
+            )
 
 
 def parse(args: list[str]) -> Any:
@@ -127,9 +146,13 @@ def parse(args: list[str]) -> Any:
     common = {name: shown for name, shown in COMMON.items() if asks and name in args}
     args = ["--help" if word == HELP_ALL else word for word in args]
     every = Union[*_one_of(LOGS, common)]
-    logs = Annotated[every, tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")]
+    logs = Annotated[
+        every, tyro.conf.subcommand("logs", description="Import raw logs, or check logs.")
+    ]
     first, *others = _one_of(COMMANDS, common)
-    config: Any = tyro.cli(Union[first, logs, *others], prog="motorprior", args=args, description=__doc__)  # pyright: ignore
+    config: Any = tyro.cli(
+        Union[first, logs, *others], prog="motorprior", args=args, description=__doc__
+    )  # pyright: ignore
     for each in fields(config):
         if each.default is MISSING and getattr(config, each.name) == ():
             raise ConfigError(f"no {each.name} given", remedy="give at least one")
@@ -148,7 +171,9 @@ def main() -> None:
         raise SystemExit(141) from None
     except OSError as error:  # a folder that disappears, a full disk
         where = f"{error.filename}: " if error.filename is not None else ""
-        _fail(f"{where}{error.strerror or error} -> check the path, its permissions and the free space")
+        _fail(
+            f"{where}{error.strerror or error} -> check the path, its permissions and the free space"
+        )
     except MemoryError as error:
         _fail(f"not enough memory ({error}) -> use smaller numbers, or a larger machine")
     except (KeyboardInterrupt, SystemError) as error:
@@ -159,5 +184,7 @@ def main() -> None:
 
 
 def _fail(message: str) -> NoReturn:
-    Console(stderr=True, highlight=False).print(f"error: {message}", style="bold red", markup=False, soft_wrap=True)
+    Console(stderr=True, highlight=False).print(
+        f"error: {message}", style="bold red", markup=False, soft_wrap=True
+    )
     raise SystemExit(2) from None

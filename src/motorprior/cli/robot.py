@@ -64,7 +64,8 @@ def run(config: Deploy | Record | Doctor) -> None:
 
     if config.virtual and config.port is not None:
         raise ConfigError(f"--port {config.port} and --virtual", remedy="give one of them")
-    robot, body = load_robot(DEFAULT_ROBOT), config.robot
+    robot = load_robot(DEFAULT_ROBOT)
+    body = config.robot
     if isinstance(config, Deploy):
         Policy.load(config.policy)  # an error comes before a virtual robot is started
     if isinstance(config, Record):

@@ -43,7 +43,13 @@ from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
 
 TERMINAL = Lines()
-_DISTRIBUTION = ("adapt_rmse_ratio", "adapt_false_alarms", "coverage50", "coverage90", "two_sample_auc")
+_DISTRIBUTION = (
+    "adapt_rmse_ratio",
+    "adapt_false_alarms",
+    "coverage50",
+    "coverage90",
+    "two_sample_auc",
+)
 
 
 def command_line() -> str:
@@ -62,7 +68,9 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         printed.add_column(Text(column), justify="left" if index == 0 else "right")
     for row in rows:
         printed.add_row(*(Text(cell) for cell in row))
-    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(printed)
+    Console(file=sys.stdout, highlight=False, width=None if sys.stdout.isatty() else 120).print(
+        printed
+    )
 
 
 @dataclass(frozen=True)
@@ -79,19 +87,26 @@ class LogsCheck:
 
 def logs_check(config: LogsCheck) -> None:
     """Print every finding; raises LogError after all logs are checked, if one has errors."""
-    robot, unusable = load_robot(config.robot or DEFAULT_ROBOT), []
+    robot = load_robot(config.robot or DEFAULT_ROBOT)
+    unusable = []
     given = robot if config.robot or config.columns is None else None
     for path in config.paths:
         log = read_log(path, given, config.columns)
-        report = check_log(log, robot if config.robot or log.joint_names == robot.joint_names else None)
+        report = check_log(
+            log, robot if config.robot or log.joint_names == robot.joint_names else None
+        )
         found = grouped(report.findings)
-        rows = [[each.severity, each.check, str(each.row), each.message, each.remedy] for each in found]
+        rows = [
+            [each.severity, each.check, str(each.row), each.message, each.remedy] for each in found
+        ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:
             unusable.append(str(path))
     if unusable:
-        raise LogError(f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable))
+        raise LogError(
+            f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable)
+        )
 
 
 @dataclass(frozen=True)
@@ -112,17 +127,26 @@ def demo(config: Demo) -> None:
     results = run_demo(config, TERMINAL, command_line())
     if config.logs is not None:
         spans = {log_errors.FREE_RUN_RMSE: "1 s", log_errors.WHOLE_RUN_RMSE: "whole log"}
-        titles = {quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)}
-        table("Your motors: free runs, joint RMSE [mrad], over joints", *free_runs.error_table(results, titles))
+        titles = {
+            quantity: title for quantity, title in spans.items() if results.where(quantity=quantity)
+        }
+        table(
+            "Your motors: free runs, joint RMSE [mrad], over joints",
+            *free_runs.error_table(results, titles),
+        )
     print(f"Report: {config.out / PAGE}   Figures: {config.out / FIGURES}")
 
 
 def described(config: Show) -> str:
     """What the file holds."""
     path = config.file
-    if path.suffix == ".toml" and "model" in read_toml(path, "give the .toml file of a robot or a fleet"):
+    if path.suffix == ".toml" and "model" in read_toml(
+        path, "give the .toml file of a robot or a fleet"
+    ):
         return str(load_robot(path))
-    if path.suffix == ".toml" or str(path) in {name for robot in SHIPPED for name, _ in robot.fleets}:
+    if path.suffix == ".toml" or str(path) in {
+        name for robot in SHIPPED for name, _ in robot.fleets
+    }:
         return str(load_fleet(path))
     if card_file(str(path)):
         return str(MotorPrior.load(path))
@@ -137,7 +161,9 @@ def described(config: Show) -> str:
         return str(Policy.load(path))
     if config.prior is None:
         remedy = f"give it: motorprior show {path} --prior prior.safetensors"
-        raise ArtifactError("a posterior needs its prior", where=path, remedy=remedy, argument="prior")
+        raise ArtifactError(
+            "a posterior needs its prior", where=path, remedy=remedy, argument="prior"
+        )
     return str(MotorPosterior.load(path, MotorPrior.load(config.prior)))
 
 
@@ -161,18 +187,35 @@ def validate_log(config: ValidateLog) -> None:
     results = run_validate_log(config, TERMINAL)
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
-    table(f"Free runs, joint RMSE [mrad], over joints{warning}", *free_runs.error_table(results, SPANS))
+    table(
+        f"Free runs, joint RMSE [mrad], over joints{warning}",
+        *free_runs.error_table(results, SPANS),
+    )
     shares = [
-        [model, span, *(f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}" for level in (50, 90))]
+        [
+            model,
+            span,
+            *(
+                f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}"
+                for level in (50, 90)
+            ),
+        ]
         for model in (ADAPTED, "prior")
         for coverage, span in zip(COVERAGE.values(), SPANS.values(), strict=True)
     ]
-    table(f"Recorded angles inside the bands [%]{warning}", ["model", "free runs", "50 % band", "90 % band"], shares)
+    table(
+        f"Recorded angles inside the bands [%]{warning}",
+        ["model", "free runs", "50 % band", "90 % band"],
+        shares,
+    )
 
 
 def replay(config: Replay) -> None:
     """See `run_replay`."""
-    table("Real logs: joint RMSE [mrad], start included", *tables.replay_table(run_replay(config, TERMINAL)))
+    table(
+        "Real logs: joint RMSE [mrad], start included",
+        *tables.replay_table(run_replay(config, TERMINAL)),
+    )
 
 
 def calibrate(config: Calibrate) -> None:
@@ -185,20 +228,33 @@ def calibrate(config: Calibrate) -> None:
 
 def walk(config: Walk) -> None:
     """See `run_walk`, and `run_walk_seeds` for several seeds."""
-    evaluated = "its training simulation" if config.validation is None else f"validation motors ({config.validation})"
+    evaluated = (
+        "its training simulation"
+        if config.validation is None
+        else f"validation motors ({config.validation})"
+    )
     if config.seeds == 1:
-        folder, best = config.out, run_walk(config, TERMINAL).provenance
-        print(f"best policy: iteration {best['iteration']}, mean return {best['best_return']:.2f} m on {evaluated}")
+        folder = config.out
+        best = run_walk(config, TERMINAL).provenance
+        print(
+            f"best policy: iteration {best['iteration']}, mean return {best['best_return']:.2f} m on {evaluated}"
+        )
         if best["best_return"] < 0.0:
-            remedy = "play it; if it falls at once, check the motors and the model, or else train longer"
-            TERMINAL.note(f"warning: a negative return: the robot falls or barely walks -> {remedy}")
+            remedy = (
+                "play it; if it falls at once, check the motors and the model, or else train longer"
+            )
+            TERMINAL.note(
+                f"warning: a negative return: the robot falls or barely walks -> {remedy}"
+            )
     else:
         results = run_walk_seeds(config, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]
         table(f"Best policies on {evaluated}", ("seed", "mean return [m]"), rows)
         print(config.out / CURVES)
         folder = config.out / SEED_FOLDER.format(max(results, key=lambda row: row.value).seed)
-    print(f"play it: motorprior play {folder}{'' if config.robot == DEFAULT_ROBOT else f' --robot {config.robot}'}")
+    print(
+        f"play it: motorprior play {folder}{'' if config.robot == DEFAULT_ROBOT else f' --robot {config.robot}'}"
+    )
 
 
 def play(config: Play) -> None:
@@ -220,10 +276,15 @@ class TransferCommand(Transfer, Study):
 
 def transfer(config: TransferCommand) -> None:
     """See `run_transfer` and `run_study`."""
-    settings, study = ({each.name: getattr(config, each.name) for each in fields(kind)} for kind in (Transfer, Study))
+    settings, study = (
+        {each.name: getattr(config, each.name) for each in fields(kind)}
+        for kind in (Transfer, Study)
+    )
     if config.study:
         if config.policies or config.engine is not None:
-            raise ConfigError("a study trains its own policies", remedy="give neither policies nor an engine")
+            raise ConfigError(
+                "a study trains its own policies", remedy="give neither policies nor an engine"
+            )
         from motorprior.report.study import study_sections  # here: it imports matplotlib
 
         found = run_study(Study(**study), TERMINAL, command_line())
@@ -233,7 +294,9 @@ def transfer(config: TransferCommand) -> None:
         return
     for field in fields(Study):
         if field.name not in settings and study[field.name] != field.default:
-            raise ConfigError(f"{field.name} needs --study", remedy="add --study", argument=field.name)
+            raise ConfigError(
+                f"{field.name} needs --study", remedy="add --study", argument=field.name
+            )
     if not config.policies:
         raise ConfigError("no policy given", remedy="give the folders of at least one walk")
     rows = tables.transfer_table(run_transfer(Transfer(**settings), TERMINAL))

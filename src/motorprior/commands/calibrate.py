@@ -18,7 +18,8 @@ from motorprior.stage import description, is_finished, working
 from motorprior.studies.calibration import Calibration, FleetProblem, calibrate, calibrated_fleet
 from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
 
-FLEET, PICTURE = "fleet.toml", "calibration.png"
+FLEET = "fleet.toml"
+PICTURE = "calibration.png"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
         require_count(name, getattr(config, name))
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
+    fleet = load_robot_fleet(robot, config.fleet)
+    folder = read_logs(config.logs, robot)
     inputs = [*fleet_files(robot, config.fleet), *folder.files, *robot.files]
     wanted = description("calibrate", asdict(config), inputs)
     if is_finished(config.out, wanted):
@@ -77,19 +79,29 @@ def _covered(
     from motorprior.report.plots import draw_traces  # here: they import matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    rng, traces, covered = np.random.default_rng(config.seed), [], []
+    rng = np.random.default_rng(config.seed)
+    traces = []
+    covered = []
     with progress.start(f"{config.samples} samples of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
             log = replayer.log
-            motors = [motors_with_logged_gains(fleet.sample(log.num_joints, rng), log) for _ in range(config.samples)]
+            motors = [
+                motors_with_logged_gains(fleet.sample(log.num_joints, rng), log)
+                for _ in range(config.samples)
+            ]
             replayed = [replayer.joint_pos(each.actuator()) for each in motors]
             low, high = band(np.array(replayed), 90)
-            inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][:, replayer.excited]
+            inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][
+                :, replayer.excited
+            ]
             covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central, joint = replayer.joint_pos(problem.actuator(name, found.center)), replayer.excited[-1]
+            central = replayer.joint_pos(problem.actuator(name, found.center))
+            joint = replayer.excited[-1]
             columns = (log.position_target, log.joint_pos, central, low, high)
             target, measured, *drawn = (each[:, joint] for each in columns)
-            models: dict[str, np.ndarray] = dict(zip(("central motor", "5 %", "95 %"), drawn, strict=True))
+            models: dict[str, np.ndarray] = dict(
+                zip(("central motor", "5 %", "95 %"), drawn, strict=True)
+            )
             traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
             task.advance()
     (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
@@ -101,7 +113,11 @@ def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
     for parameter, error in zip(problem.parameters, found.error, strict=True):
-        result = "identified" if parameter.is_identifiable(error) else f"not identified, near {problem.fleet.name}"
+        result = (
+            "identified"
+            if parameter.is_identifiable(error)
+            else f"not identified, near {problem.fleet.name}"
+        )
         sources[parameter.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
     return sources
 
@@ -111,13 +127,22 @@ def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
     rows: list[Result] = []
     for name in problem.replayers:
         center = found.center
-        fits = {"start": (problem.mean, None), "center": (center, None), "per_motor": (center, found.offsets)}
+        fits = {
+            "start": (problem.mean, None),
+            "center": (center, None),
+            "per_motor": (center, found.offsets),
+        }
         if found.left_out:
             center, offsets = found.left_out[name]
             fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
-        rows += [Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name) for m, fit in fits.items()]
+        rows += [
+            Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name)
+            for m, fit in fits.items()
+        ]
     results = Results(rows)
-    return rows + [Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")]
+    return rows + [
+        Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")
+    ]
 
 
 def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:

@@ -29,13 +29,23 @@ from motorprior.studies.transfer import record_benches, study_walks
 if TYPE_CHECKING:
     from motorprior.report.page import Picture, Section
 
-CONDITIONS = ("ideal_pd", "friction_pd", "random_pd", "paper", "sampled_prior", "adapted_prior", "oracle")
+CONDITIONS = (
+    "ideal_pd",
+    "friction_pd",
+    "random_pd",
+    "paper",
+    "sampled_prior",
+    "adapted_prior",
+    "oracle",
+)
 FILM = "film.gif"
 MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
-# the study of docs/transfer.md has 0.4 and 0.5; with so wide a PD, policies need more iterations than here to walk
-_PD_RANGE, _PRIOR_SHARE = 0.1, 0.25
+# the study of docs/transfer.md has 0.4 and 0.5; with so wide a PD, policies need more iterations
+# than here to walk
+_PD_RANGE = 0.1
+_PRIOR_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -79,8 +89,9 @@ class Demo:
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
-    The page names the ``command`` that makes it. Returns all measurements, also in results.json and, by name, in
-    figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a stage cannot run; finished ones stay.
+    The page names the ``command`` that makes it. Returns all measurements, also in results.json
+    and, by name, in figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a
+    stage cannot run; finished ones stay.
     """
     from motorprior.report import sections as page_sections  # here: they import matplotlib
     from motorprior.report import study as study_page
@@ -88,27 +99,47 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
 
     if config.logs is None and (config.suspended or config.columns is not None):
         name = "suspended" if config.suspended else "columns"
-        raise ConfigError(f"{name} is given without logs", remedy="give logs too, or omit it", argument=name)
-    started, given, config = time.monotonic(), config, with_walking_robot(config)
-    out, results, study = config.out, Results(), study_of(config)
+        raise ConfigError(
+            f"{name} is given without logs", remedy="give logs too, or omit it", argument=name
+        )
+    started = time.monotonic()
+    given = config
+    config = with_walking_robot(config)
+    out = config.out
+    results = Results()
+    study = study_of(config)
     study.require_valid()
     own: list[Section] = []
 
     def write_page(sections: "list[Section]", complete: bool = False) -> Path:
         title = "motorprior: do policies walk on robots they have never seen?"
         settings = asdict(given) | {"speed": study.commanded}
-        write_text(out / stage.PAGE, page(title, [*own, *sections], settings, command or repr(given), complete))
+        write_text(
+            out / stage.PAGE,
+            page(title, [*own, *sections], settings, command or repr(given), complete),
+        )
         return out / stage.PAGE
 
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
         if given.logs is not None:
-            real = QuickReport(given.logs, out / "real_motors", given.columns, given.suspended, given.seed, given.robot)
+            real = QuickReport(
+                given.logs,
+                out / "real_motors",
+                given.columns,
+                given.suspended,
+                given.seed,
+                given.robot,
+            )
             results += run_quick_report(real, progress)
-            own.append(page_sections.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE))
+            own.append(
+                page_sections.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE)
+            )
             shown = f"Report on your motors: {write_page([])}."
-            rest = f"The next stages use a virtual {config.robot}; stop here if you do not need them"
+            rest = (
+                f"The next stages use a virtual {config.robot}; stop here if you do not need them"
+            )
             progress.note(f"{shown} {rest}")
         bench = study.of_benches()[0]
         record_benches(bench, progress)
@@ -136,17 +167,30 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
 def with_walking_robot(config: Demo) -> Demo:
     """With logs, the shipped robot replaces one that cannot walk or has no fleet."""
     robot = load_robot(config.robot)
-    walks = bool(robot.legs) and robot.base == "free" and (config.fleet is not None or bool(robot.fleets))
-    return config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
+    walks = (
+        bool(robot.legs)
+        and robot.base == "free"
+        and (config.fleet is not None or bool(robot.fleets))
+    )
+    return (
+        config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
+    )
 
 
 def study_of(config: Demo) -> Study:
     """The transfer study, small: one bench, the environments fleet and hard."""
-    shared = {name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__}
+    shared = {
+        name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__
+    }
     return Study(
-        **shared, environments=_ENVIRONMENTS, conditions=CONDITIONS, benches=1, oracle_seeds=1,
-        pd_range=_PD_RANGE, prior_share=_PRIOR_SHARE,
-    )  # fmt: skip
+        **shared,
+        environments=_ENVIRONMENTS,
+        conditions=CONDITIONS,
+        benches=1,
+        oracle_seeds=1,
+        pd_range=_PD_RANGE,
+        prior_share=_PRIOR_SHARE,
+    )
 
 
 def _folders(bench: Study, name: str) -> list[Path]:
@@ -175,10 +219,14 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
     from motorprior.report.plots_style import model_label
 
     hard = [walk for walk in walks if walk["environment"] == "hard"]
-    upright = [scores([walk for walk in hard if walk["condition"] == name], "upright")[0] for name in FILMED]
+    upright = [
+        scores([walk for walk in hard if walk["condition"] == name], "upright")[0]
+        for name in FILMED
+    ]
     typical = int(np.argmin(sum(np.abs(each - each.mean()) for each in upright)))
     seed, number = (int(index) for index in np.unravel_index(typical, upright[0].shape))
-    robot, episodes = load_robot(bench.robot), {}
+    robot = load_robot(bench.robot)
+    episodes = {}
     steps = round(bench.seconds / robot.control_dt)
     fleet = load_robot_fleet(robot, bench.out_of_family)
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
@@ -186,7 +234,9 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
         trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
         scene = twin_scene(trained.robot, fleet, walk)
-        (episode,) = run_walks(scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors)
+        (episode,) = run_walks(
+            scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
+        )
         episodes[f"trained on: {model_label(name)}"] = episode
     caption = (
         f"One held-out robot in the environment hard, on both policies: walk {number} of seed {seed}, whose times "

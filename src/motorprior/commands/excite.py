@@ -61,7 +61,11 @@ class Excite:
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:
     """Fit, plan, write; the plan's excitation if there is one. Errors for a setting or file that cannot be used."""
     if config.out.suffix != ".safetensors":
-        raise ConfigError(f"out {str(config.out)!r} is not a .safetensors file", remedy="name it so", argument="out")
+        raise ConfigError(
+            f"out {str(config.out)!r} is not a .safetensors file",
+            remedy="name it so",
+            argument="out",
+        )
     require_number("csv_seconds", config.csv_seconds)
     robot = load_robot(config.robot) if config.robot else None
     logs = [_with_loads(config, robot, path, progress) for path in config.runs]
@@ -71,9 +75,17 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
     if prior is not None:  # before the training
         check_plan(windows_of(logs, period, config.commands), prior)
     found = fit_excitation(
-        logs, config.method, period=period, commands=config.commands, max_speed=min(config.max_speed, speed),
-        max_torque=config.max_torque, steps=config.steps, seed=config.seed, out=config.out, progress=progress,
-    )  # fmt: skip
+        logs,
+        config.method,
+        period=period,
+        commands=config.commands,
+        max_speed=min(config.max_speed, speed),
+        max_torque=config.max_torque,
+        steps=config.steps,
+        seed=config.seed,
+        out=config.out,
+        progress=progress,
+    )
     out = config.out
     if prior is not None:
         found, plans = plan_excitation(found, prior, config.seed)
@@ -81,7 +93,9 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
         found.save(out)
         for plan in plans:
             progress.note(str(plan))
-        progress.note(f"the windows to play are in {out}, {sum(plan.seconds for plan in plans):.1f} s")
+        progress.note(
+            f"the windows to play are in {out}, {sum(plan.seconds for plan in plans):.1f} s"
+        )
     for line in found.class_lines():
         progress.note(line)
     if config.csv_seconds:
@@ -90,7 +104,9 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
 
 
 def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progress) -> MotorLog:
-    log = load_log(path, columns=config.columns, robot=robot, suspended=config.suspended, progress=progress)
+    log = load_log(
+        path, columns=config.columns, robot=robot, suspended=config.suspended, progress=progress
+    )
     if log.external_torque is not None:
         return log
     if log.joint_torque is not None and robot is not None:
@@ -101,9 +117,15 @@ def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progr
 
 def _write_csv(found: LearnedExcitation, path: Path, seconds: float, seed: int) -> None:
     """Per class position_target [rad], external_torque [N·m], mean of a control period, and load_inertia [kg·m²]."""
-    streams = found.streams(np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes)
-    known = [np.broadcast_to(each, streams.position_target.shape) for each in streams if each is not None]
-    names = [f"{channel}/{name}" for channel in Streams._fields[: len(known)] for name in found.classes]
+    streams = found.streams(
+        np.random.default_rng(seed), round(seconds / found.period), found.period, found.classes
+    )
+    known = [
+        np.broadcast_to(each, streams.position_target.shape) for each in streams if each is not None
+    ]
+    names = [
+        f"{channel}/{name}" for channel in Streams._fields[: len(known)] for name in found.classes
+    ]
     time = found.period * np.arange(len(streams.position_target))
     with atomic_path(path) as temporary:
         table = np.column_stack([time, *known])

@@ -48,10 +48,16 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
     if config.prior is not None:
         source = MotorPosterior.load(config.motors_of, source)
     found = export(
-        source, config.format, config.out, motors=config.motors, seed=config.seed, model=config.model,
-        joints=config.joints, gains=_gains(config, source),
+        source,
+        config.format,
+        config.out,
+        motors=config.motors,
+        seed=config.seed,
+        model=config.model,
+        joints=config.joints,
+        gains=_gains(config, source),
         log=None if config.log is None else read_parquet(config.log),
-    )  # fmt: skip
+    )
     progress.note(str(found))
     return found
 

@@ -28,9 +28,9 @@ class Identify:
     """Folder for prior.safetensors."""
     preset: str = "rollout"
     """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for real servos),
-    quick (long_runs without a search for optional terms), rigid (quick with stiff gears, for legs whose gears the logs
-    do not identify), paper (torque regression), or one of the baselines per_motor, latent_network, one_network,
-    actuator_net, paper_wide."""
+    quick (long_runs without a search for optional terms), rigid (quick with stiff gears, for legs
+    whose gears the logs do not identify), paper (torque regression), or one of the baselines
+    per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
@@ -52,8 +52,14 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, An
     """The log of a bench's folder, or all logs as one, named by its file; and its provenance."""
     paths = [given] if isinstance(given, Path) else list(given)
     if not paths:
-        raise ConfigError("no log given", remedy="give the folder of `motorprior bench`, or motor logs")
-    folder = paths[0].parent if paths[0].name == LOG and (paths[0].parent / BENCH_JSON).is_file() else paths[0]
+        raise ConfigError(
+            "no log given", remedy="give the folder of `motorprior bench`, or motor logs"
+        )
+    folder = (
+        paths[0].parent
+        if paths[0].name == LOG and (paths[0].parent / BENCH_JSON).is_file()
+        else paths[0]
+    )
     if len(paths) == 1 and folder.is_dir():
         log, settings = read_bench(folder)
         return log, provenance_of([log], bench=settings.as_json())
@@ -61,5 +67,7 @@ def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, An
     log = joined(logs)
     if log.robot == BENCH:
         remedy = "give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`"
-        raise LogError(f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy)
+        raise LogError(
+            f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy
+        )
     return replace(log, source=str(paths[0])), provenance_of(logs, log=log.source)

@@ -57,7 +57,9 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     from motorprior.report import film  # here, since it imports matplotlib
 
     robot = load_robot(config.robot)
-    policies = {name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()}
+    policies = {
+        name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()
+    }
     require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
     gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_gait()
@@ -72,16 +74,30 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
             for name, trained in policies.items():
                 if line := weight_warning(trained.policy, robot):
                     progress.note(line)
-                episodes[name] = _walk(config, trained, WalkConfig(steps, commands=Commands.steady(*command)))
+                episodes[name] = _walk(
+                    config, trained, WalkConfig(steps, commands=Commands.steady(*command))
+                )
                 require_walks([episodes[name]], name)
                 task.advance()
-        qualities = {name: gait_quality(robot, episode, *command, steps) for name, episode in episodes.items()}
-        results = sum((quality_results(each, name, config.environment) for name, each in qualities.items()), Results())
+        qualities = {
+            name: gait_quality(robot, episode, *command, steps)
+            for name, episode in episodes.items()
+        }
+        results = sum(
+            (quality_results(each, name, config.environment) for name, each in qualities.items()),
+            Results(),
+        )
         write_results(config.out, results)
-        titled = {f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()}
+        titled = {
+            f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()
+        }
         path = film.write_film(config.out, robot, titled, steps, progress)
     if config.viewer:
-        show(robot, [film.until_end(episode.trace, steps) for episode in episodes.values()], robot.control_dt)
+        show(
+            robot,
+            [film.until_end(episode.trace, steps) for episode in episodes.values()],
+            robot.control_dt,
+        )
     return path, results
 
 

@@ -22,8 +22,11 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, working
 
-# training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes most of the minute
-MOTOR_SECONDS, RESPONSE_SECONDS, MAX_SECONDS = 144.0, 72.0, 48.0
+# training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes
+# most of the minute
+MOTOR_SECONDS = 144.0
+RESPONSE_SECONDS = 72.0
+MAX_SECONDS = 48.0
 TEST_SECONDS = 120.0
 
 
@@ -34,15 +37,18 @@ class QuickReport:
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
     out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
-    suspended: bool = False  # the robot has a free base and was suspended in the air with its body level
+    # the robot has a free base and was suspended in the air with its body level
+    suspended: bool = False
     seed: int = 0  # random seed of fits and samples
-    robot: str = DEFAULT_ROBOT  # name or .toml file of the robot of the logs; not used for logs with other joints
+    # name or .toml file of the robot of the logs; not used for logs with other joints
+    robot: str = DEFAULT_ROBOT
 
 
 def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    robot, folder = load_robot(config.robot), read_logs_of(config)
+    robot = load_robot(config.robot)
+    folder = read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
     wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
     if not is_finished(config.out, wanted):
@@ -55,13 +61,17 @@ def read_logs_of(config: QuickReport) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
-        raise ConfigError(f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended")
+        raise ConfigError(
+            f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended"
+        )
     unnamed = config.columns is not None and config.robot == DEFAULT_ROBOT
     found = read_log_folder(config.logs, None if unnamed else robot, config.columns)
     first = next(iter(found.logs.values())).joint_names
     for path, (name, log) in zip(found.paths, found.logs.items(), strict=True):
         if log.joint_names != first:
-            problem = f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
+            problem = (
+                f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
+            )
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
         if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
             require_fixed_base(log, robot, path)
@@ -80,7 +90,11 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
     whole, lines = _cleaned(config, folder)
     prepare, loads = loads_of(config, folder.logs, described)
     if described is not None:
-        lines += [f"{name}: {each}" for name, log in whole.items() for each in gravity_signs(log, described)]
+        lines += [
+            f"{name}: {each}"
+            for name, log in whole.items()
+            for each in gravity_signs(log, described)
+        ]
     together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
     seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
     logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)
@@ -95,14 +109,19 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
 
 def _cleaned(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
     """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
-    logs, lines, unsteady = {}, [f"left out {line}" for line in folder.unreadable], None
+    logs = {}
+    lines = [f"left out {line}" for line in folder.unreadable]
+    unsteady = None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
             logs[name], found = cleaned(log, name)
         except LogError as error:
-            unsteady, found = error, [f"{name}: left out {error}"]
+            unsteady = error
+            found = [f"{name}: left out {error}"]
         assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {assumed}"] * bool(assumed) + [line.removeprefix(WARNING) for line in found]
+        lines += [f"{name}: {assumed}"] * bool(assumed) + [
+            line.removeprefix(WARNING) for line in found
+        ]
     if unsteady and not logs:
         raise unsteady
     return logs, lines
@@ -112,17 +131,25 @@ def loads_of(
     config: QuickReport, logs: dict[str, MotorLog], robot: Robot | None
 ) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
     """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
-    if all(log.load_inertia is not None and log.external_torque is not None for log in logs.values()):
+    if all(
+        log.load_inertia is not None and log.external_torque is not None for log in logs.values()
+    ):
         return lambda log: resample(log, PERIOD), "loads: from the logs"
     unknown = "loads: unknown, so only responses are fitted, not motors"
     if robot is None:
         return None, f"{unknown} (set robot to a description of these joints)"
     postures = [np.array([-1]) if log.posture is None else log.posture for log in logs.values()]
-    logged = {POSTURES[code] if code >= 0 else "unknown" for code in np.unique(np.concatenate(postures)).tolist()}
+    logged = {
+        POSTURES[code] if code >= 0 else "unknown"
+        for code in np.unique(np.concatenate(postures)).tolist()
+    }
     if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
         known = f"loads: rigid bodies of {robot.name}, base fixed"
         return lambda log: with_loads(smooth_on_grid(log, PERIOD), robot), known
-    return None, f"{unknown} (posture of {robot.name}: {', '.join(sorted(logged))}; set suspended if it was)"
+    return (
+        None,
+        f"{unknown} (posture of {robot.name}: {', '.join(sorted(logged))}; set suspended if it was)",
+    )
 
 
 def _on_grid(log: MotorLog) -> MotorLog:

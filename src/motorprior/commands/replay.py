@@ -19,7 +19,12 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, working
-from motorprior.studies.log_replay import PostureName, Replayer, motors_with_logged_gains, replayers_of
+from motorprior.studies.log_replay import (
+    PostureName,
+    Replayer,
+    motors_with_logged_gains,
+    replayers_of,
+)
 
 
 @dataclass(frozen=True)
@@ -50,20 +55,31 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
     require_count("samples", config.samples)
     require_seed(config.seed)
     robot = load_robot(config.robot)
-    fleet, folder = load_robot_fleet(robot, config.fleet), read_logs(config.logs, robot)
+    fleet = load_robot_fleet(robot, config.fleet)
+    folder = read_logs(config.logs, robot)
     prior = load_prior(config.prior, robot)
-    inputs = [prior_path(config.prior), *fleet_files(robot, config.fleet), *folder.files, *robot.files]
+    inputs = [
+        prior_path(config.prior),
+        *fleet_files(robot, config.fleet),
+        *folder.files,
+        *robot.files,
+    ]
     wanted = description("replay", asdict(config), inputs)
     if is_finished(config.out, wanted):
         return read_results(config.out)
     with working(config.out, wanted):
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
-        rows, count = list[Result](), len(replayers)
-        with progress.start(f"replay of {count} real logs", count * (2 + 2 * config.samples)) as task:
+        rows = list[Result]()
+        count = len(replayers)
+        with progress.start(
+            f"replay of {count} real logs", count * (2 + 2 * config.samples)
+        ) as task:
             for name, replayer in replayers.items():
                 simulated: dict[str, np.ndarray] = {}
                 for model, actuators in _models(config, robot, fleet, replayer, prior).items():
-                    simulated[model] = np.array([replayer.joint_pos(actuator) for actuator in actuators])
+                    simulated[model] = np.array(
+                        [replayer.joint_pos(actuator) for actuator in actuators]
+                    )
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
         write_results(config.out, Results(rows))
@@ -84,8 +100,11 @@ def read_logs(path: Path, robot: Robot) -> LogFolder:
 def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
-    rng, count, log = np.random.default_rng(config.seed), robot.num_joints, replayer.log
-    classes, gains = prior.joint_classes(log), log.gains
+    rng = np.random.default_rng(config.seed)
+    count = robot.num_joints
+    log = replayer.log
+    classes = prior.joint_classes(log)
+    gains = log.gains
     if gains is None or log.gain_unit != prior.model.gain_unit:
         gains = robot_gains(prior, robot)
     drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.samples)]
@@ -107,8 +126,15 @@ def _errors(name: str, replayer: Replayer, simulated: Mapping[str, np.ndarray]) 
         if len(runs) > 1:
             statistics |= {"p05": np.quantile(mean, 0.05), "p95": np.quantile(mean, 0.95)}
         for statistic, value in statistics.items():
-            rows.append(Result("real_rmse", "rad", float(value), model, statistic=statistic, log=name))
+            rows.append(
+                Result("real_rmse", "rad", float(value), model, statistic=statistic, log=name)
+            )
         for joint in replayer.excited:
-            value, part = float(np.median(per_joint[:, joint])), replayer.log.joint_names[joint]
-            rows.append(Result("real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part))
+            value = float(np.median(per_joint[:, joint]))
+            part = replayer.log.joint_names[joint]
+            rows.append(
+                Result(
+                    "real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part
+                )
+            )
     return rows

@@ -46,7 +46,9 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
     require_seed(config.seed)
     robot = load_robot(config.robot)
     found = simulated_motors(config.motors, robot)
-    targets = excitation_targets(robot, config.excitation, config.seconds, config.amplitude, config.seed)
+    targets = excitation_targets(
+        robot, config.excitation, config.seconds, config.amplitude, config.seed
+    )
     played = [Path(config.excitation)] if config.excitation.endswith(".safetensors") else []
     wanted = description("simulate", asdict(config), [*found.files, *robot.files, *played])
     if is_finished(config.out, wanted):

@@ -51,17 +51,25 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     policies = [TrainedPolicy.load(path, robot) for path in files]
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
-    wanted = description("transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files])
+    wanted = description(
+        "transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files]
+    )
     if is_finished(config.out, wanted):
         return read_results(config.out)
-    commands = compare.straight_ahead(compare.with_shared_speeds(robot, (each.policy for each in policies)))
-    works, seeds = [], Counter[str]()
+    commands = compare.straight_ahead(
+        compare.with_shared_speeds(robot, (each.policy for each in policies))
+    )
+    works = []
+    seeds = Counter[str]()
     for each in policies:
         if line := weight_warning(each.policy, robot):
             progress.note(line)
-        walk = WalkConfig(compare.DURATION_STEPS, randomization=each.randomization, commands=commands)
+        walk = WalkConfig(
+            compare.DURATION_STEPS, randomization=each.randomization, commands=commands
+        )
         twin = compare.motors_scene(robot, each.policy, fleet, commands)
-        scenes, condition = {"own": each.scene(walk, config.engine), "twin": twin}, each.motors.condition
+        scenes = {"own": each.scene(walk, config.engine), "twin": twin}
+        condition = each.motors.condition
         works.append(partial(_evaluate, each, scenes, condition, seeds[condition]))
         seeds[condition] += 1
     with working(config.out, wanted):
@@ -73,7 +81,9 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 def _evaluate(
     trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
 ) -> list[Result]:
-    with progress.start(f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.NUM_WALKS} walks", 1):
+    with progress.start(
+        f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.NUM_WALKS} walks", 1
+    ):
         return compare.evaluate(trained.policy, scenes, condition, seed)
 
 
@@ -87,9 +97,15 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
         found = summarise(study_walks(config, progress))
         write_results(config.out, found.as_results())
         validation = config.validation_fleet(load_robot(config.robot))
-        selected = {name: read_json(config.out / SELECTION / f"{name}.json")["chosen"] for name in config.to_select()}
+        selected = {
+            name: read_json(config.out / SELECTION / f"{name}.json")["chosen"]
+            for name in config.to_select()
+        }
         settings = asdict(config) | {"speed": config.commanded, "validation": validation} | selected
-        for name in ("out", "workers", "executor", "ray_address"):  # the result does not depend on them
+        # the result does not depend on them
+        for name in ("out", "workers", "executor", "ray_address"):
             del settings[name]
-        write_text(config.out / PAGE, page("Transfer study", study_sections(found), settings, command))
+        write_text(
+            config.out / PAGE, page("Transfer study", study_sections(found), settings, command)
+        )
     return found

@@ -27,7 +27,8 @@ class ValidateLog:
     """Folder for figures.json and report.html."""
     fitted_on: tuple[Path, ...] = ()
     """Other logs of the same motors: the prior is adapted to them, the baselines are fitted to them, and the whole log
-    is the test. If none is given, the log's first half is used for this and its second half is the test."""
+    is the test. If none is given, the log's first half is used for this and its second half is the
+    test."""
     seconds: float | None = None
     """Use the log's first seconds [s] in place of its first half; not with fitted_on."""
     adam_steps: int | None = None
@@ -38,24 +39,36 @@ class ValidateLog:
 
 def run_validate_log(config: ValidateLog, progress: Progress = SILENT) -> Results:
     """See `validate`; reads the results of the finished stage. Errors as `validate`, or for an unreadable file."""
-    log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in (config.log, *config.fitted_on))
+    log, *fitted_on = (
+        replace(read_parquet(path), source=str(path)) for path in (config.log, *config.fitted_on)
+    )
     prior = load_prior(config.prior, log)
-    wanted = description("validate-log", asdict(config), [prior_path(config.prior), config.log, *config.fitted_on])
+    wanted = description(
+        "validate-log", asdict(config), [prior_path(config.prior), config.log, *config.fitted_on]
+    )
     if is_finished(config.out, wanted):
         note_training_log(prior, log, progress)
         return read_results(config.out)
     with working(config.out, wanted):
         found = validate(
-            prior, log, fitted_on=fitted_on, seconds=config.seconds, adam_steps=config.adam_steps, seed=config.seed,
-            folder=config.out / "baselines", progress=progress,
-        )  # fmt: skip
+            prior,
+            log,
+            fitted_on=fitted_on,
+            seconds=config.seconds,
+            adam_steps=config.adam_steps,
+            seed=config.seed,
+            folder=config.out / "baselines",
+            progress=progress,
+        )
         _write_page(config, prior, found)
     return read_results(config.out)
 
 
 def _write_page(config: ValidateLog, prior: MotorPrior, found: Validation) -> None:
     from motorprior.report.page import page
-    from motorprior.report.sections import models_of_logs, samples, write_validation  # here: they import matplotlib
+
+    # here: they import matplotlib
+    from motorprior.report.sections import models_of_logs, samples, write_validation
 
     write_validation(config.out, found)
     title = f"Motors in a held-out log: {config.log.name}"

@@ -41,14 +41,18 @@ class VirtualRobotSettings:
     """The firmware reads the IMU; without, it sends zeros like the present firmware."""
 
 
-def make_virtual_robot(robot: "Robot", settings: VirtualRobotSettings) -> "tuple[VirtualRobot, SimulatedRobot]":
+def make_virtual_robot(
+    robot: "Robot", settings: VirtualRobotSettings
+) -> "tuple[VirtualRobot, SimulatedRobot]":
     """A virtual robot and its body, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
     from motorprior.hardware.virtual_robot import Firmware, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
-    motors = draw_motors(robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed)
+    motors = draw_motors(
+        robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed
+    )
     body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
     firmware = Firmware(robot, body, 1000 // settings.rate, settings.currents, settings.imu)
     return VirtualRobot(firmware), body
@@ -69,7 +73,9 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
         if isinstance(answer, MotorPriorError):
             raise answer
         if answer is None:
-            raise RobotFault("no port", "the virtual robot did not start", remedy="see its output above")
+            raise RobotFault(
+                "no port", "the virtual robot did not start", remedy="see its output above"
+            )
         yield answer
     finally:
         connection.close()  # ends the robot, also if this process is killed

@@ -14,7 +14,8 @@ from motorprior.results import Result, Results, write_results
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.training import WalkSettings, train_policy
 
-PICTURE, SEED_FOLDER = "seeds.png", "seed_{}"
+PICTURE = "seeds.png"
+SEED_FOLDER = "seed_{}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,27 +47,45 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> P
 
     A training with other settings is replaced.
     """
-    settings = WalkSettings(**{each.name: getattr(config, each.name) for each in fields(WalkSettings)})
+    settings = WalkSettings(
+        **{each.name: getattr(config, each.name) for each in fields(WalkSettings)}
+    )
     return train_policy(
-        config.robot, config.motors, settings, start=config.start, out=config.out, workers=config.workers,
-        executor=config.executor, ray_address=config.ray_address, name=name, progress=progress,
-    )  # fmt: skip
+        config.robot,
+        config.motors,
+        settings,
+        start=config.start,
+        out=config.out,
+        workers=config.workers,
+        executor=config.executor,
+        ray_address=config.ray_address,
+        name=name,
+        progress=progress,
+    )
 
 
 def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
     """Train with ``config.seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
 
-    The executor "threads" trains several seeds at a time. The picture has the learning curves. Returns the mean return
-    [m] of each best policy in its training simulation, or on the validation fleet if there is one.
+    The executor "threads" trains several seeds at a time. The picture has the learning curves.
+    Returns the mean return [m] of each best policy in its training simulation, or on the validation
+    fleet if there is one.
     """
     from motorprior.report.plots import learning_curves, read_curves
     from motorprior.report.plots_style import png_bytes  # here, since they import matplotlib
 
     require_count("seeds", config.seeds)
     require_count("workers", config.workers)
-    threads = min(config.seeds, usable_threads(config.workers, progress)) if config.executor == "threads" else 1
-    first, workers = config.search.seed, max(1, config.workers // threads)
-    folders = {seed: config.out / SEED_FOLDER.format(seed) for seed in range(first, first + config.seeds)}
+    threads = (
+        min(config.seeds, usable_threads(config.workers, progress))
+        if config.executor == "threads"
+        else 1
+    )
+    first = config.search.seed
+    workers = max(1, config.workers // threads)
+    folders = {
+        seed: config.out / SEED_FOLDER.format(seed) for seed in range(first, first + config.seeds)
+    }
     walks = [
         replace(config, out=out, search=replace(config.search, seed=seed), workers=workers)
         for seed, out in folders.items()
@@ -74,8 +93,13 @@ def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
     works = [partial(run_walk, walk, name=f"walk, seed {walk.search.seed}") for walk in walks]
     found = in_parallel(works, threads, progress)
     with atomic_path(config.out / PICTURE) as temporary:
-        temporary.write_bytes(png_bytes(learning_curves({config.out.name: read_curves(folders.values())})))
-    best = {seed: float(policy.provenance["best_return"]) for seed, policy in zip(folders, found, strict=True)}
+        temporary.write_bytes(
+            png_bytes(learning_curves({config.out.name: read_curves(folders.values())}))
+        )
+    best = {
+        seed: float(policy.provenance["best_return"])
+        for seed, policy in zip(folders, found, strict=True)
+    }
     results = Results(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
     write_results(config.out, results)
     return results

@@ -27,7 +27,9 @@ class Split:
 
     def map(self, change: Callable[[MotorLog], MotorLog]) -> "Split":
         """The same split with a function applied to every log."""
-        train, test = ({name: change(log) for name, log in logs.items()} for logs in (self.train, self.test))
+        train, test = (
+            {name: change(log) for name, log in logs.items()} for logs in (self.train, self.test)
+        )
         return Split(train, test, self.rule)
 
 
@@ -41,7 +43,9 @@ def first_and_rest(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
     starts = [part.start for part in rest.segment_slices() if part.stop - part.start > 1]
     if not starts:
         problem = f"seconds {seconds:g} of {log.duration:.4g} s of log: nothing remains"
-        raise ConfigError(problem, where=log.source, remedy="give fewer seconds", argument="seconds")
+        raise ConfigError(
+            problem, where=log.source, remedy="give fewer seconds", argument="seconds"
+        )
     return first, rest.rows(slice(starts[0], None))
 
 
@@ -49,7 +53,10 @@ def long_segments(log: MotorLog) -> MotorLog | None:
     """The log without segments shorter than MIN_SEGMENT; None if all are."""
     keep = np.zeros(log.num_rows, dtype=bool)
     for part in log.segment_slices():
-        keep[part] = part.stop - part.start > 1 and log.time[part.stop - 1] - log.time[part.start] >= MIN_SEGMENT
+        keep[part] = (
+            part.stop - part.start > 1
+            and log.time[part.stop - 1] - log.time[part.start] >= MIN_SEGMENT
+        )
     return log.rows(keep) if keep.any() else None
 
 
@@ -68,54 +75,78 @@ def window(log: MotorLog, seconds: float, index: int, count: int) -> MotorLog:
 def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: float) -> Split:
     """Split into every second log and the others, into halves, or into alternating chunks.
 
-    Halves if there is one log, or if a joint moves in the test logs only. Chunks if different joints move in the two
-    halves, as where joints are moved one after the other. Static rows at the ends of a log are left out. The durations
-    [s] are of all training and of all test rows, at least MIN_SECONDS per log.
+    Halves if there is one log, or if a joint moves in the test logs only. Chunks if different
+    joints move in the two halves, as where joints are moved one after the other. Static rows at the
+    ends of a log are left out. The durations [s] are of all training and of all test rows, at least
+    MIN_SECONDS per log.
 
     Raises LogError if no segment is as long as MIN_SEGMENT, or no joint moves in both parts.
     """
-    names, seconds = list(logs), (train_seconds, test_seconds)
-    names = [names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS))]
+    names = list(logs)
+    seconds = (train_seconds, test_seconds)
+    names = [
+        names[round(place)] for place in np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS))
+    ]
     used = {name: _moving_part(logs[name]) for name in names}
     chosen = f"{len(names)} of {len(logs)} logs. " if len(names) < len(logs) else ""
     if len(names) > 1:
         sides = [{name: used[name] for name in names[first::2]} for first in (0, 1)]
         train, test = map(_windows, sides, seconds)
         if set() < set(excited_in_any(test)) <= set(excited_in_any(train)):
-            return Split(train, test, f"{chosen}train: {', '.join(sides[0])}; test: {', '.join(sides[1])}")
+            return Split(
+                train, test, f"{chosen}train: {', '.join(sides[0])}; test: {', '.join(sides[1])}"
+            )
     first = {name: log.rows(slice(0, log.num_rows // 2)) for name, log in used.items()}
     second = {name: log.rows(slice(log.num_rows // 2, None)) for name, log in used.items()}
     train, test = map(_windows, (first, second), seconds)
     if [] != excited_in_any(test) == excited_in_any(train):
-        return Split(train, test, f"{chosen}train: first half of {', '.join(names)}; test: second half")
+        return Split(
+            train, test, f"{chosen}train: first half of {', '.join(names)}; test: second half"
+        )
     train, test = map(_evenly_spaced, _chunks(used), seconds)
-    return Split(train, test, f"{chosen}train and test: alternating chunks of {CHUNK:g} s of {', '.join(names)}")
+    return Split(
+        train,
+        test,
+        f"{chosen}train and test: alternating chunks of {CHUNK:g} s of {', '.join(names)}",
+    )
 
 
 def _moving_part(log: MotorLog) -> MotorLog:
     """From the row before the first change of a command to the row after the last; the whole log if that is short."""
-    changed = [np.abs(log.position_target - log.position_target[row]).max(axis=1) > EXCITED_STD for row in (0, -1)]
+    changed = [
+        np.abs(log.position_target - log.position_target[row]).max(axis=1) > EXCITED_STD
+        for row in (0, -1)
+    ]
     if not changed[0].any():
         return log
-    first, after = int(changed[0].argmax()), log.num_rows - int(changed[1][::-1].argmax())
+    first = int(changed[0].argmax())
+    after = log.num_rows - int(changed[1][::-1].argmax())
     moving = log.rows(slice(max(0, first - 1), after + 1))
     return moving if moving.duration >= 2.0 * MIN_SECONDS else log
 
 
 def _windows(logs: Mapping[str, MotorLog], seconds: float) -> dict[str, MotorLog]:
     each = max(seconds, MIN_SECONDS * len(logs))
-    windows = [long_segments(window(log, each, index, len(logs))) for index, log in enumerate(logs.values())]
+    windows = [
+        long_segments(window(log, each, index, len(logs)))
+        for index, log in enumerate(logs.values())
+    ]
     kept = {name: log for name, log in zip(logs, windows, strict=True) if log is not None}
     if not kept:
         where = next(iter(logs.values())).source
-        raise LogError(f"no segment of {MIN_SEGMENT:g} s", where=where, remedy="give longer recordings")
+        raise LogError(
+            f"no segment of {MIN_SEGMENT:g} s", where=where, remedy="give longer recordings"
+        )
     return kept
 
 
-def _chunks(logs: Mapping[str, MotorLog]) -> tuple[list[tuple[str, MotorLog]], list[tuple[str, MotorLog]]]:
+def _chunks(
+    logs: Mapping[str, MotorLog],
+) -> tuple[list[tuple[str, MotorLog]], list[tuple[str, MotorLog]]]:
     """Chunks to train on and to test on; every joint moves in as many chunks of both as possible."""
     first = next(iter(logs.values()))
-    counts, sides = np.zeros((2, first.num_joints), dtype=int), ([], [])
+    counts = np.zeros((2, first.num_joints), dtype=int)
+    sides = ([], [])
     for name, chunk in [(name, chunk) for name, log in logs.items() for chunk in _cut(log)]:
         moving = excited_joints(chunk)
         side = int(counts[0, moving].sum() > counts[1, moving].sum())
@@ -123,7 +154,9 @@ def _chunks(logs: Mapping[str, MotorLog]) -> tuple[list[tuple[str, MotorLog]], l
         if moving.size:
             sides[side].append((name, chunk))
     if not counts.all(axis=0).any():
-        problem = f"no joint moves in two chunks of {MIN_SEGMENT:g} s, one to train on and one to test on"
+        problem = (
+            f"no joint moves in two chunks of {MIN_SEGMENT:g} s, one to train on and one to test on"
+        )
         raise LogError(problem, where=first.source, remedy="move every joint for 5 s or more")
     return sides
 

@@ -28,7 +28,9 @@ def from_pretrained(name: str | Path) -> MotorPrior:
     return MotorPrior.load(path)
 
 
-def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None) -> list[Path]:
+def write_card(
+    prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None
+) -> list[Path]:
     """Write prior, page and picture; ``about`` are more lines of the front matter, such as the licence."""
     from PIL import Image
 
@@ -38,18 +40,39 @@ def write_card(prior: MotorPrior, folder: Path, about: Mapping[str, str | float]
     prior.save(folder / CARD_PRIOR)
     write_text(folder / "README.md", _page(prior, folder.name, about or {}))
     picture = Image.open(BytesIO(png_bytes(draw_class_behaviours(class_behaviours(prior)), dpi=80)))
-    picture.convert("RGB").quantize(32).save(folder / PICTURE, optimize=True)  # a quarter of the bytes
+    # a quarter of the bytes
+    picture.convert("RGB").quantize(32).save(folder / PICTURE, optimize=True)
     return [folder / CARD_PRIOR, folder / "README.md", folder / PICTURE]
 
 
 def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:
-    gains = "absolute" if not prior.model.gain_unit else f"multiples of the logged gains [{prior.model.gain_unit}]"
+    gains = (
+        "absolute"
+        if not prior.model.gain_unit
+        else f"multiples of the logged gains [{prior.model.gain_unit}]"
+    )
     front: dict[str, str | float] = {
-        "robot": prior.robot, "motor": prior.motor, "training_motors": len(prior.mean),
-        "joints": ", ".join(prior.joint_names) or "bench", "gains": gains, "period_s": prior.model.period,
-        **{name: value for name, value in prior.metrics.items() if name in ("replay_rmse", "minutes_of_log")}, **about,
-    }  # fmt: skip
-    lines = ["---", *(f"{name}: {_yaml(value)}" for name, value in front.items()), "---", "", f"# {prior.motor}", ""]
+        "robot": prior.robot,
+        "motor": prior.motor,
+        "training_motors": len(prior.mean),
+        "joints": ", ".join(prior.joint_names) or "bench",
+        "gains": gains,
+        "period_s": prior.model.period,
+        **{
+            name: value
+            for name, value in prior.metrics.items()
+            if name in ("replay_rmse", "minutes_of_log")
+        },
+        **about,
+    }
+    lines = [
+        "---",
+        *(f"{name}: {_yaml(value)}" for name, value in front.items()),
+        "---",
+        "",
+        f"# {prior.motor}",
+        "",
+    ]
     lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
     lines += [f"![Step, chirp and friction of samples and training motors]({PICTURE})", ""]
     lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
@@ -61,12 +84,20 @@ def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str
 
 
 def _yaml(value: str | float) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value)
+    return (
+        f"{value:.4g}"
+        if isinstance(value, float)
+        else f'"{value}"'
+        if isinstance(value, str)
+        else str(value)
+    )
 
 
 def _write(request: Request) -> list[Path]:
     if isinstance(request.source, MotorPosterior):
-        raise ConfigError("a card is of a prior, not of a posterior", remedy="export the prior", argument="format")
+        raise ConfigError(
+            "a card is of a prior, not of a posterior", remedy="export the prior", argument="format"
+        )
     return write_card(request.source, request.out)
 
 

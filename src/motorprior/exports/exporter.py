@@ -17,7 +17,8 @@ from motorprior.exceptions import ConfigError
 from motorprior.exports.mjcf import Mjcf
 
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
-ConstantArrays: TypeAlias = Mapping[str, np.ndarray]  # (n,) or (K, J) by name, in SI units at the output shaft
+# (n,) or (K, J) by name, in SI units at the output shaft
+ConstantArrays: TypeAlias = Mapping[str, np.ndarray]
 # (constants (n,), trial) -> (steps, n) joint angles [rad] of the exported motors
 ReplayFunction: TypeAlias = Callable[[ConstantArrays, Trial], np.ndarray]
 
@@ -44,11 +45,17 @@ class Request:
         """Origin and loss of the motors, for the files of every format."""
         prior = prior_of(self.source)
         return {
-            "version": __version__, "prior_sha256": prior.sha256(), "robot": prior.robot, "motor": prior.motor,
-            "seed": self.seed, "joint_names": list(self.joint_names), "spread": prior.spread_notes(),
+            "version": __version__,
+            "prior_sha256": prior.sha256(),
+            "robot": prior.robot,
+            "motor": prior.motor,
+            "seed": self.seed,
+            "joint_names": list(self.joint_names),
+            "spread": prior.spread_notes(),
             "distribution": "posterior" if isinstance(self.source, MotorPosterior) else "prior",
-            "loss_rad": dict(self.losses), "not_expressed": dict(self.not_expressed),
-        }  # fmt: skip
+            "loss_rad": dict(self.losses),
+            "not_expressed": dict(self.not_expressed),
+        }
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,8 @@ class Exporter:
     name: str  # value of the option --format
     not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    replay: ReplayFunction | None = None  # None: the format loses nothing; all others lack the optional terms
+    # None: the format loses nothing; all others lack the optional terms
+    replay: ReplayFunction | None = None
     needs_model: bool = False  # whether it changes the user's MJCF
     mujoco: int = 3  # major version that it needs
     # (constants, timestep [s]) whether a motor is written as a plain joint
@@ -71,11 +79,16 @@ def prior_of(source: MotorPrior | MotorPosterior) -> MotorPrior:
 
 
 def sampled(
-    source: MotorPrior | MotorPosterior, motors: int, seed: int, joint_names: tuple[str, ...], gains: Any = None
+    source: MotorPrior | MotorPosterior,
+    motors: int,
+    seed: int,
+    joint_names: tuple[str, ...],
+    gains: Any = None,
 ) -> GreyBoxActuator:
     """Motors at these J joints of K = ``motors`` robots, robot after robot; gains (2,) or (2, J) as of `export`.
 
-    Raises ConfigError for motors without physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
+    Raises ConfigError for motors without physical constants, or as `MotorPrior.sample` and
+    `MotorPosterior.sample`.
     """
     rng = generator_of(seed)
     of: Any = len(joint_names)
@@ -83,11 +96,17 @@ def sampled(
         of = source.joint_classes(joint_names)
     elif set(joint_names) <= set(source.joint_names):
         source = source.take([source.joint_names.index(name) for name in joint_names])
-    each = None if gains is None else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joint_names)))
+    each = (
+        None
+        if gains is None
+        else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joint_names)))
+    )
     robots = [source.sample(of, rng, each) for _ in range(motors)]
     if not isinstance(first := robots[0], GreyBoxActuator):
         remedy = "identify with preset rollout"
-        raise ConfigError("the prior is a network without physical constants", remedy=remedy, argument="source")
+        raise ConfigError(
+            "the prior is a network without physical constants", remedy=remedy, argument="source"
+        )
     every = None if first.gains is None else np.tile(first.gains, motors)  # the same for all robots
     return replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
 
@@ -100,7 +119,8 @@ def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str,
 def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:
     """For example "RMSE against …: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
     errors = ", ".join(
-        f"{name} {1e3 * value:.1f} mrad" if value < UNSTABLE else f"{name} unstable" for name, value in losses.items()
+        f"{name} {1e3 * value:.1f} mrad" if value < UNSTABLE else f"{name} unstable"
+        for name, value in losses.items()
     )
     missing = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
     return f"RMSE against the learned motors, at steps of at most 2 ms: {errors}; not expressed: {missing or 'nothing'}"

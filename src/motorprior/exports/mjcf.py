@@ -29,15 +29,26 @@ class Mjcf:
     in_degrees: bool  # unit of its angles
     drivers: np.ndarray  # (actuators, joints) see `drives`
     dropped: tuple[int, ...] = ()  # addresses of activations that were removed from keyframes
-    rotors: tuple[int, ...] = ()  # for each rotor that was added, the first joint of the body that it stands before
+    # for each rotor that was added, the first joint of the body that it stands before
+    rotors: tuple[int, ...] = ()
 
     @classmethod
     def read(cls, text: str, path: Path | None = None) -> "Mjcf":
         """Parse the text of a file; raises ArtifactError if it is not a well-formed MJCF."""
         try:
-            spec = mujoco.MjSpec.from_string(text) if path is None else mujoco.MjSpec.from_file(str(path))
+            spec = (
+                mujoco.MjSpec.from_string(text)
+                if path is None
+                else mujoco.MjSpec.from_file(str(path))
+            )
             compiled = spec.compile()
-            return cls(minidom.parseString(text.encode()), compiled, path, spec.compiler.degree, drives(compiled))
+            return cls(
+                minidom.parseString(text.encode()),
+                compiled,
+                path,
+                spec.compiler.degree,
+                drives(compiled),
+            )
         except (ExpatError, ValueError) as error:
             raise cannot_read(path, str(error)) from error
 
@@ -55,7 +66,9 @@ class Mjcf:
         ConfigError for several, for one in another file, and for one that drives it by a tendon.
         """
         every = self._inside("actuator", "*")
-        found = [each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))]
+        found = [
+            each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))
+        ]
         drivers = np.flatnonzero(self.drivers[:, self.compiled.joint(joint).id]).tolist()
         if len(drivers) > 1 or len(drivers) > len(found):
             problem = f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on it and in this file"
@@ -80,7 +93,9 @@ class Mjcf:
             made.setAttribute(key, value)
         return made
 
-    def add(self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str) -> Element:
+    def add(
+        self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str
+    ) -> Element:
         """Add an element to another, before one of its children or at its end."""
         made = parent.insertBefore(self.element(tag, **attributes), before)
         parent.insertBefore(self.document.createTextNode("\n"), before)
@@ -91,7 +106,9 @@ class Mjcf:
         keys = self.document.getElementsByTagName("key")
         if len(keys) != self.compiled.nkey:
             remedy = "move them into this file"
-            raise ConfigError("keyframes in an included file", where=self.path, remedy=remedy, argument="model")
+            raise ConfigError(
+                "keyframes in an included file", where=self.path, remedy=remedy, argument="model"
+            )
         for index, key in enumerate(keys):
             if words := key.getAttribute(name).split():
                 edit(words, index)

@@ -5,9 +5,10 @@
     )
     cfg.events["motors"] = per_world_damping()
 
-Every reset of an environment gives each of its joints another sample. Torques go to the engine as controls, the damping
-of the gears to ``dof_damping`` of each world, which the engine integrates implicitly. mjlab resets actuators before it
-moves the joints, so the motors restart at the first step after a reset, at the angles of that time.
+Every reset of an environment gives each of its joints another sample. Torques go to the engine as
+controls, the damping of the gears to ``dof_damping`` of each world, which the engine integrates
+implicitly. mjlab resets actuators before it moves the joints, so the motors restart at the first
+step after a reset, at the angles of that time.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
@@ -24,7 +25,9 @@ try:
     from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
     from mjlab.utils.spec import create_motor_actuator
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f"{error}: pip install 'motorprior[mjlab]'", name=error.name) from error
+    raise ModuleNotFoundError(
+        f"{error}: pip install 'motorprior[mjlab]'", name=error.name
+    ) from error
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -46,7 +49,9 @@ class MotorPriorActuatorCfg(ActuatorCfg):
     gains: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """kp and kd per joint, for priors of logged gains; see `MotorPrior.sample`."""
 
-    def build(self, entity: Any, target_ids: list[int], target_names: list[str]) -> "MotorPriorActuator":
+    def build(
+        self, entity: Any, target_ids: list[int], target_names: list[str]
+    ) -> "MotorPriorActuator":
         """The actuator of one entity; mjlab calls it."""
         return MotorPriorActuator(self, entity, target_ids, target_names)
 
@@ -56,20 +61,32 @@ class MotorPriorActuator(Actuator):
 
     def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
         """Add a torque actuator per joint, without limit: the motors have theirs."""
-        passive = {"armature": 0.0, "frictionloss": 0.0, "viscous_damping": 0.0}  # the motors have theirs
+        # the motors have theirs
+        passive = {"armature": 0.0, "frictionloss": 0.0, "viscous_damping": 0.0}
         for name in target_names:
-            self._mjs_actuators.append(create_motor_actuator(spec, name, effort_limit=1e6, **passive))
+            self._mjs_actuators.append(
+                create_motor_actuator(spec, name, effort_limit=1e6, **passive)
+            )
 
     def initialize(self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str) -> None:
         """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
         super().initialize(mj_model, model, data, device)
-        cfg, names = self.cfg, tuple(self.target_names)
+        cfg = self.cfg
+        names = tuple(self.target_names)
         bank = sampled(cfg.source, cfg.samples, cfg.seed, names, cfg.gains)
-        self._model, shape = model, (data.nworld, len(names))
+        self._model = model
+        shape = (data.nworld, len(names))
         self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)
         self._dofs = self.entity.indexing.joint_v_adr[self.target_ids].long()
-        arrays = (self._motors.torque, self._motors.damping, self._motors.chosen, self._motors.waiting)
-        self._torque, self._damping, self._chosen, self._waiting = (wp.to_torch(each).view(shape) for each in arrays)
+        arrays = (
+            self._motors.torque,
+            self._motors.damping,
+            self._motors.chosen,
+            self._motors.waiting,
+        )
+        self._torque, self._damping, self._chosen, self._waiting = (
+            wp.to_torch(each).view(shape) for each in arrays
+        )
         self._joints = torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
         self.reset()
 
@@ -77,7 +94,10 @@ class MotorPriorActuator(Actuator):
         """Choose other motors for some worlds, which start at their next step."""
         super().reset(env_ids)
         rows = slice(None) if env_ids is None else env_ids
-        drawn = torch.randint_like(self._joints, self.cfg.samples) * self._joints.shape[1] + self._joints
+        drawn = (
+            torch.randint_like(self._joints, self.cfg.samples) * self._joints.shape[1]
+            + self._joints
+        )
         self._chosen[rows] = drawn[rows]
         self._waiting[rows] = True
 

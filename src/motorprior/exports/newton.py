@@ -3,10 +3,11 @@
     motors = mp.from_pretrained(NAME).sample(12, seed=0)
     actuator = newton.actuators.Actuator(indices, drive=MotorPriorDrive(motors, dt=0.002))
 
-A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an effort, which is stable
-for 2·k·h²/I + D·h/I < 4 with gear stiffness k, gear damping D, link inertia I and step h. Give the joints no armature,
-damping and friction of their own. Rotor and delay line are arrays of the drive; Newton's states share its mask of the
-motors that restart, at the angles of their next step.
+A drive cannot pass a damping to the solver, so the joint gets torque - damping·velocity as an
+effort, which is stable for 2·k·h²/I + D·h/I < 4 with gear stiffness k, gear damping D, link inertia
+I and step h. Give the joints no armature, damping and friction of their own. Rotor and delay line
+are arrays of the drive; Newton's states share its mask of the motors that restart, at the angles of
+their next step.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
@@ -19,7 +20,9 @@ try:
     import warp as wp
     from newton.actuators import DriveBase
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f"{error}: pip install 'motorprior[newton]'", name=error.name) from error
+    raise ModuleNotFoundError(
+        f"{error}: pip install 'motorprior[newton]'", name=error.name
+    ) from error
 
 from motorprior.actuator.grey_box import DAMPING, GreyBoxActuator
 from motorprior.exports.warp_motors import Row, Rows, WarpMotors
@@ -29,7 +32,8 @@ from motorprior.exports.warp_motors import Row, Rows, WarpMotors
 def _effort(torque: Row, damping: Row, vel: Row, memory: Rows, forces: Row):
     i = wp.tid()
     forces[i] = torque[i] - damping[i] * vel[i]
-    memory[wp.static(DAMPING), i] = 0.0  # the engine does not damp, so the rotor gets no momentum from it
+    # the engine does not damp, so the rotor gets no momentum from it
+    memory[wp.static(DAMPING), i] = 0.0
 
 
 @wp.kernel
@@ -67,8 +71,11 @@ class MotorPriorDrive(DriveBase):
 
     def __init__(self, motors: GreyBoxActuator, dt: float, device: str = "cpu"):
         n = motors.num_motors
-        self._motors, self._device = WarpMotors(motors, n, dt, device), device
-        self._pos, self._vel, self._target = (wp.zeros(n, dtype=float, device=device) for _ in range(3))
+        self._motors = WarpMotors(motors, n, dt, device)
+        self._device = device
+        self._pos, self._vel, self._target = (
+            wp.zeros(n, dtype=float, device=device) for _ in range(3)
+        )
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
@@ -85,9 +92,22 @@ class MotorPriorDrive(DriveBase):
         return MotorPriorDrive.State(self._motors.waiting)
 
     def compute(
-        self, positions, velocities, target_pos, target_vel, feedforward, pos_indices, vel_indices,
-        target_pos_indices, target_vel_indices, forces, state, dt, device=None, **newer,
-    ) -> None:  # fmt: skip
+        self,
+        positions,
+        velocities,
+        target_pos,
+        target_vel,
+        feedforward,
+        pos_indices,
+        vel_indices,
+        target_pos_indices,
+        target_vel_indices,
+        forces,
+        state,
+        dt,
+        device=None,
+        **newer,
+    ) -> None:
         """Write the effort [N·m] of the coming step; velocity targets and feed-forward have no effect.
 
         ``newer`` are arguments of later versions, such as ``custom_inputs``.

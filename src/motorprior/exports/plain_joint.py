@@ -16,12 +16,26 @@ import numpy as np
 
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial
-from motorprior.exports.exporter import ConstantArrays, Exporter, Request, described_loss, one_motor, prior_of
+from motorprior.exports.exporter import (
+    ConstantArrays,
+    Exporter,
+    Request,
+    described_loss,
+    one_motor,
+    prior_of,
+)
 from motorprior.exports.mjcf import Mjcf, number
 from motorprior.robots.model_source import model_files
 from motorprior.simulation.driven_joints import hinge, require_uncoupled
 
-_NOT_EXPRESSED = ("velocity_filter", "stribeck_torque", "load_friction", "gear_stiffness", "backlash", "gear_damping")
+_NOT_EXPRESSED = (
+    "velocity_filter",
+    "stribeck_torque",
+    "load_friction",
+    "gear_stiffness",
+    "backlash",
+    "gear_damping",
+)
 MIN_STEP = 0.0005  # shortest physics step for which the delay lines are long enough [s]
 PASSIVE = ("armature", "damping", "frictionloss")  # attributes of a joint that a motor determines
 # parameter -> constant and unit
@@ -31,7 +45,9 @@ PARAMETERS = {
     "offset": ("encoder_zero", "rad"),
 }  # fmt: skip
 # integers, since an enumeration of MuJoCo 4 does not equal a numpy integer
-_NOT_INTEGRATED = [int(getattr(mujoco.mjtDyn, f"mjDYN_{name}")) for name in ("NONE", "FILTER", "FILTEREXACT")]
+_NOT_INTEGRATED = [
+    int(getattr(mujoco.mjtDyn, f"mjDYN_{name}")) for name in ("NONE", "FILTER", "FILTEREXACT")
+]
 # writes one motor, of its constants by name, at a joint
 WriteMotor = Callable[[Mjcf, str, Mapping[str, float]], None]
 
@@ -41,15 +57,22 @@ def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, 
 
     A ``position`` actuator is the same without the encoder zero.
     """
-    kp, limit = values["kp"], values["torque_limit"]
+    kp = values["kp"]
+    limit = values["torque_limit"]
     law = {"dyntype": "none", "gaintype": "fixed", "gainprm": number(kp), "biastype": "affine"}
-    law |= {"biasprm": number(-kp * values["encoder_zero"], -kp, -kv), "ctrllimited": "false", "gear": "1"}
+    law |= {
+        "biasprm": number(-kp * values["encoder_zero"], -kp, -kv),
+        "ctrllimited": "false",
+        "gear": "1",
+    }
     bounded = {"forcelimited": "false"}  # whatever a default of the model says
     if math.isfinite(limit):
         bounded = {"forcelimited": "true", "forcerange": number(-limit, limit)}
-    # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay is one step
+    # our targets are means from half a step before to half a step after now; MuJoCo's minimum delay
+    # is one step
     delay = max(values["delay"] + 0.5 * timestep, timestep)
-    samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2  # linear interpolation reads the sample before, too
+    # linear interpolation reads the sample before, too
+    samples = math.ceil(delay / min(timestep, MIN_STEP)) + 2
     return law | bounded | {"nsample": str(samples), "interp": "linear", "delay": number(delay)}
 
 
@@ -63,9 +86,11 @@ def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> None:
     """Put a servo of the joint ``driven`` in the place of the actuator of a joint, under its name, or add one.
 
-    It keeps range and controls of a position servo; other controls in keyframes become the joint's angle.
+    It keeps range and controls of a position servo; other controls in keyframes become the joint's
+    angle.
     """
-    model, old = mjcf.compiled, mjcf.actuator_of(joint)
+    model = mjcf.compiled
+    old = mjcf.actuator_of(joint)
     angles = [number(angle) for angle in model.key_qpos[:, model.joint(joint).qposadr[0]]]
     if old is None:
         mjcf.add(mjcf.section("actuator"), "general", name=joint, joint=driven, **attributes)
@@ -73,11 +98,19 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
         return
     element, index = old
     is_servo = model.actuator_gainprm[index, 0] == -model.actuator_biasprm[index, 1] != 0.0
-    if is_servo and model.actuator_dyntype[index] in _NOT_INTEGRATED and model.actuator_gear[index, 0] == 1.0:
+    if (
+        is_servo
+        and model.actuator_dyntype[index] in _NOT_INTEGRATED
+        and model.actuator_gear[index, 0] == 1.0
+    ):
         if model.actuator_ctrllimited[index]:
-            attributes |= {"ctrllimited": "true", "ctrlrange": number(*model.actuator_ctrlrange[index])}
+            attributes |= {
+                "ctrllimited": "true",
+                "ctrlrange": number(*model.actuator_ctrlrange[index]),
+            }
     else:
-        at = getattr(model, "actuator_ctrladr", range(model.nu))[index]  # MuJoCo 4 has actuators without control
+        # MuJoCo 4 has actuators without control
+        at = getattr(model, "actuator_ctrladr", range(model.nu))[index]
         mjcf.edit_keyframes("ctrl", lambda words, key: words.__setitem__(at, angles[key]))
     if (count := int(model.actuator_actnum[index])) > 0:
         own = int(model.actuator_actadr[index])
@@ -85,7 +118,9 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
         mjcf.edit_keyframes("act", lambda words, _: words.__delitem__(slice(first, first + count)))
         mjcf.dropped += tuple(range(own, own + count))
     name = element.getAttribute("name") or joint
-    element.parentNode.replaceChild(mjcf.element("general", name=name, joint=driven, **attributes), element)
+    element.parentNode.replaceChild(
+        mjcf.element("general", name=name, joint=driven, **attributes), element
+    )
 
 
 RIG = """<mujoco>
@@ -107,16 +142,23 @@ def replayed(values: ConstantArrays, given: Trial, write: WriteMotor) -> np.ndar
         mjcf = Mjcf.read(RIG.format(dt=given.dt, inertia=inertia))
         write(mjcf, "joint", one_motor(values, motor))
         model = mujoco.MjModel.from_xml_string(mjcf.text())
-        data, targets = mujoco.MjData(model), given.position_target[:, motor]
+        data = mujoco.MjData(model)
+        targets = given.position_target[:, motor]
         data.qpos[:] = targets[0]
         for actuator, samples in enumerate(model.actuator_history[:, 0].tolist()):
             if samples:  # fill the delay line with a control that has never changed
                 times = model.opt.timestep * np.arange(-samples, 0.0)
-                mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, targets[0]))
+                mujoco.mj_initCtrlHistory(
+                    model, data, actuator, times, np.full(samples, targets[0])
+                )
         joint = data.joint("joint")
         for step, angle in enumerate(out):
-            angle[motor], data.ctrl[0] = joint.qpos[0], targets[step]
-            load = given.external_torque[step, motor] + given.load_stiffness[step, motor] * angle[motor]
+            angle[motor] = joint.qpos[0]
+            data.ctrl[0] = targets[step]
+            load = (
+                given.external_torque[step, motor]
+                + given.load_stiffness[step, motor] * angle[motor]
+            )
             joint.qfrc_applied[0] = load
             mujoco.mj_step(model, data)
     return out
@@ -125,7 +167,8 @@ def replayed(values: ConstantArrays, given: Trial, write: WriteMotor) -> np.ndar
 def write_variants(request: Request, write: WriteMotor) -> list[Path]:
     """K variants of the user's MJCF, with copies of the files that it names, and motors.json.
 
-    Files keep their positions relative to each other: of a model in scene/ with meshes in ../assets, both folders.
+    Files keep their positions relative to each other: of a model in scene/ with meshes in
+    ../assets, both folders.
     """
     original = request.model
     assert original is not None and original.path is not None
@@ -136,12 +179,19 @@ def write_variants(request: Request, write: WriteMotor) -> list[Path]:
         if target.resolve() != file:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(file, target)
-    variants = [replace(original, document=original.document.cloneNode(True)) for _ in request.constants["kp"]]
-    require_uncoupled(original.compiled, [hinge(original.compiled, name) for name in request.joint_names])
+    variants = [
+        replace(original, document=original.document.cloneNode(True))
+        for _ in request.constants["kp"]
+    ]
+    require_uncoupled(
+        original.compiled, [hinge(original.compiled, name) for name in request.joint_names]
+    )
     for index, joint, values in request.motors():
         write(variants[index], joint, values)
-    loss, motor = described_loss(request.losses, request.not_expressed), prior_of(request.source).motor
-    about = re.sub("-{2,}", "-", f"motors of {motor}, seed {request.seed}; {loss}")  # no -- in comments
+    loss = described_loss(request.losses, request.not_expressed)
+    motor = prior_of(request.source).motor
+    # no -- in comments
+    about = re.sub("-{2,}", "-", f"motors of {motor}, seed {request.seed}; {loss}")
     folder = request.out / model.parent.relative_to(root)
     files = [folder / f"{model.stem}_{index:03d}.xml" for index in range(len(variants))]
     for path, variant in zip(files, variants, strict=True):
@@ -156,21 +206,32 @@ def write_table(request: Request) -> list[Path]:
 
     Correlations are those between units: of the deviations from the mean of each joint.
     """
-    found = {name: request.constants[constant] for name, (constant, _) in PARAMETERS.items()}  # (K, J)
+    # (K, J)
+    found = {name: request.constants[constant] for name, (constant, _) in PARAMETERS.items()}
     positive = [name for name in found if name != "offset"]
-    logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])  # (constants, K, J)
+    # (constants, K, J)
+    logs = np.stack([np.log(np.maximum(found[name], 1e-12)) for name in positive])
     columns = (logs - logs.mean(axis=1, keepdims=True)).reshape(len(logs), -1)
     spread = columns.std(axis=1, keepdims=True)
     scaled = columns / np.where(spread > 0.0, spread, 1.0)
     matrix = (scaled @ scaled.T / scaled.shape[1]).tolist() if logs.shape[1] > 2 else None
-    write_json(request.out / "motors.json", {
-        **request.provenance(), "units": {name: unit for name, (_, unit) in PARAMETERS.items()},
-        "samples": {name: value.tolist() for name, value in found.items()},
-        "quantiles_5_50_95": {name: np.quantile(x, (0.05, 0.5, 0.95), axis=0).T.tolist() for name, x in found.items()},
-        "correlation_of_logarithms": {"order": positive, "matrix": matrix},
-    })  # fmt: skip
+    write_json(
+        request.out / "motors.json",
+        {
+            **request.provenance(),
+            "units": {name: unit for name, (_, unit) in PARAMETERS.items()},
+            "samples": {name: value.tolist() for name, value in found.items()},
+            "quantiles_5_50_95": {
+                name: np.quantile(x, (0.05, 0.5, 0.95), axis=0).T.tolist()
+                for name, x in found.items()
+            },
+            "correlation_of_logarithms": {"order": positive, "matrix": matrix},
+        },
+    )
     return [request.out / "motors.json"]
 
 
 TABLE = Exporter("table", _NOT_EXPRESSED, write_table, partial(replayed, write=write_plain))
-PLAIN = replace(TABLE, name="mjcf", write=partial(write_variants, write=write_plain), needs_model=True)
+PLAIN = replace(
+    TABLE, name="mjcf", write=partial(write_variants, write=write_plain), needs_model=True
+)

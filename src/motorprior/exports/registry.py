@@ -1,8 +1,9 @@
 """Write motors of a prior or posterior in any format, and replay the exported motors next to our own.
 
-The replay simulates one hinge in closed loop on two loads. With the motors' median armature a, the shank has the
-inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m, linearised at 45°. For the shipped
-robot's motors (a = 0.0032 kg·m²) these are its bare shank and its leg.
+The replay simulates one hinge in closed loop on two loads. With the motors' median armature a, the
+shank has the inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m,
+linearised at 45°. For the shipped robot's motors (a = 0.0032 kg·m²) these are its bare shank and
+its leg.
 """
 
 from dataclasses import dataclass
@@ -32,10 +33,18 @@ from motorprior.signals import rmse
 
 EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
 MAX_STEP = 0.002  # maximum physics step of the replay [s]
-# trial -> load inertia over the median armature [-], and signals in turn for the motors; steps reach the torque limit
-TRIALS = {"leg": (1.25, ("gait", "sine")), "shank": (0.1, ("gait", "sine")), "leg_steps": (1.25, ("steps",))}
-GRAVITY_PER_INERTIA = 0.7 * 98.0  # torque of gravity, and its change with the angle, over the load inertia [1/s²]
-SECONDS, HOLD = 3.0, 0.01  # duration of a trial and of each target (a 100 Hz policy's) [s]
+# trial -> load inertia over the median armature [-], and signals in turn for the motors; steps
+# reach the torque limit
+TRIALS = {
+    "leg": (1.25, ("gait", "sine")),
+    "shank": (0.1, ("gait", "sine")),
+    "leg_steps": (1.25, ("steps",)),
+}
+# torque of gravity, and its change with the angle, over the load inertia [1/s²]
+GRAVITY_PER_INERTIA = 0.7 * 98.0
+# duration of a trial and of each target (a 100 Hz policy's) [s]
+SECONDS = 3.0
+HOLD = 0.01
 _SEED = 54
 
 
@@ -49,19 +58,26 @@ class Exported:
     """Files of `export`, and what the format changes."""
 
     files: tuple[Path, ...]
-    losses: dict[str, float]  # RMSE against our own motors by load [rad]; empty for a format without loss
+    # RMSE against our own motors by load [rad]; empty for a format without loss
+    losses: dict[str, float]
     not_expressed: dict[str, float]  # median by name of the constants that the format lacks
-    gains: tuple[float, ...] | None  # medians of kp and kd of the motors in the unit of the logs, if these have gains
-    plain: float = 0.0  # share of motors that mjcf-detailed wrote as plain joints, too stiff for the timestep [-]
+    # medians of kp and kd of the motors in the unit of the logs, if these have gains
+    gains: tuple[float, ...] | None
+    # share of motors that mjcf-detailed wrote as plain joints, too stiff for the timestep [-]
+    plain: float = 0.0
 
     def __str__(self) -> str:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
         if self.gains is not None:
             kp, kd = (f"{value:.4g}" for value in self.gains)
-            lines.append(f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs")
+            lines.append(
+                f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs"
+            )
         if self.plain:
             share = f"{100 * self.plain:.0f} %"
-            lines.append(f"{share} are plain joints: too stiff for the model's timestep, see format mjcf")
+            lines.append(
+                f"{share} are plain joints: too stiff for the model's timestep, see format mjcf"
+            )
         if self.losses:  # a card loses nothing
             lines.append(described_loss(self.losses, self.not_expressed))
         return "\n".join(lines)
@@ -88,8 +104,10 @@ def export(
         motors: number of samples, K; formats with an MJCF write K variants of it.
         seed: of the samples; the files are deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
-        joints: names of the J joints; those of the source if not given, one joint for a bench's prior.
-        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; those of the log if not given.
+        joints: names of the J joints; those of the source if not given, one joint for a bench's
+            prior.
+        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; those of the
+            log if not given.
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Raises:
@@ -98,31 +116,49 @@ def export(
         LogError: a log without loads.
     """
     if format not in EXPORTERS:
-        raise ConfigError(f"no format {format!r}", remedy=f"use one of {', '.join(EXPORTERS)}", argument="format")
-    exporter, changed, plain = EXPORTERS[format], None, 0.0
+        raise ConfigError(
+            f"no format {format!r}", remedy=f"use one of {', '.join(EXPORTERS)}", argument="format"
+        )
+    exporter = EXPORTERS[format]
+    changed = None
+    plain = 0.0
     require_count("motors", motors)
     if not is_supported(exporter):
-        problem = f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
-        raise ConfigError(problem, remedy="export where no extra holds MuJoCo back", argument="format")
+        problem = (
+            f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
+        )
+        raise ConfigError(
+            problem, remedy="export where no extra holds MuJoCo back", argument="format"
+        )
     if exporter.needs_model:
         if model is None:
-            raise ConfigError(f"format {format} changes your MJCF", remedy="give model", argument="model")
+            raise ConfigError(
+                f"format {format} changes your MJCF", remedy="give model", argument="model"
+            )
         changed = Mjcf.read(read_text(Path(model)), Path(model))
     joints = joints or source.joint_names or ("motor",)
     if log is not None:
         if missing := [name for name in joints if name not in log.joint_names]:
-            problem = f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}"
+            problem = (
+                f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}"
+            )
             raise ConfigError(problem, remedy="name joints of the log", argument="joints")
         log = log.with_joints([log.joint_names.index(name) for name in joints])
         gains = log.gains if gains is None else gains
     bank = sampled(source, motors, seed, joints, gains)
     step = min(MAX_STEP, bank.model.period)
     values = constants(bank, step)
-    not_expressed = {name: float(np.median(np.abs(values[name]))) for name in exporter.not_expressed}
+    not_expressed = {
+        name: float(np.median(np.abs(values[name]))) for name in exporter.not_expressed
+    }
     errors: dict[str, float] = {}
     if exporter.replay is not None:
-        not_expressed |= {name: float(np.median(values[name])) for name in constants_of(bank.model.terms)}
-        errors = losses(exporter.replay, bank, step, None if log is None else log_trial(log, motors, step))
+        not_expressed |= {
+            name: float(np.median(values[name])) for name in constants_of(bank.model.terms)
+        }
+        errors = losses(
+            exporter.replay, bank, step, None if log is None else log_trial(log, motors, step)
+        )
     if changed is not None and exporter.becomes_plain is not None:
         plain = float(np.mean(exporter.becomes_plain(values, changed.compiled.opt.timestep)))
     table = {name: value.reshape(motors, -1) for name, value in values.items()}
@@ -134,9 +170,13 @@ def export(
 def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
     """One of TRIALS for motors with these armatures (n,) [kg·m²], at steps of ``dt`` [s]."""
     load, signals = TRIALS[name]
-    rng, steps, n = np.random.default_rng(_SEED), round(SECONDS / dt), len(armature)
+    rng = np.random.default_rng(_SEED)
+    steps = round(SECONDS / dt)
+    n = len(armature)
     chosen = [EXCITATIONS[signals[motor % len(signals)]].target for motor in range(n)]
-    targets = np.stack([zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1)
+    targets = np.stack(
+        [zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1
+    )
     inertia = np.full(n, load * float(np.median(armature)))
     weight = np.tile(-GRAVITY_PER_INERTIA * inertia, (steps, 1))
     return Trial(targets, weight, inertia, dt, load_stiffness=weight)
@@ -145,9 +185,13 @@ def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
 def log_trial(log: MotorLog, robots: int, dt: float) -> Trial:
     """Commands and loads of a log's longest segment, robot after robot; LogError without loads."""
     if log.load_inertia is None or log.external_torque is None:
-        raise LogError("no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)")
+        raise LogError(
+            "no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)"
+        )
     one = trial_of(resample(max(log.segments(), key=lambda each: each.num_rows), dt))
-    stiffness = np.zeros_like(one.external_torque) if one.load_stiffness is None else one.load_stiffness
+    stiffness = (
+        np.zeros_like(one.external_torque) if one.load_stiffness is None else one.load_stiffness
+    )
     series = (one.position_target, one.external_torque, one.load_inertia, stiffness)
     targets, external, inertia, stiffness = (np.tile(each, robots) for each in series)
     return Trial(targets, external, inertia, dt, load_stiffness=stiffness)
@@ -156,17 +200,25 @@ def log_trial(log: MotorLog, robots: int, dt: float) -> Trial:
 def constants(motors: GreyBoxActuator, dt: float) -> dict[str, np.ndarray]:
     """(n,) constants by name, with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp.
 
-    ``friction`` is the dry friction with its load-dependent part at the mean absolute torque on the leg [N·m].
+    ``friction`` is the dry friction with its load-dependent part at the mean absolute torque on the
+    leg [N·m].
     """
     values = motors.constants()
     values["kd"] = values["kp"] * values.pop("kd_over_kp")
     torque = run(motors, replay_trial("leg", values["armature"], dt)).joint_torque
-    return values | {"friction": values["coulomb"] + values["load_friction"] * np.abs(torque).mean(axis=0)}
+    return values | {
+        "friction": values["coulomb"] + values["load_friction"] * np.abs(torque).mean(axis=0)
+    }
 
 
-def losses(replay: ReplayFunction, motors: GreyBoxActuator, dt: float, log: Trial | None = None) -> dict[str, float]:
+def losses(
+    replay: ReplayFunction, motors: GreyBoxActuator, dt: float, log: Trial | None = None
+) -> dict[str, float]:
     """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
     values = constants(motors, dt)
     trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS}
     trials |= {} if log is None else {"log": log}
-    return {name: float(rmse(replay(values, given), run(motors, given).joint_pos)) for name, given in trials.items()}
+    return {
+        name: float(rmse(replay(values, given), run(motors, given).joint_pos))
+        for name, given in trials.items()
+    }

@@ -1,8 +1,9 @@
 """Geared motors as one Warp kernel in float32, traced from the formula of the compiled step (`geared_motor_step.step`).
 
-Warp takes the body of a function as C++. `traced_step` runs the formula on symbols that write each operation down, so
-simulators on a GPU and the CPU share one formula. n motors are columns of a table and of a memory, as on the CPU; every
-motor has its own position in the delay line, so each can be reset alone.
+Warp takes the body of a function as C++. `traced_step` runs the formula on symbols that write each
+operation down, so simulators on a GPU and the CPU share one formula. n motors are columns of a
+table and of a memory, as on the CPU; every motor has its own position in the delay line, so each
+can be reset alone.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
@@ -25,11 +26,21 @@ from motorprior.actuator.geared_motor_step import (
     StepConstants,
     step,
 )
-from motorprior.actuator.grey_box import LINE, REFERENCE_ROW, TARGET, GreyBoxActuator, memory_rows, motor_table
+from motorprior.actuator.grey_box import (
+    LINE,
+    REFERENCE_ROW,
+    TARGET,
+    GreyBoxActuator,
+    memory_rows,
+    motor_table,
+)
 from motorprior.exceptions import ConfigError
 
-MIN_STIFFNESS = 20.0  # minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
-Rows, Row, Indices = wp.array2d(dtype=float), wp.array(dtype=float), wp.array(dtype=int)
+# minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
+MIN_STIFFNESS = 20.0
+Rows = wp.array2d(dtype=float)
+Row = wp.array(dtype=float)
+Indices = wp.array(dtype=int)
 Mask = wp.array(dtype=wp.bool)
 
 
@@ -46,7 +57,8 @@ class Symbol:
     """A value of generated code; every operation writes a line."""
 
     def __init__(self, code: list[str], text: str):
-        self.code, self.text = code, text
+        self.code = code
+        self.text = text
 
     def new(self, text: str) -> "Symbol":
         """A variable with this value."""
@@ -54,7 +66,9 @@ class Symbol:
         return Symbol(self.code, f"t{len(self.code) - 1}")
 
     __add__, __sub__, __mul__, __truediv__ = (_written(f"{{}} {sign} {{}}") for sign in "+-*/")
-    __radd__, __rsub__, __rmul__, __rtruediv__ = (_written(f"{{1}} {sign} {{0}}") for sign in "+-*/")
+    __radd__, __rsub__, __rmul__, __rtruediv__ = (
+        _written(f"{{1}} {sign} {{0}}") for sign in "+-*/"
+    )
     __gt__, __lt__, __or__ = map(_written, ("{} > {}", "{} < {}", "{} || {}"))
     __neg__, __abs__ = map(_written, ("-{}", "wp::abs({})"))
 
@@ -79,8 +93,12 @@ def traced_step(terms: tuple[str, ...]) -> str:
     state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(states)))
     target, q, dq, h = (Symbol(code, name) for name in ("target", "q", "dq", "h"))
     state, torque, damping = step(p, state, target, q, dq, h, SYMBOLS, terms)
-    code += [f"memory.data[{row} * n + i] = {_text(value)};" for row, value in enumerate(state[:states])]
-    return "\n".join([*code, f"torque.data[i] = {_text(torque)};", f"damping.data[i] = {_text(damping)};"])
+    code += [
+        f"memory.data[{row} * n + i] = {_text(value)};" for row, value in enumerate(state[:states])
+    ]
+    return "\n".join(
+        [*code, f"torque.data[i] = {_text(torque)};", f"damping.data[i] = {_text(damping)};"]
+    )
 
 
 _DELAY_LINE = f"""
@@ -105,15 +123,33 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
 
     @wp.func_native(_DELAY_LINE + traced_step(terms))
     def motor_step(
-        i: int, table: Rows, memory: Rows, clock: Indices, command: float, q: float, dq: float, h: float, torque: Row,
+        i: int,
+        table: Rows,
+        memory: Rows,
+        clock: Indices,
+        command: float,
+        q: float,
+        dq: float,
+        h: float,
+        torque: Row,
         damping: Row,
-    ): ...  # fmt: skip
+    ): ...
 
     @wp.kernel(module="unique")
     def motors_step(
-        bank: Rows, chosen: Indices, waiting: Mask, table: Rows, memory: Rows, clock: Indices, command: Row,
-        joint_pos: Row, joint_vel: Row, h: float, torque: Row, damping: Row,
-    ):  # fmt: skip
+        bank: Rows,
+        chosen: Indices,
+        waiting: Mask,
+        table: Rows,
+        memory: Rows,
+        clock: Indices,
+        command: Row,
+        joint_pos: Row,
+        joint_vel: Row,
+        h: float,
+        torque: Row,
+        damping: Row,
+    ):
         i = wp.tid()
         if waiting[i]:
             waiting[i] = False
@@ -124,7 +160,9 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
                 memory[row, i] = wp.where(row < wp.static(LINE), 0.0, joint_pos[i])
             memory[0, i] = joint_pos[i]
             memory[wp.static(REFERENCE_ROW), i] = joint_pos[i]
-        motor_step(i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping)
+        motor_step(
+            i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping
+        )
 
     return motors_step
 
@@ -132,8 +170,8 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
 class WarpMotors:
     """n motors on a device of Warp.
 
-    To restart motors, set their elements of ``waiting`` (n,): they begin their next step at rest at its joint angle, as
-    the columns ``chosen`` (n,) of the bank. All wait at first.
+    To restart motors, set their elements of ``waiting`` (n,): they begin their next step at rest at
+    its joint angle, as the columns ``chosen`` (n,) of the bank. All wait at first.
 
     Args:
         bank: motors to choose from.
@@ -146,15 +184,21 @@ class WarpMotors:
     """
 
     def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
-        values, limits, terms = bank.constants(), max_steps(bank), bank.model.terms
+        values = bank.constants()
+        limits = max_steps(bank)
+        terms = bank.model.terms
         if dt > (limit := float(limits.min())):
             worst = int(limits.argmin())
             raise ConfigError(
                 f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
                 f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
-                remedy=f"use a step of {limit:.2g} s or less, with a larger decimation", argument="dt",
-            )  # fmt: skip
-        self._step, self._dt, self._device, self.count = step_kernel(terms), dt, device, count
+                remedy=f"use a step of {limit:.2g} s or less, with a larger decimation",
+                argument="dt",
+            )
+        self._step = step_kernel(terms)
+        self._dt = dt
+        self._device = device
+        self.count = count
         table = motor_table(values, dt, terms).astype(np.float32)
         self._bank = wp.array(table, dtype=float, device=device)
         self.table = wp.zeros((len(table), count), dtype=float, device=device)
@@ -167,7 +211,8 @@ class WarpMotors:
     def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
         """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step, from Warp arrays (n,).
 
-        The engine gets torque - damping·joint_vel, of which it integrates the damping implicitly, as for `Motors`.
+        The engine gets torque - damping·joint_vel, of which it integrates the damping implicitly,
+        as for `Motors`.
         """
         own = [self._bank, self.chosen, self.waiting, self.table, self.memory, self.clock]
         inputs = [*own, command, joint_pos, joint_vel, self._dt, self.torque, self.damping]

@@ -1,6 +1,7 @@
 """The commands deploy, record and doctor: checks of the settings, output files, and messages to the user.
 
-The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both call them.
+The command line `motorprior` and, on the robot's own computer, `python -m motorprior.hardware` both
+call them.
 """
 
 import math
@@ -21,14 +22,22 @@ from motorprior.hardware.motions import excite, hardware_targets, joints_of
 from motorprior.hardware.robot_link import Recorder, RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.serial_link import SerialLink
-from motorprior.hardware.session import Session, check_telemetry, fault_of, require_ok, stop_on_signals
+from motorprior.hardware.session import (
+    Session,
+    check_telemetry,
+    fault_of,
+    require_ok,
+    stop_on_signals,
+)
 from motorprior.hardware.settings import DeploySettings, RecordSettings, RunSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Robot, SafetyLimits
 
 _LOG = "run.csv"
-_FAST_TARGETS, _SLOW_TARGETS = 40.0, 8.0  # limits of the targets [rad/s], see `RecordSettings`
+# limits of the targets [rad/s], see `RecordSettings`
+_FAST_TARGETS = 40.0
+_SLOW_TARGETS = 8.0
 _DRY_RUN = 5.0  # [s]
 
 
@@ -44,7 +53,10 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
     require_number("yaw_rate", settings.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
     gains = motions.gains_for(robot, policy, settings.kp, settings.kd, settings.max_current)
     if settings.dry_run:
-        command = teleop.autonomous_speed(gait) if settings.forward is None else settings.forward, settings.yaw_rate
+        command = (
+            teleop.autonomous_speed(gait) if settings.forward is None else settings.forward,
+            settings.yaw_rate,
+        )
         with RobotLink(robot, SerialLink(robot, port)) as link, stop_on_signals() as stop:
             session = Session(link, gains, stop, not settings.without_imu, status=show)
             steps = motions.dry_run(session, policy, command, settings.seconds or _DRY_RUN)
@@ -52,7 +64,9 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
         return
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
-        show("note: this policy was trained without pushes; the robot may fall when the host pauses")
+        show(
+            "note: this policy was trained without pushes; the robot may fall when the host pauses"
+        )
     origin = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
     with _session(robot, port, settings, gains, teleop.WALKING, show, origin) as (session, out):
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
@@ -64,10 +78,12 @@ def run_deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, sh
 
 def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -> Path:
     """Excite and record; returns the recording, which is kept if a RobotFault ended it early."""
-    safety, standing = robot.require_wire().safety, settings.standing
+    safety = robot.require_wire().safety
+    standing = settings.standing
     # Steps of a leg that carries weight would tip a standing robot.
     excitation = settings.excitation or ("multisine" if standing else "varied")
-    amplitude, max_speed = settings.amplitude, settings.max_speed
+    amplitude = settings.amplitude
+    max_speed = settings.max_speed
     if amplitude is None:  # small on the ground: feet that push into it look blocked
         amplitude = 0.1 if standing else 0.4
     if max_speed is None:  # steps in the air must be fast, to reach a motor's torque limit
@@ -80,11 +96,17 @@ def run_record(robot: Robot, port: str, settings: RecordSettings, show: Print) -
     require_seed(settings.seed)
     gains = Gains.of(robot.require_wire(), settings.kp, settings.kd, settings.max_current)
     joints = joints_of(robot, settings.joint)
-    targets = hardware_targets(robot, excitation, joints, settings.seconds, amplitude, max_speed, settings.seed)
+    targets = hardware_targets(
+        robot, excitation, joints, settings.seconds, amplitude, max_speed, settings.seed
+    )
     how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
     # A suspended robot may hang tilted.
-    limits = replace(safety, target_speed=max_speed, max_tilt=safety.max_tilt if standing else math.inf)
-    with _session(robot, port, settings, gains, how_to_stop, show, {"command": "record"}, limits) as (session, out):
+    limits = replace(
+        safety, target_speed=max_speed, max_tilt=safety.max_tilt if standing else math.inf
+    )
+    with _session(
+        robot, port, settings, gains, how_to_stop, show, {"command": "record"}, limits
+    ) as (session, out):
         session.need_imu = standing and session.need_imu
         excite(session, targets, suspended=not standing)
     show(f"recorded {out / _LOG}")
@@ -104,16 +126,24 @@ def _session(
 ) -> Iterator[tuple[Session, Path]]:
     """A session that the operator confirms, and the folder of its files.
 
-    run.json contains ``origin``, settings, gains and limits (an infinite one is null). It is written when the robot is
-    armed, and again when it is idle, with the outcome: "time", "operator", the name of a signal, or the kind of a fault
-    and its message.
+    run.json contains ``origin``, settings, gains and limits (an infinite one is null). It is
+    written when the robot is armed, and again when it is idle, with the outcome: "time",
+    "operator", the name of a signal, or the kind of a fault and its message.
     """
     if not settings.yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError("no terminal to confirm at", remedy="give yes to arm without confirmation", argument="yes")
+        raise ConfigError(
+            "no terminal to confirm at",
+            remedy="give yes to arm without confirmation",
+            argument="yes",
+        )
     command = origin["command"]
     out = settings.out or Path("runs") / command / datetime.now().strftime("%Y%m%d-%H%M%S")
-    recorder, begun = Recorder(robot, out / _LOG), dict[str, Any]()
-    with RobotLink(robot, SerialLink(robot, port), limits, recorder) as link, stop_on_signals() as stop:
+    recorder = Recorder(robot, out / _LOG)
+    begun = dict[str, Any]()
+    with (
+        RobotLink(robot, SerialLink(robot, port), limits, recorder) as link,
+        stop_on_signals() as stop,
+    ):
 
         def confirm() -> None:
             teleop.confirm_arming(stop, settings.yes, how_to_stop, show)
@@ -121,9 +151,14 @@ def _session(
                 port=port,
                 robot=robot.name,
                 started=datetime.now().astimezone().isoformat(timespec="seconds"),
-                settings={name: str(v) if isinstance(v, Path) else v for name, v in asdict(settings).items()},
+                settings={
+                    name: str(v) if isinstance(v, Path) else v
+                    for name, v in asdict(settings).items()
+                },
                 gains=asdict(gains),
-                safety={name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()},
+                safety={
+                    name: v if math.isfinite(v) else None for name, v in asdict(link.limits).items()
+                },
                 **origin,
             )
             write_json(out / "run.json", begun)
@@ -131,7 +166,9 @@ def _session(
         def end(outcome: str, message: str | None) -> None:
             if begun:
                 stream = link.stream
-                frames = {name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")}
+                frames = {
+                    name: getattr(stream, name) for name in ("accepted", "repeated", "impossible")
+                }
                 ending = {
                     "ended": datetime.now().astimezone().isoformat(timespec="seconds"),
                     "outcome": outcome,
@@ -164,5 +201,7 @@ def run_doctor(robot: Robot, port: str, seconds: float, idle: bool, show: Print)
             link.send_idle()
         checks = check_telemetry(link, seconds)
     for check in checks:
-        show(f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}")
+        show(
+            f"{'ok ' if check.ok else 'BAD'} {check.name}: {check.finding}{'' if check.ok else f' -> {check.remedy}'}"
+        )
     require_ok(checks)

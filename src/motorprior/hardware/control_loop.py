@@ -18,26 +18,35 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import SafetyLimits
 
-# Function of the latest measurement: the (joints,) position targets [rad] of this control step, or None at the end.
+# Function of the latest measurement: the (joints,) position targets [rad] of this control step, or
+# None at the end.
 Motion = Callable[[Measurement], np.ndarray | None]
 # Called after each command of a motion, with the number of steps and the measurement used
 AfterStep = Callable[[int, Measurement], None]
 
 _MIN_RAMP = 0.5  # [s]
-# A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one. Robot and host have
-# their own clocks, so each period may differ from the nominal one by _MAX_SHIFT [s].
+# A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one.
+# Robot and host have their own clocks, so each period may differ from the nominal one by _MAX_SHIFT
+# [s].
 _AFTER_TELEMETRY = 0.0015
 _MAX_SHIFT = 2e-5
 
 
-def ramp(start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, hold: float = 0.0) -> Motion:
+def ramp(
+    start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, hold: float = 0.0
+) -> Motion:
     """Move all joints together from (joints,) ``start`` to ``goal`` [rad], and stay there for ``hold`` [s].
 
-    target = start + (goal - start)·(1 - cos(π t / T)) / 2, T such that no target exceeds ``speed`` [rad/s].
+    target = start + (goal - start)·(1 - cos(π t / T)) / 2, T such that no target exceeds ``speed``
+    [rad/s].
     """
     duration = max(_MIN_RAMP, 0.5 * math.pi * float(np.abs(goal - start).max()) / speed)
-    moving, holding = math.ceil(duration / control_dt), round(hold / control_dt)
-    shares = (0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving)) for step in range(1, moving + holding + 1))
+    moving = math.ceil(duration / control_dt)
+    holding = round(hold / control_dt)
+    shares = (
+        0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving))
+        for step in range(1, moving + holding + 1)
+    )
     targets = (start + share * (goal - start) for share in shares)
     return lambda _: next(targets, None)
 
@@ -48,43 +57,56 @@ class Timing:
 
     sent: list[float] = field(default_factory=list)  # when the command was sent
     late: list[float] = field(default_factory=list)  # time after the deadline
-    age: list[float] = field(default_factory=list)  # age of the measurement used, when the command was sent
+    # age of the measurement used, when the command was sent
+    age: list[float] = field(default_factory=list)
     skipped: int = 0  # steps skipped because the previous one took too long
 
 
 def clock_figures(run: Timing, period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines and age of the telemetry.
 
-    period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped, or whose command was
-    more than half a period late. telemetry_age_ms: age of the measurement used. Empty for less than two steps.
+    period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped,
+    or whose command was more than half a period late. telemetry_age_ms: age of the measurement
+    used. Empty for less than two steps.
     """
     if len(run.sent) < 2:
         return {}
-    jitter, late = np.abs(np.diff(run.sent) - period), np.array(run.late)
+    jitter = np.abs(np.diff(run.sent) - period)
+    late = np.array(run.late)
     figures = {
         f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
         for name, seconds in (("period_jitter_ms", jitter), ("telemetry_age_ms", run.age))
         for quantile, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
     }
     missed = int(np.count_nonzero(late > 0.5 * period)) + run.skipped
-    return figures | {"missed_share": missed / (len(late) + run.skipped), "control_steps": float(len(run.sent))}
+    return figures | {
+        "missed_share": missed / (len(late) + run.skipped),
+        "control_steps": float(len(run.sent)),
+    }
 
 
 class ControlLoop:
     """Plays motions on an armed robot, until ``stop`` holds a signal before a step; raises if the host is too slow."""
 
     def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Sequence[str]):
-        self._link, self._period, self._stop = link, link.robot.control_dt, stop
+        self._link = link
+        self._period = link.robot.control_dt
+        self._stop = stop
         self._slow_host = SlowHost(limits, self._period)
-        self._deadline, self._paused = time.monotonic() + self._period, False
+        self._deadline = time.monotonic() + self._period
+        self._paused = False
 
     def run_motion(
-        self, motion: Motion, mode: Mode, after_step: AfterStep = lambda *_: None, timing: Timing | None = None
+        self,
+        motion: Motion,
+        mode: Mode,
+        after_step: AfterStep = lambda *_: None,
+        timing: Timing | None = None,
     ) -> None:
         """Play ``motion`` until it ends or ``stop`` holds a signal.
 
-        ``after_step`` runs in the rest of the period, and must be fast. ``timing`` is filled also if a fault ends the
-        motion. Raises the faults of `RobotLink` and `SlowHost`.
+        ``after_step`` runs in the rest of the period, and must be fast. ``timing`` is filled also
+        if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
@@ -110,7 +132,8 @@ class ControlLoop:
 
     def _next_deadline(self, measurement: Measurement, sent: float, timing: Timing) -> None:
         """Move the deadline by one period, slightly towards fresh measurements; skip deadlines that have passed."""
-        due, now = self._deadline, time.monotonic()
+        due = self._deadline
+        now = time.monotonic()
         shift = due - measurement.arrival - _AFTER_TELEMETRY
         shift -= self._period * round(shift / self._period)
         self._deadline += self._period - min(_MAX_SHIFT, max(-_MAX_SHIFT, shift))
@@ -123,8 +146,13 @@ class ControlLoop:
             self._paused = True
 
 
-_SCHED_FIFO, _PRIORITY = 1, 10  # the watchdog's priority is higher
-_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # flags of mlockall(2)
+# the watchdog's priority is higher
+_SCHED_FIFO = 1
+_PRIORITY = 10
+# flags of mlockall(2)
+_MCL_CURRENT = 1
+_MCL_FUTURE = 2
+_MCL_ONFAULT = 4
 
 
 @contextmanager
@@ -132,7 +160,10 @@ def real_time() -> Iterator[None]:
     """Real-time priority, locked memory and no garbage collection within this context."""
     normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     # With a limit of locked memory, a later allocation would fail in the middle of a motion.
-    unlimited = sys.platform == "linux" and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    unlimited = (
+        sys.platform == "linux"
+        and resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    )
     libc = ctypes.CDLL(None) if unlimited else None
     if libc is not None:
         libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)

@@ -16,14 +16,21 @@ from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, check_before_arming
 from motorprior.hardware.teleop import Print, Teleop
 from motorprior.locomotion.body import YAW_RATE, action_size, body_of, open_loop_gait
-from motorprior.locomotion.control_step import begin_gait, command_step, follow_command, new_gait, write_readings
+from motorprior.locomotion.control_step import (
+    begin_gait,
+    command_step,
+    follow_command,
+    new_gait,
+    write_readings,
+)
 from motorprior.locomotion.policy import Policy, act
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
 
 _GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
 _STATUS_PERIOD = 50  # control steps
-# Of 36 simulated walks that crouched at once from full speed, 11 tilted beyond 0.5 rad; with this time, none.
+# Of 36 simulated walks that crouched at once from full speed, 11 tilted beyond 0.5 rad; with this
+# time, none.
 _STOPPING_TIME = 1.0  # [s]
 
 
@@ -34,19 +41,23 @@ class PolicyMotion:
     """
 
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
-        self._policy, self._has_imu = policy.arrays, has_imu
+        self._policy = policy.arrays
+        self._has_imu = has_imu
         self._body = body_of(robot.with_speed_range(policy.forward))
         self.gait = new_gait(self._body)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
-        self.gyro_bias = np.zeros(3)  # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
+        # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
+        self.gyro_bias = np.zeros(3)
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
         """The (joints,) targets [rad] for a measurement: observe, act, command."""
         gait = self.gait
         telemetry = measurement.telemetry
         rates = np.array(telemetry.rates) - self.gyro_bias
-        write_readings(self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation)
+        write_readings(
+            self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation
+        )
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             gait.observation[YAW_RATE] = gait.velocity_command[1]
         follow_command(self._body, gait, self.forward, self.yaw_rate)
@@ -71,17 +82,24 @@ class PolicyMotion:
 
 
 def gains_for(
-    robot: Robot, policy: Policy, kp: float | None = None, kd: float | None = None, max_current: float | None = None
+    robot: Robot,
+    policy: Policy,
+    kp: float | None = None,
+    kd: float | None = None,
+    max_current: float | None = None,
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    Raises ConfigError for gains out of range, or if none were given and those of the training differ by more than 15 %.
+    Raises ConfigError for gains out of range, or if none were given and those of the training
+    differ by more than 15 %.
     """
     wire = robot.require_wire()
     for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
-        trained, own = getattr(policy, name) / wire.torque_constant, getattr(wire, name)
+        trained = getattr(policy, name) / wire.torque_constant
+        own = getattr(wire, name)
         if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
-            mean, remedy = float(trained.mean()), "train it with the robot's gains"
+            mean = float(trained.mean())
+            remedy = "train it with the robot's gains"
             if mean <= getattr(wire.safety, f"max_{name}"):
                 remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
             problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
@@ -90,12 +108,15 @@ def gains_for(
 
 
 def walk(
-    session: Session, policy: Policy, steering: AbstractContextManager[Teleop], seconds: float | None = None
+    session: Session,
+    policy: Policy,
+    steering: AbstractContextManager[Teleop],
+    seconds: float | None = None,
 ) -> None:
     """Check an idle robot, arm it, stand up, walk as ``steering`` commands, crouch.
 
-    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a second. Raises RobotFault
-    if a fault ended the walk early; the robot is idle.
+    It walks for ``seconds`` [s] or until the session is stopped. The status is a line twice a
+    second. Raises RobotFault if a fault ended the walk early; the robot is idle.
     """
     motion = PolicyMotion(session.link.robot, policy, session.need_imu)
     motion.gyro_bias = session.check(motion.warm_up)
@@ -112,7 +133,12 @@ def walk(
             return motion(measurement)
 
         with steering as operator:
-            loop.run_motion(steered, Mode.WALK, _status_line(session.link, motion, session.status), session.timing)
+            loop.run_motion(
+                steered,
+                Mode.WALK,
+                _status_line(session.link, motion, session.status),
+                session.timing,
+            )
 
     session.run(work, stopping=motion.stopping)
 
@@ -122,11 +148,14 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
 
     ``command`` is speed [m/s] and yaw rate [rad/s]. Other arguments and errors are those of `walk`.
     """
-    link, motion = session.link, PolicyMotion(session.link.robot, policy, session.need_imu)
+    link = session.link
+    motion = PolicyMotion(session.link.robot, policy, session.need_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
     motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
-    show, steps, deadline = _status_line(link, motion, session.status), 0, time.monotonic()
+    show = _status_line(link, motion, session.status)
+    steps = 0
+    deadline = time.monotonic()
     end = deadline + seconds
     while deadline < end and not session.stop:
         deadline += policy.control_dt
@@ -156,36 +185,56 @@ def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> AfterS
 
 
 OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
-_SLOW = 0.5  # frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
+# frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
+_SLOW = 0.5
 _FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
 
 
 def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
     """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
     names = robot.joint_names
-    indices = tuple(index for index, joint in enumerate(names) if name in ("all", joint, *joint.split("_")))
+    indices = tuple(
+        index for index, joint in enumerate(names) if name in ("all", joint, *joint.split("_"))
+    )
     if not indices:
         parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
         valid = f"all, {', '.join((*parts, names[0]))}, ..."
-        raise ConfigError(f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint")
+        raise ConfigError(
+            f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint"
+        )
     return indices
 
 
 def hardware_targets(
-    robot: Robot, kind: str, joints: Sequence[int], seconds: float, amplitude: float, speed: float, seed: int
+    robot: Robot,
+    kind: str,
+    joints: Sequence[int],
+    seconds: float,
+    amplitude: float,
+    speed: float,
+    seed: int,
 ) -> np.ndarray:
     """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
 
-    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and then down to ``speed``
-    [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not scaled to the speed: the safety gate limits
-    their slew rate. ``varied`` is a multisine of all joints, and then steps of one joint after the other. Raises
-    ConfigError for an unknown excitation, one that moves none of the joints, or a trot without legs.
+    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and
+    then down to ``speed`` [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not
+    scaled to the speed: the safety gate limits their slew rate. ``varied`` is a multisine of all
+    joints, and then steps of one joint after the other. Raises ConfigError for an unknown
+    excitation, one that moves none of the joints, or a trot without legs.
     """
-    steps, rng = round(seconds / robot.control_dt), np.random.default_rng([seed, robot.num_joints])
-    parts = [("multisine", steps // 2), ("steps", steps - steps // 2)] if kind == "varied" else [(kind, steps)]
-    away = np.concatenate([_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts])
+    steps = round(seconds / robot.control_dt)
+    rng = np.random.default_rng([seed, robot.num_joints])
+    parts = (
+        [("multisine", steps // 2), ("steps", steps - steps // 2)]
+        if kind == "varied"
+        else [(kind, steps)]
+    )
+    away = np.concatenate(
+        [_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts]
+    )
     if kind == "varied":
-        # A joint's load depends on the motion of all. If all jump at once, gears seem better damped than they are.
+        # A joint's load depends on the motion of all. If all jump at once, gears seem better damped
+        # than they are.
         bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
         for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
             away[steps // 2 : first, joint] = away[end:, joint] = 0.0
@@ -193,18 +242,32 @@ def hardware_targets(
 
 
 def _away(
-    robot: Robot, kind: str, joints: Sequence[int], steps: int, amplitude: float, speed: float, rng: np.random.Generator
+    robot: Robot,
+    kind: str,
+    joints: Sequence[int],
+    steps: int,
+    amplitude: float,
+    speed: float,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """(steps, joints) differences between the targets and the nominal pose [rad], scaled and faded; 0 for others."""
-    over, jumps, min_range, limits = 0, False, 1e-9, None  # signals are scaled joint by joint
+    # signals are scaled joint by joint
+    over = 0
+    jumps = False
+    min_range = 1e-9
+    limits = None
     if kind == "trot":
-        over, body = None, body_of(robot)  # it keeps its shape
-        forward, frequency = _SLOW * body.max_speed, _SLOW * body.frequency
+        # it keeps its shape
+        over = None
+        body = body_of(robot)
+        forward = _SLOW * body.max_speed
+        frequency = _SLOW * body.frequency
         gait = open_loop_gait(body, steps, forward, frequency, 0.0, 1.0)
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)
-        jumps, min_range = excitation.jumps, amplitude if excitation.is_bounded else min_range
+        jumps = excitation.jumps
+        min_range = amplitude if excitation.is_bounded else min_range
         if isinstance(excitation, LearnedExcitation):
             limits = Bounds(amplitude, speed, excitation.bounds[:, 2].max(), 0.0)
         away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
@@ -212,7 +275,11 @@ def _away(
     away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
     if not away.any():
         names = ", ".join(robot.joint_names[joint] for joint in joints)
-        raise ConfigError(f"{kind} does not move {names}", remedy="choose another joint, or a sine", argument="joint")
+        raise ConfigError(
+            f"{kind} does not move {names}",
+            remedy="choose another joint, or a sine",
+            argument="joint",
+        )
     time = np.arange(steps) * robot.control_dt
     away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=over))
     if limits is not None:  # only steps that are too fast are slowed; the stream keeps its size
@@ -227,10 +294,12 @@ def _away(
 def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
     """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
 
-    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds. Raises as `walk`.
+    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds.
+    Raises as `walk`.
     """
     session.check()
-    period, rows = session.link.robot.control_dt, iter(targets)
+    period = session.link.robot.control_dt
+    rows = iter(targets)
 
     def show(count: int, _: Measurement) -> None:
         if count % (10 * _STATUS_PERIOD) == 0:

@@ -3,11 +3,12 @@
     host to robot   0x00, one length byte, payload
     robot to host   0x45 0x45, length as 16 bit big-endian, payload, CR LF; lines of plain text between frames
 
-The payload is msgpack with numbers as float32. Keys and units are those of the firmware Nate711/DJIPupperTests (MIT).
-Angles have the robot's own signs.
+The payload is msgpack with numbers as float32. Keys and units are those of the firmware
+Nate711/DJIPupperTests (MIT). Angles have the robot's own signs.
 
-There is no checksum. A frame is accepted if its length is possible, its end marker is in place and its payload decodes;
-otherwise the reader skips one byte and searches on. The result does not depend on how the stream was cut into reads.
+There is no checksum. A frame is accepted if its length is possible, its end marker is in place and
+its payload decodes; otherwise the reader skips one byte and searches on. The result does not depend
+on how the stream was cut into reads.
 """
 
 import math
@@ -38,7 +39,9 @@ class Telemetry:
     """A message from the robot; ``cur`` is None if the firmware does not send it."""
 
     ts: float  # time since the robot started [ms]
-    yaw: float  # angles [rad] and rates about the body's axes [rad/s]; all 0 if the firmware does not read the IMU
+    # angles [rad] and rates about the body's axes [rad/s]; all 0 if the firmware does not read the
+    # IMU
+    yaw: float
     pitch: float
     roll: float
     yaw_rate: float
@@ -73,7 +76,8 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    max_payload: int  # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
+    # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
+    max_payload: int
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian
     end: bytes  # after the payload
@@ -94,7 +98,10 @@ _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map
 def encode_message(message: Command | Telemetry, joints: int) -> bytes:
     """The payload of a message to or from a robot with this number of joints; ProtocolError for an invalid one."""
     values = {key: value for key, value in vars(message).items() if value is not None}
-    values = {key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v for key, v in values.items()}
+    values = {
+        key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v
+        for key, v in values.items()
+    }
     _validated(values, joints)
     if "ts" in values:
         values["ts"] = round(values["ts"])
@@ -108,7 +115,9 @@ def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
     """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored; or ProtocolError."""
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
-        values = msgpack.unpackb(payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0)
+        values = msgpack.unpackb(
+            payload, max_map_len=32, max_array_len=joints + 4, max_str_len=64, max_ext_len=0
+        )
     except (ValueError, TypeError, msgpack.UnpackException) as error:
         raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict) or not values:
@@ -132,7 +141,9 @@ def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
         else:
             valid = _is_finite(value)
         if not valid:
-            raise ProtocolError(f"{key} is {str(value)[:60]}: not valid for a robot with {joints} joints")
+            raise ProtocolError(
+                f"{key} is {str(value)[:60]}: not valid for a robot with {joints} joints"
+            )
         validated[key] = np.array(value, dtype=np.float64) if key in _ARRAYS else value
     return validated
 
@@ -144,7 +155,8 @@ def _is_finite(value: Any) -> bool:
 
 def framed(message: Command | Telemetry, joints: int) -> bytes:
     """The bytes of a message on the wire; raises as `encode_message`."""
-    form, payload = _FORMATS[type(message)], encode_message(message, joints)
+    form = _FORMATS[type(message)]
+    payload = encode_message(message, joints)
     return form.start + len(payload).to_bytes(form.length_bytes, "big") + payload + form.end
 
 
@@ -156,8 +168,11 @@ class FrameReader(Generic[Message]):
     """Reads messages of a kind and lines of text from bytes; it buffers at most one frame and one line."""
 
     def __init__(self, kind: type[Message], joints: int):
-        self._kind, self._joints, self._format = kind, joints, _FORMATS[kind]
-        self._buffer, self._line = bytearray(), b""
+        self._kind = kind
+        self._joints = joints
+        self._format = _FORMATS[kind]
+        self._buffer = bytearray()
+        self._line = b""
         self.rejected = 0  # frame starts without a valid frame
 
     def feed(self, data: bytes) -> list[Message | str]:
@@ -170,13 +185,16 @@ class FrameReader(Generic[Message]):
 
     def _advance(self, out: list[Message | str]) -> bool:
         """Read one frame or skip bytes; False when more bytes are needed."""
-        form, buffer = self._format, self._buffer
+        form = self._format
+        buffer = self._buffer
         at = buffer.find(form.start)
         if at > 0:
             self._skip(at, out)
             return True
         if at < 0:  # the last bytes may become a start
-            may_start = next((n for n in range(len(form.start) - 1, 0, -1) if buffer.endswith(form.start[:n])), 0)
+            may_start = next(
+                (n for n in range(len(form.start) - 1, 0, -1) if buffer.endswith(form.start[:n])), 0
+            )
             self._skip(len(buffer) - may_start, out)
             return False
         head = len(form.start) + form.length_bytes
@@ -184,13 +202,17 @@ class FrameReader(Generic[Message]):
             return False
         length = int.from_bytes(buffer[len(form.start) : head], "big")
         total = head + length + len(form.end)
-        possible = 0 < length <= form.max_payload and (len(buffer) == head or buffer[head] in _MAP_STARTS)
+        possible = 0 < length <= form.max_payload and (
+            len(buffer) == head or buffer[head] in _MAP_STARTS
+        )
         if possible and len(buffer) < total:
             return False
         try:
             if not possible or buffer[total - len(form.end) : total] != form.end:
                 raise ProtocolError("an impossible length, or no end of the frame")
-            out.append(decode_message(bytes(buffer[head : head + length]), self._kind, self._joints))
+            out.append(
+                decode_message(bytes(buffer[head : head + length]), self._kind, self._joints)
+            )
             del buffer[:total]
         except ProtocolError:
             self.rejected += 1

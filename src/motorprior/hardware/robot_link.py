@@ -17,11 +17,13 @@ from motorprior.hardware.watchdog import Watchdog
 from motorprior.logs.readers.deploy_recording import Mode, run_columns
 from motorprior.robots.robot import Robot, SafetyLimits
 
-# Idle commands per burst: the first is longer than a command that was sent in part, the others replace lost frames.
+# Idle commands per burst: the first is longer than a command that was sent in part, the others
+# replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
 _IDLE_PAUSE = 0.01  # [s] between bursts
-# Gains are sent before each of the first targets, because a command can get lost. They are not sent later: without a
-# checksum, a damaged gain or current limit makes a walking robot fall (`benchmarks/noise.py`).
+# Gains are sent before each of the first targets, because a command can get lost. They are not sent
+# later: without a checksum, a damaged gain or current limit makes a walking robot fall
+# (`benchmarks/noise.py`).
 _NUM_GAINS = 3
 _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 
@@ -29,22 +31,31 @@ _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
 class RobotLink:
     """A host's link to one robot: idle until armed, idle again at the end of the ``with`` block, which closes its port.
 
-    ``limits`` of gate and checks are the robot's own if not given. ``recorder`` gets every accepted measurement made
-    while a target is in force.
+    ``limits`` of gate and checks are the robot's own if not given. ``recorder`` gets every accepted
+    measurement made while a target is in force.
     """
 
     def __init__(
-        self, robot: Robot, port: SerialLink, limits: SafetyLimits | None = None, recorder: "Recorder | None" = None
+        self,
+        robot: Robot,
+        port: SerialLink,
+        limits: SafetyLimits | None = None,
+        recorder: "Recorder | None" = None,
     ):
-        self.robot, self.port, self._recorder = robot, port, recorder
+        self.robot = robot
+        self.port = port
+        self._recorder = recorder
         self._signs = robot.require_wire().joint_signs
         self.limits = limits = limits or robot.require_wire().safety
-        self.gate, self.stream = SafetyGate(robot, limits), TelemetryStream(limits)
+        self.gate = SafetyGate(robot, limits)
+        self.stream = TelemetryStream(limits)
         self.text: deque[str] = deque(maxlen=50)  # the last lines that the robot printed
         self.sent = 0  # commands with a target since arming
         self._watchdog: Watchdog | None = None
-        self._sensors, self._tracking = SensorFaults(robot, limits), TrackingFaults(robot, limits)
-        self._unchecked: deque[Measurement] = deque(maxlen=1000)  # bounded: an idle host may never check
+        self._sensors = SensorFaults(robot, limits)
+        self._tracking = TrackingFaults(robot, limits)
+        # bounded: an idle host may never check
+        self._unchecked: deque[Measurement] = deque(maxlen=1000)
         self._error_line: str | None = None
         self._ignored: set[str] = set()
 
@@ -61,7 +72,8 @@ class RobotLink:
 
     def receive(self, until: float) -> list[Measurement]:
         """Accepted telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
-        late_reads, received = 0, list[Measurement]()
+        late_reads = 0
+        received = list[Measurement]()
         while late_reads < 100:  # a device may send endlessly
             messages = self.port.wait(until)
             for arrival, message in messages:
@@ -95,14 +107,20 @@ class RobotLink:
     def check(self) -> Measurement:
         """The latest measurement; raises RobotFault for the first fault (docs/hardware.md)."""
         if self._error_line is not None:
-            line, self._error_line = self._error_line, None
-            raise RobotFault("firmware", f"the robot reports {line!r}", remedy="switch it off and on again")
+            line = self._error_line
+            self._error_line = None
+            raise RobotFault(
+                "firmware", f"the robot reports {line!r}", remedy="switch it off and on again"
+            )
         unchecked = list(self._unchecked)
         self._unchecked.clear()
         latest = self.stream.fresh(time.monotonic())
-        # Every frame in turn: after a pause of the host, a joint that moved there and back was not stuck.
+        # Every frame in turn: after a pause of the host, a joint that moved there and back was not
+        # stuck.
         for measurement in unchecked:
-            telemetry, target, now = measurement.telemetry, self.gate.target, 1e-3 * measurement.telemetry.ts
+            telemetry = measurement.telemetry
+            target = self.gate.target
+            now = 1e-3 * measurement.telemetry.ts
             tracking = () if target is None else self._tracking.faults(telemetry.pos, target, now)
             for fault in chain(self._sensors.faults(telemetry, now), tracking):
                 if fault.kind not in self._ignored:
@@ -113,7 +131,8 @@ class RobotLink:
         """Start the watchdog, and hold the joints at their present positions with the first command."""
         self._ignored.clear()
         self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)
-        self.receive(time.monotonic() + _CATCH_UP)  # telemetry that arrived while the watchdog started
+        # telemetry that arrived while the watchdog started
+        self.receive(time.monotonic() + _CATCH_UP)
         self.gate.arm(gains, self.check().telemetry.pos, time.monotonic())
         self.sent = 0
         self._tracking.begin(gains.kd / gains.kp)
@@ -121,7 +140,8 @@ class RobotLink:
     def send(self, target: np.ndarray, mode: Mode) -> float:
         """Send (joints,) position targets [rad]; returns the time at which the command was sent [s].
 
-        Raises RobotFault if the target is invalid, the robot not armed, the watchdog tripped or dead, or the port gone.
+        Raises RobotFault if the target is invalid, the robot not armed, the watchdog tripped or
+        dead, or the port gone.
         """
         if self._watchdog is not None:
             self._watchdog.beat()
@@ -146,7 +166,8 @@ class RobotLink:
         if self.gate.target is not None:
             self.send_idle()
         if self._watchdog is not None:
-            watchdog, self._watchdog = self._watchdog, None
+            watchdog = self._watchdog
+            self._watchdog = None
             watchdog.end(idle_sent=not self.port.unsent)
         if self._recorder is not None:
             self._recorder.idle()
@@ -165,15 +186,17 @@ class RobotLink:
 class Recorder:
     """Writes the format of `read_deploy_recording`; the file is created at the first measurement.
 
-    A written line survives the death of this process. It is not forced to the disk, which would stop the control loop,
-    so a power failure loses the last seconds. Raises ArtifactError if the file exists already.
+    A written line survives the death of this process. It is not forced to the disk, which would
+    stop the control loop, so a power failure loses the last seconds. Raises ArtifactError if the
+    file exists already.
     """
 
     def __init__(self, robot: Robot, path: Path):
         if path.exists():
             remedy = "recordings are not overwritten: choose another folder"
             raise ArtifactError("it exists already", where=path, remedy=remedy)
-        self._path, self._joint_names = path, robot.joint_names
+        self._path = path
+        self._joint_names = robot.joint_names
         self._file: FileIO | None = None
         self._with_current = self._failed = False
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
@@ -188,8 +211,14 @@ class Recorder:
 
     def write(self, measurement: Measurement) -> None:
         """Record a measurement made while a target was in force; raises ArtifactError if the disk is full."""
-        in_force = next((sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None)
-        if self._failed or in_force is None or (self._with_current and measurement.telemetry.cur is None):
+        in_force = next(
+            (sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None
+        )
+        if (
+            self._failed
+            or in_force is None
+            or (self._with_current and measurement.telemetry.cur is None)
+        ):
             return
         try:
             if self._file is None:
@@ -199,8 +228,11 @@ class Recorder:
                 _append(self._file, ",".join(run_columns(self._joint_names, self._with_current)))
             _append(self._file, self._row(measurement, *in_force))
         except OSError as error:  # ends the motion, once: it must not prevent the crouch
-            self._failed, remedy = True, "free some space, or choose another folder"
-            raise ArtifactError(f"cannot write ({error.strerror})", where=self._path, remedy=remedy) from error
+            self._failed = True
+            remedy = "free some space, or choose another folder"
+            raise ArtifactError(
+                f"cannot write ({error.strerror})", where=self._path, remedy=remedy
+            ) from error
 
     def close(self) -> None:
         """Close the file."""
@@ -211,7 +243,14 @@ class Recorder:
         telemetry = measurement.telemetry
         now = 1e-3 * telemetry.ts
         since = now + sent - measurement.sampled
-        values = [now, int(mode), since, *target.tolist(), *telemetry.pos.tolist(), *telemetry.vel.tolist()]
+        values = [
+            now,
+            int(mode),
+            since,
+            *target.tolist(),
+            *telemetry.pos.tolist(),
+            *telemetry.vel.tolist(),
+        ]
         if self._with_current and telemetry.cur is not None:
             values += telemetry.cur.tolist()
         values += (*telemetry.attitude, *telemetry.rates)

@@ -1,7 +1,7 @@
 """The safety gate: every command to the robot passes through it.
 
-A target that is too far or too fast is clipped and counted; an invalid one ends the motion. After a fault the gate lets
-only idle pass and, if the fault leaves time for it, the motion into the crouch.
+A target that is too far or too fast is clipped and counted; an invalid one ends the motion. After a
+fault the gate lets only idle pass and, if the fault leaves time for it, the motion into the crouch.
 """
 
 from dataclasses import asdict, dataclass
@@ -24,17 +24,30 @@ class Gains:
 
     @classmethod
     def of(
-        cls, wire: Wire, kp: float | None = None, kd: float | None = None, max_current: float | None = None
+        cls,
+        wire: Wire,
+        kp: float | None = None,
+        kd: float | None = None,
+        max_current: float | None = None,
     ) -> "Gains":
         """The given gains, and the robot's own in place of None; raises ConfigError as `check`."""
         given = {"kp": kp, "kd": kd, "max_current": max_current}
-        gains = cls(**{name: getattr(wire, name) if value is None else value for name, value in given.items()})
+        gains = cls(
+            **{
+                name: getattr(wire, name) if value is None else value
+                for name, value in given.items()
+            }
+        )
         gains.check(wire.safety)
         return gains
 
     def check(self, limits: SafetyLimits) -> None:
         """Raise ConfigError unless every value is positive and within the limits."""
-        for name, maximum in (("kp", limits.max_kp), ("kd", limits.max_kd), ("max_current", limits.max_current)):
+        for name, maximum in (
+            ("kp", limits.max_kp),
+            ("kd", limits.max_kd),
+            ("max_current", limits.max_current),
+        ):
             require_number(name, getattr(self, name), 0.0, maximum, positive=True)
 
 
@@ -42,16 +55,22 @@ class SafetyGate:
     """Limits of position, slew rate, gains and current."""
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
-        self._signs, self._lower, self._upper = robot.require_wire().joint_signs, robot.lower, robot.upper
+        self._signs = robot.require_wire().joint_signs
+        self._lower = robot.lower
+        self._upper = robot.upper
         # A late step may make up for at most two periods: a target must not jump after a pause.
-        self._limits, self._max_step = limits, 2.0 * robot.control_dt
+        self._limits = limits
+        self._max_step = 2.0 * robot.control_dt
         self._target: np.ndarray | None = None
         self._fault: RobotFault | None = None
-        self._time, self._crouching = 0.0, False
+        self._time = 0.0
+        self._crouching = False
         self.slow = False  # limit targets to ``slow_speed``: while standing up and crouching
         self.position_clips = 0  # joint targets clipped to the joint limits
-        self.slew_clips = 0  # joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves
-        self.gains = Command()  # with the current limit; some firmwares ignore them in a command with ``pos``
+        # joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves
+        self.slew_clips = 0
+        # with the current limit; some firmwares ignore them in a command with ``pos``
+        self.gains = Command()
 
     @property
     def target(self) -> np.ndarray | None:
@@ -64,7 +83,8 @@ class SafetyGate:
         if self._fault is not None:
             raise self._fault
         self.gains = Command(**asdict(gains))
-        self._target, self._time = np.clip(joint_pos, self._lower, self._upper), now
+        self._target = np.clip(joint_pos, self._lower, self._upper)
+        self._time = now
 
     def limited(self, target: np.ndarray, now: float) -> Command:
         """The command for (joints,) position targets [rad] in the library's signs, within the limits.
@@ -85,12 +105,14 @@ class SafetyGate:
         reach = speed * min(max(0.0, now - self._time), self._max_step)
         near = np.clip(inside, self._target - reach, self._target + reach)
         self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
-        self._target, self._time = near, now
+        self._target = near
+        self._time = now
         return Command(pos=self._signs * near)
 
     def latch(self, fault: RobotFault) -> RobotFault:
         """Let only idle pass from now on; returns the first fault, which is kept."""
-        self._fault, self._crouching = self._fault or fault, False
+        self._fault = self._fault or fault
+        self._crouching = False
         return self._fault
 
     def allow_crouch(self) -> None:
@@ -99,5 +121,6 @@ class SafetyGate:
 
     def idle(self) -> Command:
         """No current; always allowed."""
-        self._target, self._crouching = None, False
+        self._target = None
+        self._crouching = False
         return IDLE

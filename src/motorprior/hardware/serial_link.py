@@ -25,7 +25,9 @@ class SerialLink:
 
         self.port = str(port)
         try:
-            self._serial = serial.Serial(self.port, BAUD_RATE, timeout=0, write_timeout=0, exclusive=True)
+            self._serial = serial.Serial(
+                self.port, BAUD_RATE, timeout=0, write_timeout=0, exclusive=True
+            )
         except (serial.SerialException, OSError, ValueError) as error:
             raise _cannot_open(self.port, error) from error
         self._joints = robot.num_joints
@@ -47,7 +49,11 @@ class SerialLink:
                 raise OSError("end of file")
         except BlockingIOError:
             return []
-        except (OSError, ValueError, TypeError) as error:  # pyserial's fileno is None once it is closed
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+        ) as error:  # pyserial's fileno is None once it is closed
             raise self._gone(error) from error
         now = time.monotonic()
         return [(now, message) for message in self.reader.feed(data)]
@@ -63,7 +69,9 @@ class SerialLink:
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from error
         if len(self.unsent) > _MAX_UNSENT:
-            raise RobotFault("unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED)
+            raise RobotFault(
+                "unplugged", f"{self.port}: the robot accepts no more bytes", remedy=_UNPLUGGED
+            )
         return time.monotonic()
 
     def discard_unsent(self) -> None:
@@ -87,8 +95,12 @@ def resolve_port(port: str | None) -> str:
     if len(ports) == 1:
         return ports[0]
     if not ports:
-        raise ConfigError("no serial port of a robot", remedy="plug it in and switch it on, or give port")
-    raise ConfigError(f"several ports: {', '.join(ports)}", remedy="give one of them as port", argument="port")
+        raise ConfigError(
+            "no serial port of a robot", remedy="plug it in and switch it on, or give port"
+        )
+    raise ConfigError(
+        f"several ports: {', '.join(ports)}", remedy="give one of them as port", argument="port"
+    )
 
 
 def _usb_ports() -> list[str]:
@@ -98,7 +110,8 @@ def _usb_ports() -> list[str]:
 
 
 def _cannot_open(port: str, error: Exception) -> RobotFault:
-    number, cause = getattr(error, "errno", None), error.__context__
+    number = getattr(error, "errno", None)
+    cause = error.__context__
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
     remedies = {
@@ -107,4 +120,6 @@ def _cannot_open(port: str, error: Exception) -> RobotFault:
         errno.ENOENT: f"plug the robot in and switch it on; ports found: {', '.join(_usb_ports()) or 'none'}",
     }
     remedy = remedies.get(number or 0, "close every other program that uses the port")
-    return RobotFault("no port", f"cannot open {port} ({os.strerror(number) if number else error})", remedy=remedy)
+    return RobotFault(
+        "no port", f"cannot open {port} ({os.strerror(number) if number else error})", remedy=remedy
+    )

@@ -26,10 +26,16 @@ _NUM_STEPS = 10  # key presses from standing to the maximum speed or yaw rate
 _ARROWS = {b"\x1b[A": b"w", b"\x1b[B": b"s", b"\x1b[D": b"a", b"\x1b[C": b"d"}
 _GAMEPAD = Path("/dev/input/js0")
 _EVENT = struct.Struct("<IhBB")  # Linux joystick API: time [ms], value, type, number
-_AXIS, _BUTTON = 2, 1
-_VERTICAL, _HORIZONTAL = 1, 0  # axes of the left stick; -32767 is forward, left
-_MAX_DEFLECTION, _DEAD_ZONE = 32767.0, 0.06  # a released stick does not rest at exactly 0
-# In the sharpest turn the maximum speed is 1 - this times that straight ahead: policies fell with both at their limits.
+_AXIS = 2
+_BUTTON = 1
+# axes of the left stick; -32767 is forward, left
+_VERTICAL = 1
+_HORIZONTAL = 0
+# a released stick does not rest at exactly 0
+_MAX_DEFLECTION = 32767.0
+_DEAD_ZONE = 0.06
+# In the sharpest turn the maximum speed is 1 - this times that straight ahead: policies fell with
+# both at their limits.
 _SLOW_DOWN_IN_TURNS = 0.4
 _AUTONOMOUS_SPEED = 0.3  # [m/s]
 
@@ -40,8 +46,12 @@ class Teleop:
     ``command`` is the initial speed [m/s] and yaw rate [rad/s]; ``gait`` limits both.
     """
 
-    def __init__(self, keyboard: int | None, gamepad: int | None, gait: Gait, command: tuple[float, float]):
-        self._keyboard, self._gamepad, self._gait = keyboard, gamepad, gait
+    def __init__(
+        self, keyboard: int | None, gamepad: int | None, gait: Gait, command: tuple[float, float]
+    ):
+        self._keyboard = keyboard
+        self._gamepad = gamepad
+        self._gait = gait
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
@@ -63,18 +73,28 @@ class Teleop:
         for arrow, letter in _ARROWS.items():
             data = data.replace(arrow, letter)
         for key in data.decode("ascii", errors="ignore"):
-            speed, turn = (key == "w") - (key == "s"), (key == "a") - (key == "d")
-            forward = 0.0 if key == " " else self._forward + speed * self._gait.forward[1] / _NUM_STEPS
-            self._set(forward, 0.0 if key == " " else self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS)
+            speed = (key == "w") - (key == "s")
+            turn = (key == "a") - (key == "d")
+            forward = (
+                0.0 if key == " " else self._forward + speed * self._gait.forward[1] / _NUM_STEPS
+            )
+            self._set(
+                forward,
+                0.0 if key == " " else self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS,
+            )
         return b"q" not in data.lower()
 
     def _on_events(self, data: bytes) -> bool:  # False to stop
-        for _, value, kind, number in _EVENT.iter_unpack(data[: len(data) // _EVENT.size * _EVENT.size]):
+        for _, value, kind, number in _EVENT.iter_unpack(
+            data[: len(data) // _EVENT.size * _EVENT.size]
+        ):
             if kind == _BUTTON and value:
                 return False
             if kind != _AXIS:
                 continue
-            deflection = -value / _MAX_DEFLECTION if abs(value) > _DEAD_ZONE * _MAX_DEFLECTION else 0.0
+            deflection = (
+                -value / _MAX_DEFLECTION if abs(value) > _DEAD_ZONE * _MAX_DEFLECTION else 0.0
+            )
             if number == _VERTICAL:
                 backward, forward = self._gait.forward
                 self._set(deflection * (forward if deflection > 0.0 else -backward), self._yaw_rate)
@@ -97,7 +117,8 @@ def autonomous_speed(gait: Gait) -> float:
 def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleop]:
     """Steering by the terminal's keyboard and the gamepad, if there are any; the terminal is restored afterwards.
 
-    Without ``forward`` [m/s] the robot stands at first; without keyboard and gamepad it walks at `autonomous_speed`.
+    Without ``forward`` [m/s] the robot stands at first; without keyboard and gamepad it walks at
+    `autonomous_speed`.
     """
     with contextlib.ExitStack() as stack:
         keyboard = gamepad = None
@@ -118,7 +139,8 @@ def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print
     if yes:
         return
     with contextlib.suppress(termios.error):
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)  # input from before the question does not count
+        # input from before the question does not count
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
     show(f"Stand clear, one hand at the power switch. {how_to_stop}")
     show("Type arm and press Enter:")
     while not stop:
@@ -126,7 +148,11 @@ def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print
             if sys.stdin.readline().strip() == "arm":
                 return
             break
-    raise RobotFault("not armed", "arm was not typed; nothing was sent", remedy="run the command again when ready")
+    raise RobotFault(
+        "not armed",
+        "arm was not typed; nothing was sent",
+        remedy="run the command again when ready",
+    )
 
 
 def non_blocking(show: Print, file: TextIO) -> Print:

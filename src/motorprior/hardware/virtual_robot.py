@@ -1,8 +1,9 @@
 """A virtual robot: the firmware's behaviour, bytes in and bytes out in simulated time, and a port for it in real time.
 
-After Nate711/DJIPupperTests (MIT), once it has homed: it holds its pose; a target starts position mode; ``idle`` takes
-the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and "ERROR" every millisecond until it is
-switched off. It has no watchdog. As in some versions, it ignores all other keys of a command with ``pos``.
+After Nate711/DJIPupperTests (MIT), once it has homed: it holds its pose; a target starts position
+mode; ``idle`` takes the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and
+"ERROR" every millisecond until it is switched off. It has no watchdog. As in some versions, it
+ignores all other keys of a command with ``pos``.
 """
 
 import contextlib
@@ -19,8 +20,13 @@ import numpy as np
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 
-MAX_ANGLE, MAX_CURRENT = 2.0 * np.pi, 10.0  # [rad], [A]
-HOLDING, POSITION, IDLE, ERROR = "holding", "position", "idle", "error"
+# [rad], [A]
+MAX_ANGLE = 2.0 * np.pi
+MAX_CURRENT = 10.0
+HOLDING = "holding"
+POSITION = "position"
+IDLE = "idle"
+ERROR = "error"
 _BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 
@@ -38,17 +44,28 @@ class RobotBody(Protocol):
 class Firmware:
     """Simulated firmware of a robot, which moves ``body``.
 
-    The telemetry ``period`` [ms] is 5 in older versions. The firmware sends motor currents only ``with_currents``, and
-    zeros as attitude and rates, as in the current version, if not ``with_imu``.
+    The telemetry ``period`` [ms] is 5 in older versions. The firmware sends motor currents only
+    ``with_currents``, and zeros as attitude and rates, as in the current version, if not
+    ``with_imu``.
     """
 
     def __init__(
-        self, robot: Robot, body: RobotBody, period: int = 10, with_currents: bool = False, with_imu: bool = True
+        self,
+        robot: Robot,
+        body: RobotBody,
+        period: int = 10,
+        with_currents: bool = False,
+        with_imu: bool = True,
     ):
-        self.period, self._body, self._with_currents, self._with_imu = period, body, with_currents, with_imu
-        self._wire, self._joints = robot.require_wire(), robot.num_joints
+        self.period = period
+        self._body = body
+        self._with_currents = with_currents
+        self._with_imu = with_imu
+        self._wire = robot.require_wire()
+        self._joints = robot.num_joints
         self._reader = FrameReader(Command, self._joints)
-        self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)  # in force [A/rad], [A·s/rad], [A]
+        # in force [A/rad], [A·s/rad], [A]
+        self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)
         self._sensors = body.sense()
         self._target = self._sensors.pos.copy()
         self._text: list[str] = ["LED on", "Holding"]
@@ -63,19 +80,27 @@ class Firmware:
 
     def advance(self, milliseconds: int) -> bytes:
         """Simulate; returns the bytes sent meanwhile."""
-        out, end, period = bytearray(), self.now + milliseconds, self.period
+        out = bytearray()
+        end = self.now + milliseconds
+        period = self.period
         while self.now < end:
             out += "".join(f"{line}\r\n" for line in self._text).encode()
             self._text.clear()
             step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
-            (kp, kd, limit), on = self.gains, np.full(self._joints, float(self.mode in (HOLDING, POSITION)))
+            (kp, kd, limit), on = (
+                self.gains,
+                np.full(self._joints, float(self.mode in (HOLDING, POSITION))),
+            )
             self._body.advance(step, MotorCommand(self._target, kp * on, kd * on, limit))
             self.now += step
             if self.mode == ERROR:
                 self._text.append("ERROR")
             if self.now % period == 0:
                 self._sensors = sensors = self._body.sense()
-                if np.abs(sensors.pos).max() > MAX_ANGLE or np.abs(sensors.current).max() > MAX_CURRENT:
+                if (
+                    np.abs(sensors.pos).max() > MAX_ANGLE
+                    or np.abs(sensors.current).max() > MAX_CURRENT
+                ):
                     self.mode = ERROR
                 out += framed(self._telemetry(), self._joints)
         return bytes(out)
@@ -83,17 +108,22 @@ class Firmware:
     def execute(self, command: Command) -> None:
         """Execute a command from the host."""
         if command.pos is not None:  # other keys of that command are ignored
-            self._target, self.mode = command.pos.copy(), POSITION
+            self._target = command.pos.copy()
+            self.mode = POSITION
             return
         new = command.kp, command.kd, command.max_current
-        kp, kd, limit = (old if value is None else value for value, old in zip(new, self.gains, strict=True))
+        kp, kd, limit = (
+            old if value is None else value for value, old in zip(new, self.gains, strict=True)
+        )
         self.gains = kp, kd, limit
         if command.idle:
             self.mode = IDLE
 
     def _telemetry(self) -> Telemetry:
         sensors = self._sensors
-        measured = np.concatenate([sensors.attitude, sensors.rates]) if self._with_imu else np.zeros(6)
+        measured = (
+            np.concatenate([sensors.attitude, sensors.rates]) if self._with_imu else np.zeros(6)
+        )
         body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
         current = sensors.current if self._with_currents else None
         return Telemetry(ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, **body)
@@ -127,7 +157,8 @@ class VirtualRobot:
         out = firmware.advance(int(1e3 * (time.monotonic() - started)) - firmware.now)
         firmware.receive(data)
         if out:
-            with contextlib.suppress(BlockingIOError):  # as on a real port, a host that does not read loses frames
+            # as on a real port, a host that does not read loses frames
+            with contextlib.suppress(BlockingIOError):
                 os.write(self._master, out)
 
     def _read(self) -> bytes:

@@ -12,8 +12,8 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import IDLE_FRAME
 
 _MAX_START = 10.0  # [s] for the start of an interpreter
-# Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped watchdog process. It
-# takes up to 16 s where pages are larger or the pipe cannot be made smaller.
+# Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped
+# watchdog process. It takes up to 16 s where pages are larger or the pipe cannot be made smaller.
 _HEARTBEAT = 40 * b"."
 _PIPE_SIZE = 4096
 
@@ -21,7 +21,8 @@ _PIPE_SIZE = 4096
 class Watchdog:
     """A running watchdog process, see `watchdog_process`; raises RobotFault if it does not start.
 
-    It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between heartbeats [s].
+    It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between
+    heartbeats [s].
     """
 
     def __init__(self, port: int, timeout: float):
@@ -34,8 +35,11 @@ class Watchdog:
         numbers = [str(port), str(heartbeat_end), str(report_end), str(timeout)]
         arguments = [sys.executable, "-I", "-S", script, *numbers, IDLE_FRAME.hex()]
         try:
-            files, no_input = (port, heartbeat_end, report_end), subprocess.DEVNULL
-            self._process = subprocess.Popen(arguments, pass_fds=files, start_new_session=True, stdin=no_input)
+            files = (port, heartbeat_end, report_end)
+            no_input = subprocess.DEVNULL
+            self._process = subprocess.Popen(
+                arguments, pass_fds=files, start_new_session=True, stdin=no_input
+            )
         finally:
             os.close(heartbeat_end)
             os.close(report_end)
@@ -43,7 +47,9 @@ class Watchdog:
         ready, _, _ = select.select([self._reports], [], [], _MAX_START)
         if not ready or os.read(self._reports, 1) != b"r":
             self.end(idle_sent=True)
-            raise RobotFault("watchdog", "the watchdog process did not start", remedy="see its output above")
+            raise RobotFault(
+                "watchdog", "the watchdog process did not start", remedy="see its output above"
+            )
 
     def beat(self) -> None:
         """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""
@@ -55,7 +61,9 @@ class Watchdog:
         if ready:
             if os.read(self._reports, 1) != b"t":
                 raise _dead()
-            raise RobotFault("watchdog", "the host was silent for too long and the watchdog sent idle")
+            raise RobotFault(
+                "watchdog", "the host was silent for too long and the watchdog sent idle"
+            )
 
     def end(self, idle_sent: bool, patience: float = 2.0) -> None:
         """End the process, by force after ``patience`` [s]; without ``idle_sent`` it first sends idle for a second."""
@@ -73,4 +81,6 @@ class Watchdog:
 
 def _dead() -> RobotFault:
     remedy = "look into the system's log for the reason"
-    return RobotFault("watchdog", "the watchdog process is dead or stopped", safe_state="crouch", remedy=remedy)
+    return RobotFault(
+        "watchdog", "the watchdog process is dead or stopped", safe_state="crouch", remedy=remedy
+    )

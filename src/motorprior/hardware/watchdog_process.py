@@ -1,9 +1,10 @@
 """The watchdog process: sends idle when the host is silent or dead.
 
-The firmware has no watchdog: a robot whose host dies holds its last target. So a second process inherits the open port
-and the read end of a pipe. The host writes a heartbeat per control step; when the pipe ends (the host died) or stays
-empty for ``timeout`` (it hangs), this process takes over the port. It uses only the standard library, and has a session
-of its own and ignores signals, so that a signal that ends the host does not end it.
+The firmware has no watchdog: a robot whose host dies holds its last target. So a second process
+inherits the open port and the read end of a pipe. The host writes a heartbeat per control step;
+when the pipe ends (the host died) or stays empty for ``timeout`` (it hangs), this process takes
+over the port. It uses only the standard library, and has a session of its own and ignores signals,
+so that a signal that ends the host does not end it.
 
     python -I -S watchdog_process.py PORT_FD HEARTBEAT_FD REPORT_FD TIMEOUT IDLE_FRAME_HEX
 
@@ -21,7 +22,9 @@ import time
 
 _PRIORITY = 20  # SCHED_FIFO priority, above the control loop's
 _MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates almost nothing later
-_BURST = 40  # idle frames at once: more bytes than the longest command, which the dead host may have sent in part
+# idle frames at once: more bytes than the longest command, which the dead host may have sent in
+# part
+_BURST = 40
 _REPEAT = 0.02  # [s] between idle frames
 _LINGER = 1.0  # [s] of idle frames after the host's death
 
@@ -29,12 +32,14 @@ _LINGER = 1.0  # [s] of idle frames after the host's death
 def main(arguments: list[str]) -> None:
     """Run until the host releases this process or dies."""
     port, heartbeats, report = map(int, arguments[:3])
-    timeout, idle = float(arguments[3]), bytes.fromhex(arguments[4])
+    timeout = float(arguments[3])
+    idle = bytes.fromhex(arguments[4])
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(ignored, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # not permitted, or not Linux
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-    with contextlib.suppress(OSError, AttributeError):  # the host's lock does not extend to this process
+    # the host's lock does not extend to this process
+    with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mlockall(_MCL_CURRENT)
     os.set_blocking(port, False)
     os.write(report, b"r")
@@ -62,14 +67,16 @@ def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
     _write(port, _BURST * idle)
-    pipes, end = [heartbeats], float("inf")
+    pipes = [heartbeats]
+    end = float("inf")
     while time.monotonic() < end:
         ready, _, _ = select.select(pipes, [], [], _REPEAT)
         data = os.read(heartbeats, 4096) if ready else b"."
         if b"q" in data:
             return
         if not data:  # the host is dead
-            pipes, end = [], time.monotonic() + _LINGER
+            pipes = []
+            end = time.monotonic() + _LINGER
         if not _write(port, idle):
             return
 

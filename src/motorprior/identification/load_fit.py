@@ -2,14 +2,15 @@
 
     load_inertia = J,   external_torque = -(s·sin q + c·cos q),   load_stiffness = -(s·cos q - c·sin q)
 
-q is the joint angle. Free runs of the grey box have three more latents: ln(J/J₀), s/g and c/g, with g = 0.2 rad·kp.
-Their prior is about a regression of the logged proportional control law,
+q is the joint angle. Free runs of the grey box have three more latents: ln(J/J₀), s/g and c/g, with
+g = 0.2 rad·kp. Their prior is about a regression of the logged proportional control law,
 
     kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-Gains must be logged in N·m/rad, since angles and commands do not identify the scale of torques. Without play they
-identify only the sum of load inertia and armature, which the prior divides. Standard deviations (Laplace) count the
-whole log as one observation: most of the residual is missing physics, the same in every window.
+Gains must be logged in N·m/rad, since angles and commands do not identify the scale of torques.
+Without play they identify only the sum of load inertia and armature, which the prior divides.
+Standard deviations (Laplace) count the whole log as one observation: most of the residual is
+missing physics, the same in every window.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,9 +24,19 @@ from motorprior.actuator.optional_terms import in_order
 from motorprior.exceptions import LogError
 from motorprior.identification import windows
 from motorprior.identification.latents.latent_fit import inverse_precision
-from motorprior.identification.physics.motor_problem import MotorProblem, fixed_constants, grey_box, initial_center
+from motorprior.identification.physics.motor_problem import (
+    MotorProblem,
+    fixed_constants,
+    grey_box,
+    initial_center,
+)
 from motorprior.identification.physics.term_selection import MIN_VARIATION, same_conditions
-from motorprior.identification.physics.window_runs import POSITION_SCALE, SegmentArrays, WindowRuns, grey_boxes
+from motorprior.identification.physics.window_runs import (
+    POSITION_SCALE,
+    SegmentArrays,
+    WindowRuns,
+    grey_boxes,
+)
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, threads
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked, motor_logs
@@ -38,9 +49,17 @@ MAX_ROUNDS = 24  # restarts per joint, at most
 _SAG = 0.2  # g over kp [rad]
 _LOAD = 3  # latents of the load; they come last
 _ROWS = 30_000  # approximate maximum number of fitted rows
-_RADII, _CANDIDATES, _STARTS, _STEPS = (1.0, 0.5, 0.35), 96, 3, ((10, WIDE), (6, NARROW))
-_STD_CONSTANT, _STD_INERTIA, _STD_GRAVITY = 1.0, 2.0, 1.0  # prior of a latent, of ln(J/J₀), of s/g and c/g
-_EXPECTED, _DIVERGED = 0.01, 1e6  # loss after a fit over that before; loss of a simulation that diverges
+_RADII = (1.0, 0.5, 0.35)
+_CANDIDATES = 96
+_STARTS = 3
+_STEPS = ((10, WIDE), (6, NARROW))
+# prior of a latent, of ln(J/J₀), of s/g and c/g
+_STD_CONSTANT = 1.0
+_STD_INERTIA = 2.0
+_STD_GRAVITY = 1.0
+# loss after a fit over that before; loss of a simulation that diverges
+_EXPECTED = 0.01
+_DIVERGED = 1e6
 _LANES = 32  # loads simulated at a time; each has its own rows
 _STREAM = 61
 
@@ -61,7 +80,11 @@ class FittedLoad:
         weight = float(np.hypot(*self.gravity))
         along = self.gravity / max(weight, 1e-12)
         std = float(np.sqrt(along @ self.gravity_covariance @ along))
-        gravity = f"{weight:.2g} ± {std:.1g} N·m" if weight > 2.0 * std else f"below {weight + 2.0 * std:.1g} N·m"
+        gravity = (
+            f"{weight:.2g} ± {std:.1g} N·m"
+            if weight > 2.0 * std
+            else f"below {weight + 2.0 * std:.1g} N·m"
+        )
         factors = f"1 σ ×/÷ {np.exp(self.inertia_deviation):.2f}, of the armature {np.exp(self.armature_deviation):.2f}"
         return f"inertia {self.inertia:.2g} kg·m² ({factors}); weight {gravity}; residual {1e3 * self.error:.1f} mrad"
 
@@ -72,7 +95,8 @@ class _LoadProblem(MotorProblem):
     def __init__(self, model: GreyBox, runs: WindowRuns):
         super().__init__(model, runs)
         # (3,) J₀ [kg·m²], s₀ and c₀ [N·m]; g [N·m]
-        self.start, self.unit = _regression(runs), _SAG * float(runs.gains[0, 0])
+        self.start = _regression(runs)
+        self.unit = _SAG * float(runs.gains[0, 0])
 
     def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(L,) inertia [kg·m²] and (2, L) s and c [N·m] of unknowns x (L, K)."""
@@ -89,29 +113,40 @@ class _LoadProblem(MotorProblem):
         for segment in self.runs.segments:
             rows = np.repeat(segment.rows, len(x), axis=2)
             torque, stiffness = _gravity_torque(rows[:, windows.POS], gravity)
-            rows[:, windows.INERTIA], rows[:, windows.STIFFNESS] = inertia, stiffness
+            rows[:, windows.INERTIA] = inertia
+            rows[:, windows.STIFFNESS] = stiffness
             rows[:, windows.EXTERNAL] = torque - stiffness * rows[:, windows.POS]
             loaded = SegmentArrays(rows, segment.windows)
-            found.append(self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded))
+            found.append(
+                self.runs.run(grey_boxes(self.model)(x[:, :-_LOAD], lanes, loaded), lanes, loaded)
+            )
         return np.concatenate(found, axis=1)
 
 
 def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque of a weight [N·m] and its derivative [N·m/rad] at joint angles (T, M), for s and c (2, M)."""
     s, c = gravity
-    sine, cosine = np.sin(angle), np.cos(angle)
+    sine = np.sin(angle)
+    cosine = np.cos(angle)
     return -(s * sine + c * cosine), -(s * cosine - c * sine)
 
 
 def _regression(runs: WindowRuns) -> np.ndarray:
     """(3,) J₀, s₀, c₀ of the logged proportional control law on all rows."""
-    regressors, torques = [], []
+    regressors = []
+    torques = []
     for segment in runs.segments:
-        target, angle, speed, kp = segment.rows[:, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0].T
+        target, angle, speed, kp = segment.rows[
+            :, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0
+        ].T
         acceleration = np.gradient(speed, runs.preset.period)
-        regressors.append(np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)]))
+        regressors.append(
+            np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)])
+        )
         torques.append(kp * (target - angle))
-    found = np.linalg.lstsq(np.concatenate(regressors, axis=1).T, np.concatenate(torques), rcond=None)[0][:_LOAD]
+    found = np.linalg.lstsq(
+        np.concatenate(regressors, axis=1).T, np.concatenate(torques), rcond=None
+    )[0][:_LOAD]
     lower = 1e-5 * float(runs.gains[0, 0])
     return np.array([np.clip(found[0], lower, 1e4 * lower), *found[1:]])
 
@@ -121,33 +156,41 @@ def _require_physical_kp(log: MotorLog) -> None:
     if log.logged_kp is None or log.gain_unit != PHYSICAL_GAINS:
         has = "no kp" if log.logged_kp is None else "kp in firmware units"
         raise LogError(
-            f"{has}: without kp in {PHYSICAL_GAINS} a load cannot be fitted", where=log.source,
+            f"{has}: without kp in {PHYSICAL_GAINS} a load cannot be fitted",
+            where=log.source,
             remedy=f"in the column map, set gain = '{PHYSICAL_GAINS}' in [units], and kp of every joint in that unit",
-        )  # fmt: skip
+        )
 
 
-def with_fitted_loads(logs: MotorLog | Sequence[MotorLog], progress: Progress = WARNED) -> list[MotorLog]:
+def with_fitted_loads(
+    logs: MotorLog | Sequence[MotorLog], progress: Progress = WARNED
+) -> list[MotorLog]:
     """Logs of the same motors and loads, with one rigid body per joint that is fitted to all of them.
 
     Inertia and weight, with their standard deviations, are reported to ``progress``.
 
     Args:
-        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with ``period=None``. Their own loads and
-            torques are replaced.
+        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with ``period=None``.
+            Their own loads and torques are replaced.
         progress: where to report to.
 
     Raises:
         ConfigError: no motor logs.
-        LogError: gains in another unit, logs that are too short or do not fit together, a joint that does not move.
+        LogError: gains in another unit, logs that are too short or do not fit together, a joint
+            that does not move.
     """
     every = motor_logs(logs)
     for log in every:
         _require_physical_kp(log)
     smooth = [smooth_on_grid(log, RECIPE.period) for log in every]
     log = joined(smooth)
-    with progress.start(f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints) as task:
+    with progress.start(
+        f"fit the loads of {log.num_joints} joints", MAX_ROUNDS * log.num_joints
+    ) as task:
         loads = fit_loads(log, task.advance)
-    for name, load, motion in zip(log.joint_names, loads, np.std(log.joint_pos, axis=0).tolist(), strict=True):
+    for name, load, motion in zip(
+        log.joint_names, loads, np.std(log.joint_pos, axis=0).tolist(), strict=True
+    ):
         progress.note(f"joint {name}: {load}, of {1e3 * motion:.0f} mrad of its motion")
     return [_with_loads(each, loads) for each in smooth]
 
@@ -155,74 +198,105 @@ def with_fitted_loads(logs: MotorLog | Sequence[MotorLog], progress: Progress = 
 def fit_loads(log: MotorLog, report: Callable[[], None] = lambda: None) -> tuple[FittedLoad, ...]:
     """Fit the load of every joint of a log with gains in N·m/rad; its own loads and torques are ignored.
 
-    ``report`` is called MAX_ROUNDS times per joint at most. Raises LogError for no such gains, another period than
-    RECIPE's, a log that is too short, a static joint, or if all simulations diverge.
+    ``report`` is called MAX_ROUNDS times per joint at most. Raises LogError for no such gains,
+    another period than RECIPE's, a log that is too short, a static joint, or if all simulations
+    diverge.
     """
     _require_physical_kp(log)
     if static := static_joints(log):
-        raise LogError(f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map")
+        raise LogError(
+            f"joint {static[0]} does not move", where=log.source, remedy="leave it out of the map"
+        )
     return tuple(_fit_joint(log.joint(index), report) for index in range(log.num_joints))
 
 
 def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     zero = np.zeros_like(log.joint_pos)
     # a torque computed from a current is not the torque on the joint
-    bare = replace(log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None)
+    bare = replace(
+        log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None
+    )
     preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
     data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
     runs = WindowRuns(data, preset)
     same = same_conditions(runs)
     terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
-    constants, fixed = len(parameters_of(terms)), np.append(fixed_constants(terms, runs), [False] * _LOAD)
+    constants = len(parameters_of(terms))
+    fixed = np.append(fixed_constants(terms, runs), [False] * _LOAD)
     problem = _LoadProblem(grey_box(initial_center(terms, runs), terms, preset), runs)
     mean = np.array([0.0] * constants + [np.log(0.5), *problem.start[1:] / problem.unit])
     std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
-    search, prior = Search(problem), GaussianPrior(mean, std**-2.0)
+    search = Search(problem)
+    prior = GaussianPrior(mean, std**-2.0)
     found = _searched(search, prior, fixed, report)
     if not found.loss[0] < _DIVERGED:
         raise LogError(
-            f"the simulation of joint {log.joint_names[0]} diverges with every motor", where=log.source,
+            f"the simulation of joint {log.joint_names[0]} diverges with every motor",
+            where=log.source,
             remedy="check the log, its signs and its gains",
-        )  # fmt: skip
+        )
     prior_std = np.where(fixed, 0.0, std)
     curvature = search.curvatures(found.x, WIDE) / found.loss[:, None, None]
     scaled = inverse_precision(curvature * prior_std * prior_std[:, None], np.ones((1, 1)))[0]
     covariance = scaled * prior_std * prior_std[:, None]
     deviation = np.sqrt(np.diagonal(covariance))
-    (inertia, gravity), errors = problem.load(found.x), problem.errors(found.x)[:, :, 0].astype(np.float64)
+    (inertia, gravity), errors = (
+        problem.load(found.x),
+        problem.errors(found.x)[:, :, 0].astype(np.float64),
+    )
     return FittedLoad(
-        float(inertia[0]), float(deviation[-_LOAD]), float(deviation[PARAMETERS.index("armature")]), gravity[:, 0],
-        problem.unit**2 * covariance[-2:, -2:], POSITION_SCALE * float(rms(errors)),
-    )  # fmt: skip
+        float(inertia[0]),
+        float(deviation[-_LOAD]),
+        float(deviation[PARAMETERS.index("armature")]),
+        gravity[:, 0],
+        problem.unit**2 * covariance[-2:, -2:],
+        POSITION_SCALE * float(rms(errors)),
+    )
 
 
-def _searched(search: Search, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]) -> Fit:
+def _searched(
+    search: Search, prior: GaussianPrior, fixed: np.ndarray, report: Callable[[], None]
+) -> Fit:
     """The best fit; the prior counts as much as one window that is fitted as well as the average one."""
-    rng, shape = np.random.default_rng(_STREAM), (1, _CANDIDATES, len(fixed))
+    rng = np.random.default_rng(_STREAM)
+    shape = (1, _CANDIDATES, len(fixed))
 
     def weighted(loss: np.ndarray) -> GaussianPrior:
-        return GaussianPrior(prior.mean, loss[0] / search.problem.observations * prior.precision).fixing(fixed)
+        return GaussianPrior(
+            prior.mean, loss[0] / search.problem.observations * prior.precision
+        ).fixing(fixed)
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         sampled = (rng.random(shape) < 0.5) & ~fixed
-        return best.x[:, None] + np.where(sampled, _RADII[restart % len(_RADII)] * rng.standard_normal(shape), 0.0)
+        return best.x[:, None] + np.where(
+            sampled, _RADII[restart % len(_RADII)] * rng.standard_normal(shape), 0.0
+        )
 
     first = weighted(_EXPECTED * search.losses(np.where(fixed, 0.0, prior.mean)[None]))
     found = search.at(np.where(fixed, 0.0, prior.mean)[None], first)
     for restart in range(_STARTS):
-        found = found.better(search.descend(search.best_of(draw(restart, found), first), first, _STEPS[:1]))
+        found = found.better(
+            search.descend(search.best_of(draw(restart, found), first), first, _STEPS[:1])
+        )
     final = weighted(found.loss)
-    return search.until_found_again(search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report)
+    return search.until_found_again(
+        search.at(found.x, final), final, draw, MAX_ROUNDS, _STEPS, report
+    )
 
 
 def _with_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
     """The log with these loads, and without a torque computed from currents."""
-    torque, stiffness = _gravity_torque(log.joint_pos, np.stack([load.gravity for load in loads], axis=1))
+    torque, stiffness = _gravity_torque(
+        log.joint_pos, np.stack([load.gravity for load in loads], axis=1)
+    )
     for part in log.segment_slices():
-        torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])  # logged ones are means until the next row
+        # logged ones are means until the next row
+        torque[part][:-1] = 0.5 * (torque[part][:-1] + torque[part][1:])
     channels = {
-        "load_inertia": np.tile([load.inertia for load in loads], (log.num_rows, 1)), "external_torque": torque,
-        "load_stiffness": stiffness, "posture": np.full(log.num_rows, POSTURES.index("fixed")),
-    }  # fmt: skip
+        "load_inertia": np.tile([load.inertia for load in loads], (log.num_rows, 1)),
+        "external_torque": torque,
+        "load_stiffness": stiffness,
+        "posture": np.full(log.num_rows, POSTURES.index("fixed")),
+    }
     source = f"{log.source} (loads fitted)"
     return checked(replace(log, **channels, joint_torque=None, source=source), where=log.source)

@@ -25,24 +25,29 @@ class Preset:
     num_latents: int = 4  # networks: size of z; 0 gives one network for all motors
     num_neurons: int = 24  # neurons per hidden layer
     kl_weight: float = 1e-3  # weight of KL(N(μ, σ²) ‖ N(0, I)), sum over latents, mean over motors
-    # steps before a window that follow the recorded joint until the hidden state converges; too few bias friction low
+    # steps before a window that follow the recorded joint until the hidden state converges; too few
+    # bias friction low
     warm_up: int = 0
     window: int = 64  # steps of a rollout (1 for torque regression)
-    noisy: bool = True  # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
+    # sample z from the motors' posteriors in training, as the paper does; otherwise use the mean
+    noisy: bool = True
     batch: int = 256  # windows per Adam step
     steps: int = 3000  # Adam steps
     learning_rate: float = 3e-3  # peak of a cosine schedule with warm-up
     terms: tuple[str, ...] = ()  # optional terms (`optional_terms`) of the motors
     tries_terms: bool = True  # whether terms are selected
-    # constants that the motors do not have, such as frictions; without those of GEAR, the gear is rigid
+    # constants that the motors do not have, such as frictions; without those of GEAR, the gear is
+    # rigid
     lacks: tuple[str, ...] = ()
     gain_unit: str = ""  # of the logged gains that kp and kd are multiples of; "" if there are none
-    # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not fitted
+    # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not
+    # fitted
     firmware: tuple[tuple[str, float], ...] = ()
-    # logged OPERATING_CONDITIONS, each with its minimum over segment means, its median and its maximum
-    # [V], [°C]; constants are those at the medians
+    # logged OPERATING_CONDITIONS, each with its minimum over segment means, its median and its
+    # maximum [V], [°C]; constants are those at the medians
     conditions: tuple[tuple[str, float, float, float], ...] = ()
-    # after the training, make latents N(0, 1) over the motors, with Laplace posteriors (`standard_posterior`)
+    # after the training, make latents N(0, 1) over the motors, with Laplace posteriors
+    # (`standard_posterior`)
     standardise: bool = False
 
     @property
@@ -64,7 +69,9 @@ class Preset:
     def disabled_terms(self) -> tuple[str, ...]:
         """Optional terms whose constants are all logged as off."""
         off = {name for name, value in self.firmware if value == 0.0}
-        return tuple(name for name in TERMS if (own := constants_of((name,))) and off.issuperset(own))
+        return tuple(
+            name for name in TERMS if (own := constants_of((name,))) and off.issuperset(own)
+        )
 
     @property
     def logged_values(self) -> dict[str, float]:
@@ -75,20 +82,21 @@ class Preset:
 GEAR = FROZEN["gear"]
 _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # rollout: grey boxes over windows of an eighth of a second, refined on longer ones.
-# long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is barely identifiable
-#     in an eighth of a second. The warm-up is a tenth of a second, since often only the first step of a segment
-#     identifies a torque limit.
+# long_runs: over windows of a second, for servos of real robots: a dead zone or a dry friction is
+# barely identifiable     in an eighth of a second. The warm-up is a tenth of a second, since often
+# only the first step of a segment     identifies a torque limit.
 # quick: long_runs without the selection of optional terms, which takes minutes.
-# rigid: quick with rigid gears and without load-dependent friction, for walking. Logs of suspended legs are replayed a
-#     little better with both, which stand in for physics that the model lacks; with soft gears the robot falls.
-# Baselines:
+# rigid: quick with rigid gears and without load-dependent friction, for walking. Logs of suspended
+# legs are replayed a     little better with both, which stand in for physics that the model lacks;
+# with soft gears the robot falls. Baselines:
 # per_motor: every motor's constants by a search on its own log (as PACE, Bjelonic et al., 2025).
 # pace, pace_long_runs: per_motor and its long runs without optional terms but logged ones.
-# coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the load.
-# latent_network: a network gives the whole torque, z also the armature.
+# coulomb_viscous, stribeck: pace_long_runs with these frictions only, none that grows with the
+# load. latent_network: a network gives the whole torque, z also the armature.
 # one_network: latent_network without latents.
-# actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque regression.
-# paper_wide: the paper's loss on the data, sample period and taps of rollout, a control between paper and rollout.
+# actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque
+# regression. paper_wide: the paper's loss on the data, sample period and taps of rollout, a control
+# between paper and rollout.
 _ROLLOUT = Preset("rollout", 0.002, "together", warm_up=120, standardise=True)
 _LONG_RUNS = replace(_ROLLOUT, window=500, warm_up=50)
 _PER_MOTOR = replace(_ROLLOUT, grey_boxes="alone")
@@ -108,7 +116,14 @@ PRESETS = {
     "latent_network": replace(_NETWORK, standardise=True),
     "one_network": replace(_NETWORK, num_latents=0),
     "actuator_net": Preset(
-        "torque", 0.002, taps=(0, 5, 10), num_latents=0, num_neurons=32, window=1, batch=1024, steps=4000
+        "torque",
+        0.002,
+        taps=(0, 5, 10),
+        num_latents=0,
+        num_neurons=32,
+        window=1,
+        batch=1024,
+        steps=4000,
     ),
     "paper_wide": Preset("torque", 0.002, taps=_TAPS, window=1, batch=1024, steps=4000),
 }
@@ -117,7 +132,9 @@ PRESETS = {
 def identification_preset(name: str, steps: int | None = None) -> Preset:
     """The preset of that name, with this number of Adam steps if given; ConfigError if it trains no network."""
     if name not in PRESETS:
-        raise ConfigError(f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}")
+        raise ConfigError(
+            f"no identification preset {name!r}", remedy=f"use one of {', '.join(PRESETS)}"
+        )
     if steps is None:
         return PRESETS[name]
     require_count("steps", steps)
@@ -160,4 +177,6 @@ def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
         means = np.array([part.conditions[name] for part in log.segments()])
         nominal = np.median(channels(log)[name])
         conditions.append((name, float(means.min()), float(nominal), float(means.max())))
-    return replace(recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions))
+    return replace(
+        recipe, firmware=tuple(sorted(log.firmware.items())), conditions=tuple(conditions)
+    )

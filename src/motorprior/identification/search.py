@@ -2,10 +2,11 @@
 
     minimise  U(x) = loss(x) + ½·Σ_k precision_k·(x_k - mean_k)²,    loss = weight·mean of huber(residuals)
 
-A fit samples candidates, descends from the best one by damped Gauss-Newton steps, and restarts until every problem's
-best optimum was found several times. Derivatives are central differences over a wide step, since stiction makes small
-ones meaningless. A step is taken only if it lowers U: no fit diverges. All problems advance together, which fills the
-lanes of a compiled simulation; a problem that is done drops out.
+A fit samples candidates, descends from the best one by damped Gauss-Newton steps, and restarts
+until every problem's best optimum was found several times. Derivatives are central differences over
+a wide step, since stiction makes small ones meaningless. A step is taken only if it lowers U: no
+fit diverges. All problems advance together, which fills the lanes of a compiled simulation; a
+problem that is done drops out.
 """
 
 import os
@@ -19,14 +20,20 @@ import numpy as np
 
 from motorprior.compiled import njit
 
-WIDE, NARROW = 0.1, 0.03  # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
+# step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
+WIDE = 0.1
+NARROW = 0.03
 MAX_STEP = 0.5  # maximum change of an unknown in one Gauss-Newton step
-DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])  # factors on the damping, all tried in every step
-SAME_OPTIMUM, CONFIRMATIONS = 3e-3, 2  # maximum relative difference of U; number, see `Search.until_found_again`
+# factors on the damping, all tried in every step
+DAMPINGS = 10.0 ** np.array([-1.5, -0.75, 0.0, 0.75, 1.5])
+# maximum relative difference of U; number, see `Search.until_found_again`
+SAME_OPTIMUM = 3e-3
+CONFIRMATIONS = 2
 _MIN_GAIN = 1e-4  # share of U; a descent ends after a step that lowers it by less
 _LANES = 768  # simulations at a time; bounds the memory
 _TOGETHER = 8  # concurrent descents; when few problems are left, several restarts of each
-_DIVERGED_LOSS, _DIVERGED_RESIDUAL = 1e9, 1e6
+_DIVERGED_LOSS = 1e9
+_DIVERGED_RESIDUAL = 1e6
 FIXED = 1e6  # precision of a fixed unknown
 CORES = os.cpu_count() or 1
 Steps: TypeAlias = tuple[tuple[int, float], ...]
@@ -49,12 +56,16 @@ def huber(x: Any) -> Any:
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _sums(slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sums(
+    slopes: np.ndarray, pulls: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Σ_r slopes·pulls (K,) and Σ_r weights·slopes·slopesᵀ (K, K), in the same order for any number of threads."""
     size, count = slopes.shape
-    gradient, matrix = np.zeros(size), np.zeros((size, size))
+    gradient = np.zeros(size)
+    matrix = np.zeros((size, size))
     for i in range(size):
-        weighted, total = weights * slopes[i], np.float32(0.0)
+        weighted = weights * slopes[i]
+        total = np.float32(0.0)
         for row in range(count):
             total += pulls[row] * slopes[i, row]
         gradient[i] = total
@@ -75,11 +86,15 @@ class GaussianPrior:
 
     def fixing(self, columns: np.ndarray) -> "GaussianPrior":
         """The same with x fixed at 0 in these columns (K,)."""
-        return GaussianPrior(np.where(columns, 0.0, self.mean), np.where(columns, FIXED, self.precision))
+        return GaussianPrior(
+            np.where(columns, 0.0, self.mean), np.where(columns, FIXED, self.precision)
+        )
 
     def subset(self, which: np.ndarray) -> "GaussianPrior":
         """The prior of some of the problems (m,)."""
-        return GaussianPrior(*(each if each.ndim == 1 else each[which] for each in (self.mean, self.precision)))
+        return GaussianPrior(
+            *(each if each.ndim == 1 else each[which] for each in (self.mean, self.precision))
+        )
 
     def energy(self, x: np.ndarray) -> np.ndarray:
         """(M, ...) ½·Σ precision·(x - mean)² of x (M, ..., K)."""
@@ -132,13 +147,17 @@ class Search:
     """Searches and descents for the problems of one `Problem`; ``lower`` (M, K) bounds candidates, not descents."""
 
     def __init__(self, problem: Problem, lower: np.ndarray | None = None):
-        self.problem, self._lower, self.all_problems = problem, lower, np.arange(problem.count)
+        self.problem = problem
+        self._lower = lower
+        self.all_problems = np.arange(problem.count)
 
     def losses(self, x: np.ndarray, which: np.ndarray | None = None) -> np.ndarray:
         """(...) loss of problem x[m, ...]; x is (M, ..., K), of the problems ``which`` (M,) or of all."""
-        shape, which = x.shape[:-1], self.all_problems if which is None else which
+        shape = x.shape[:-1]
+        which = self.all_problems if which is None else which
         lanes = np.broadcast_to(which.reshape(-1, *[1] * (x.ndim - 2)), shape).ravel()
-        rows, found = x.reshape(-1, x.shape[-1]), np.empty(len(lanes))
+        rows = x.reshape(-1, x.shape[-1])
+        found = np.empty(len(lanes))
         for first in range(0, len(lanes), _LANES):
             some = slice(first, first + _LANES)
             values = np.array_split(self._residuals(rows[some], lanes[some]), CORES)
@@ -147,8 +166,12 @@ class Search:
 
     def parts(self, x: np.ndarray) -> np.ndarray:
         """(M, N) loss of every observation at x (M, K)."""
-        values = np.concatenate([self._residuals(x[[one]], np.array([one])) for one in self.all_problems])
-        return self.loss_of(values.reshape(len(x), self.problem.observations, -1).astype(np.float64))
+        values = np.concatenate(
+            [self._residuals(x[[one]], np.array([one])) for one in self.all_problems]
+        )
+        return self.loss_of(
+            values.reshape(len(x), self.problem.observations, -1).astype(np.float64)
+        )
 
     def loss_of(self, residuals: np.ndarray) -> np.ndarray:
         """(...) loss of residuals (..., R)."""
@@ -165,7 +188,9 @@ class Search:
         loss = self.losses(x, which)
         return Fit(x, loss + prior.energy(x), loss)
 
-    def best_of(self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None) -> np.ndarray:
+    def best_of(
+        self, candidates: np.ndarray, prior: GaussianPrior, which: np.ndarray | None = None
+    ) -> np.ndarray:
         """(m, K) candidate with the lowest energy for each problem; candidates (m, C, K) are raised to the bounds."""
         which = self.all_problems if which is None else which
         if self._lower is not None:
@@ -173,7 +198,9 @@ class Search:
         energy = self.losses(candidates, which) + prior.subset(which).energy(candidates)
         return candidates[np.arange(len(which)), energy.argmin(axis=1)]
 
-    def descend(self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None) -> Fit:
+    def descend(
+        self, start: np.ndarray, prior: GaussianPrior, steps: Steps, which: np.ndarray | None = None
+    ) -> Fit:
         """Damped Gauss-Newton steps from ``start`` (m, K); each ends once one lowers U by less than _MIN_GAIN."""
         which = self.all_problems if which is None else which
         prior = prior.subset(which)
@@ -182,10 +209,17 @@ class Search:
             found = self._descend(found, prior, count, diff_step, which)
         return found
 
-    def _descend(self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray) -> Fit:
-        x, energy, loss = found.x, found.energy, found.loss
-        rows, damping = np.arange(len(which)), np.full(len(which), 1e-2)
-        free = np.flatnonzero(np.any(prior.precision < FIXED, axis=tuple(range(prior.precision.ndim - 1))))
+    def _descend(
+        self, found: Fit, prior: GaussianPrior, steps: int, diff_step: float, which: np.ndarray
+    ) -> Fit:
+        x = found.x
+        energy = found.energy
+        loss = found.loss
+        rows = np.arange(len(which))
+        damping = np.full(len(which), 1e-2)
+        free = np.flatnonzero(
+            np.any(prior.precision < FIXED, axis=tuple(range(prior.precision.ndim - 1)))
+        )
         slope, curvature = self._derivatives(x, diff_step, which, free)
         left = rows
         for step in range(steps):
@@ -200,12 +234,15 @@ class Search:
             damping = np.clip(np.where(lower, tried[rows, best], 30.0 * damping), 1e-6, 1e4)
             done = lower & (energy - min_energy < _MIN_GAIN * energy)
             x = np.where(lower[:, None], candidates[rows, best], x)
-            loss, energy = np.where(lower, losses[rows, best], loss), np.where(lower, min_energy, energy)
+            loss = np.where(lower, losses[rows, best], loss)
+            energy = np.where(lower, min_energy, energy)
             left = left[~done[left]]
             if not len(left):
                 break
             if step + 1 < steps and len(moved := left[lower[left]]):
-                slope[moved], curvature[moved] = self._derivatives(x[moved], diff_step, which[moved], free)
+                slope[moved], curvature[moved] = self._derivatives(
+                    x[moved], diff_step, which[moved], free
+                )
         return Fit(x, energy, loss)
 
     def until_found_again(
@@ -221,19 +258,23 @@ class Search:
     ) -> Fit:
         """Restart the problems ``which`` (m,), or all, until each one's best optimum was found ``again`` times more.
 
-        ``draw`` gives candidates (M, C, K) from the number of the restart and the best fit so far. ``report`` is called
-        ``restarts`` times, the maximum number.
+        ``draw`` gives candidates (M, C, K) from the number of the restart and the best fit so far.
+        ``report`` is called ``restarts`` times, the maximum number.
         """
-        times, done = np.full(len(found.x), again), 0
+        times = np.full(len(found.x), again)
+        done = 0
         times[self.all_problems if which is None else which] = 0
         while done < restarts and len(left := np.flatnonzero(times < again)):
             batch = min(restarts - done, max(1, _TOGETHER // len(left)))
             starts = [self.best_of(draw(done + k, found)[left], prior, left) for k in range(batch)]
             fits = self.descend(np.concatenate(starts), prior, steps, np.tile(left, batch))
             for k in range(batch):
-                fit, before = fits.subset(np.arange(len(left)) + k * len(left)), found.energy[left]
+                fit = fits.subset(np.arange(len(left)) + k * len(left))
+                before = found.energy[left]
                 same = np.abs(fit.energy - before) <= SAME_OPTIMUM * before
-                counted = np.where(fit.energy < (1.0 - SAME_OPTIMUM) * before, 0, times[left] + same)
+                counted = np.where(
+                    fit.energy < (1.0 - SAME_OPTIMUM) * before, 0, times[left] + same
+                )
                 times[left] = np.where(times[left] < again, counted, again)
                 found = found.replaced(left, found.subset(left).better(fit))
                 report()
@@ -247,16 +288,24 @@ class Search:
         return self._derivatives(x, diff_step, self.all_problems, np.arange(x.shape[1]), -1.5)[1]
 
     def _derivatives(
-        self, x: np.ndarray, diff_step: float, which: np.ndarray, free: np.ndarray, power: float = -0.5
+        self,
+        x: np.ndarray,
+        diff_step: float,
+        which: np.ndarray,
+        free: np.ndarray,
+        power: float = -0.5,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (m, K) and Gauss-Newton matrix (m, K, K) of the loss of problems ``which`` (m,).
 
-        They are 0 for unknowns that are not ``free`` (indices). The matrix has (1 + r²)^power in place of huber''(r),
-        which has a power of -3/2; that of -1/2, of huber'(r)/r, gives an upper bound.
+        They are 0 for unknowns that are not ``free`` (indices). The matrix has (1 + r²)^power in
+        place of huber''(r), which has a power of -3/2; that of -1/2, of huber'(r)/r, gives an upper
+        bound.
         """
         size = x.shape[1]
-        slope, curvature = np.zeros((len(which), size)), np.zeros((len(which), size, size))
-        away, count = np.eye(size)[free], len(free)
+        slope = np.zeros((len(which), size))
+        curvature = np.zeros((len(which), size, size))
+        away = np.eye(size)[free]
+        count = len(free)
         shifts = diff_step * np.concatenate([np.zeros((1, size)), away, -away])
         together = max(1, _LANES // len(shifts))
         for first in range(0, len(which), together):
@@ -267,21 +316,29 @@ class Search:
 
             def of_one(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    here, above, below = values[0], values[1 : count + 1], values[count + 1 :]
+                    here = values[0]
+                    above = values[1 : count + 1]
+                    below = values[count + 1 :]
                     slopes = (above - below) / np.float32(2.0 * diff_step)
                     usable = (np.abs(here) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
-                here, slopes = np.where(usable, here, 0.0), np.where(usable, slopes, 0.0)
+                here = np.where(usable, here, 0.0)
+                slopes = np.where(usable, slopes, 0.0)
                 squares = 1.0 + here * here
                 return _sums(slopes, squares**-0.5 * here, squares**power)
 
             factor = self.problem.weight / found.shape[2]
             for row, (gradient, matrix) in enumerate(threads().map(of_one, found), first):
-                slope[row, free], curvature[row][np.ix_(free, free)] = factor * gradient, factor * matrix
+                slope[row, free] = factor * gradient
+                curvature[row][np.ix_(free, free)] = factor * matrix
         return slope, curvature
 
 
 def _moves(
-    x: np.ndarray, slope: np.ndarray, curvature: np.ndarray, prior: GaussianPrior, damping: np.ndarray
+    x: np.ndarray,
+    slope: np.ndarray,
+    curvature: np.ndarray,
+    prior: GaussianPrior,
+    damping: np.ndarray,
 ) -> np.ndarray:
     """(M, D, K) Gauss-Newton steps with each of the dampings (M, D)."""
     identity = np.eye(x.shape[1])
@@ -290,5 +347,7 @@ def _moves(
     diagonal = np.einsum("mpp->mp", matrix)
     scale = diagonal + 1e-3 * diagonal.max(axis=1, keepdims=True) + 1e-12
     damped = matrix[:, None] + (damping[..., None] * scale[:, None])[..., None] * identity
-    moves = np.linalg.solve(damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1)))[..., 0]
+    moves = np.linalg.solve(
+        damped, np.broadcast_to(gradient[:, None, :, None], (*damped.shape[:3], 1))
+    )[..., 0]
     return np.clip(moves, -MAX_STEP, MAX_STEP)

@@ -17,17 +17,21 @@ from motorprior.signals import rms
 class TrainingData:
     """Logs of M motors with R rows each."""
 
-    # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a semi-implicit step,
-    # velocities are those of half a period earlier and torques are averages centred on the sample
+    # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a
+    # semi-implicit step, velocities are those of half a period earlier and torques are averages
+    # centred on the sample
     series: np.ndarray
     starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
     parts: tuple[slice, ...]  # rows of each segment
-    scales: dict[str, float]  # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
+    # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
+    scales: dict[str, float]
     has_torque: bool  # whether the log has joint_torque
-    at_rotor: bool = False  # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
+    # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
+    at_rotor: bool = False
     joint_names: tuple[str, ...] = ()  # M names, or none
     joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
-    # steps over which changes of the joint_reading error are velocity errors; 0: velocities are compared
+    # steps over which changes of the joint_reading error are velocity errors; 0: velocities are
+    # compared
     velocity_steps: int = 0
 
 
@@ -55,25 +59,39 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     """Stack a bench log for training; a rollout needs no velocities or torques.
 
     Raises:
-        LogError: wrong sample period, a missing channel, another firmware, or segments shorter than a window.
+        LogError: wrong sample period, a missing channel, another firmware, or segments shorter than
+            a window.
     """
     if preset.objective == "rollout":
         log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
     _require(log, preset, where)
     if other := other_firmware(log.firmware, dict(preset.firmware)):
-        raise LogError(f"{other} (log and prior)", where=where, remedy="identify these logs by themselves")
-    zero, seconds = np.zeros_like(log.joint_pos), np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
+        raise LogError(
+            f"{other} (log and prior)", where=where, remedy="identify these logs by themselves"
+        )
+    zero = np.zeros_like(log.joint_pos)
+    seconds = np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
     gains = _by_segment(log, lambda part: _gains(part, preset, where))
     conditions = _by_segment(log, lambda part: relative_conditions(part, preset.nominal_conditions))
     channels = (
-        log.position_target, log.joint_pos, log.joint_vel, log.joint_torque, log.external_torque, log.load_inertia,
-        seconds, *gains, *conditions, log.load_stiffness, log.readings,
-    )  # fmt: skip
+        log.position_target,
+        log.joint_pos,
+        log.joint_vel,
+        log.joint_torque,
+        log.external_torque,
+        log.load_inertia,
+        seconds,
+        *gains,
+        *conditions,
+        log.load_stiffness,
+        log.readings,
+    )
     series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
     parts = tuple(log.segment_slices())
     if preset.objective == "rollout":
-        # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an average centred on t
+        # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an
+        # average centred on t
         before = series.copy()
         for part in parts:
             before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
@@ -103,12 +121,18 @@ def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
     """The recipe with windows no longer than the log's longest segment allows, but at least 64 steps."""
     max_rows = max(part.stop - part.start for part in log.segment_slices())
     max_window = max(64, max_rows - preset.history - 1)
-    return replace(preset, window=min(preset.window, max_window)) if preset.objective == "rollout" else preset
+    return (
+        replace(preset, window=min(preset.window, max_window))
+        if preset.objective == "rollout"
+        else preset
+    )
 
 
 def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.ndarray:
     """(2, R, M) ``values`` (2, M) of each segment, which are constant in it."""
-    return np.concatenate([np.repeat(values(part)[:, None], part.num_rows, axis=1) for part in log.segments()], axis=1)
+    return np.concatenate(
+        [np.repeat(values(part)[:, None], part.num_rows, axis=1) for part in log.segments()], axis=1
+    )
 
 
 def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
@@ -118,15 +142,17 @@ def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
     if gains is None or log.gain_unit != preset.gain_unit:
         has = "no logged_kp" if gains is None else f"gains in {log.gain_unit}"
         raise LogError(
-            f"{has}; the prior's motors have logged gains [{preset.gain_unit}]", where=where,
+            f"{has}; the prior's motors have logged gains [{preset.gain_unit}]",
+            where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",
-        )  # fmt: skip
+        )
     return gains
 
 
 def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
     """(2, M) mean supply voltage over the nominal one [-], motor temperature above it [K]; 1 and 0 if missing."""
-    supply, temperature_rise = np.ones(part.num_joints), np.zeros(part.num_joints)
+    supply = np.ones(part.num_joints)
+    temperature_rise = np.zeros(part.num_joints)
     logged = {name: means for name, means in part.conditions.items() if name in nominal}
     if "supply_voltage" in logged:
         supply = logged["supply_voltage"] / nominal["supply_voltage"]
@@ -137,50 +163,63 @@ def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndar
 
 def seconds_since_cold(log: MotorLog) -> np.ndarray:
     """(R,) time since the motors were cold [s]: at the start, after a PAUSE, and where the clock restarts."""
-    seconds, start, before = np.empty_like(log.time), log.time[0], log.time[0]
+    seconds = np.empty_like(log.time)
+    start = log.time[0]
+    before = log.time[0]
     for part in log.segment_slices():
         first = log.time[part.start]
         start = start if before <= first <= before + PAUSE else first
-        seconds[part], before = log.time[part] - start, log.time[part.stop - 1]
+        seconds[part] = log.time[part] - start
+        before = log.time[part.stop - 1]
     return seconds
 
 
 def _require(log: MotorLog, preset: Preset, where: str) -> None:
-    wanted = {"rollout": ("load_inertia", "external_torque"), "torque": ("joint_vel", "joint_torque")}
+    wanted = {
+        "rollout": ("load_inertia", "external_torque"),
+        "torque": ("joint_vel", "joint_torque"),
+    }
     for channel in wanted[preset.objective]:
         if getattr(log, channel) is None:
             raise LogError(
-                f"no {channel}, which the {preset.objective} objective needs", where=where,
+                f"no {channel}, which the {preset.objective} objective needs",
+                where=where,
                 remedy="record the loads; or let mp.load_log or `motorprior logs import` compute them (`suspended`, "
                 "also for a fixed base); or fit them with mp.with_fitted_loads or `motorprior logs import --fit-load`"
                 if preset.objective == "rollout"
                 else "record the channel, or use preset rollout, which learns from positions",
-            )  # fmt: skip
+            )
     period = next(log.segments()).period
     if abs(period - preset.period) > 0.01 * preset.period:
         raise LogError(
-            f"sample period {period:g} s, the preset's is {preset.period:g} s", where=where,
+            f"sample period {period:g} s, the preset's is {preset.period:g} s",
+            where=where,
             remedy=f"load a robot's log with mp.load_log or `motorprior logs import` and period {preset.period:g}; "
             "record a bench's with the bench preset of the same name",
-        )  # fmt: skip
+        )
 
 
 def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
     """(S,) first rows of windows inside one of the ``parts``; raises `LogError` if all are shorter than a window."""
-    length = preset.history + preset.window + (preset.objective == "rollout")  # and the row it leads to
+    # and the row it leads to
+    length = preset.history + preset.window + (preset.objective == "rollout")
     every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
     if len(every) == 0:
         max_rows = max(part.stop - part.start for part in parts)
         raise LogError(
-            f"its longest segment has {max_rows} rows, a window {length} ({length * preset.period:g} s)", where=where,
+            f"its longest segment has {max_rows} rows, a window {length} ({length * preset.period:g} s)",
+            where=where,
             remedy="use more of the log, or record longer segments",
-        )  # fmt: skip
+        )
     return every
 
 
 def _scales(log: MotorLog, where: str) -> dict[str, float]:
     assert log.joint_vel is not None
-    scales = {"error_scale": np.std(log.position_target - log.joint_pos), "velocity_scale": np.std(log.joint_vel)}
+    scales = {
+        "error_scale": np.std(log.position_target - log.joint_pos),
+        "velocity_scale": np.std(log.joint_vel),
+    }
     scales |= {"torque_scale": 1.0, "torque_limit": 3.0}
     if log.joint_torque is not None:
         limit = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)
@@ -188,7 +227,9 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
     for name, value in scales.items():
         if not value > 0:
             remedy = "record with an excitation that moves the motors"
-            raise LogError(f"{name} is {value}: the channel is constant", where=where, remedy=remedy)
+            raise LogError(
+                f"{name} is {value}: the channel is constant", where=where, remedy=remedy
+            )
     return {name: float(value) for name, value in scales.items()}
 
 
@@ -198,17 +239,24 @@ def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
     length = preset.history + windows * preset.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
         return data
-    starts = [first for part in data.parts for first in range(part.start, part.stop - length + 1, length)]
+    starts = [
+        first for part in data.parts for first in range(part.start, part.stop - length + 1, length)
+    ]
     parts = [slice(first, first + length) for first in starts] or list(data.parts)
     size = parts[0].stop - parts[0].start
-    chosen = np.unique(np.linspace(0, len(parts) - 1, max(2, min(len(parts), rows // size))).astype(int))
+    chosen = np.unique(
+        np.linspace(0, len(parts) - 1, max(2, min(len(parts), rows // size))).astype(int)
+    )
     return replace(data, parts=tuple(parts[index] for index in chosen))
 
 
 def used_seconds_text(data: TrainingData, preset: Preset) -> str:
     """Text with the seconds of log in windows; warm-ups and remainders shorter than a window are not used."""
     total = sum(part.stop - part.start for part in data.parts)
-    free = [part.stop - part.start - preset.history - (preset.objective == "rollout") for part in data.parts]
+    free = [
+        part.stop - part.start - preset.history - (preset.objective == "rollout")
+        for part in data.parts
+    ]
     step = preset.window if preset.grey_boxes else 1  # windows then lie end to end
     used = sum(rows // step * step for rows in free if rows >= preset.window)
     return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"

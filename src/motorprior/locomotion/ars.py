@@ -1,7 +1,7 @@
 """Augmented Random Search (ARS), with an ask-and-tell interface over a flat vector of parameters.
 
-Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for reinforcement
-learning", algorithm 2 (V2). Noise is sent to workers as seeds.
+Mania, Guy, Recht 2018, "Simple random search of static linear policies is competitive for
+reinforcement learning", algorithm 2 (V2). Noise is sent to workers as seeds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,13 +40,17 @@ class Ars:
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)  # M
-        self.average = self.parameters  # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
+        # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
+        self.average = self.parameters
         self.iteration = 0  # number of updates so far
-        self.observations = RunningStats.empty(observation_size)  # normalise with them during an iteration
+        # normalise with them during an iteration
+        self.observations = RunningStats.empty(observation_size)
 
     def direction(self, index: int) -> np.ndarray:
         """δ of a direction in this iteration: standard normal, (num_parameters,); the same on every worker."""
-        return np.random.default_rng([self.config.seed, self.iteration, index]).standard_normal(self.parameters.size)
+        return np.random.default_rng([self.config.seed, self.iteration, index]).standard_normal(
+            self.parameters.size
+        )
 
     def ask(self) -> list[tuple[int, int]]:
         """Candidates (direction, sign) of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
@@ -59,9 +63,9 @@ class Ars:
     def tell(self, returns: np.ndarray, observations: "Sequence[RunningStats]") -> None:
         """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
 
-        ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If all are equal, M
-        stays. The statistics of the episodes' ``observations`` are merged in their order. Raises SimulationFault if a
-        return is not finite.
+        ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If
+        all are equal, M stays. The statistics of the episodes' ``observations`` are merged in their
+        order. Raises SimulationFault if a return is not finite.
         """
         if not np.all(np.isfinite(returns)):
             raise SimulationFault(f"a return in iteration {self.iteration} is not finite")
@@ -81,14 +85,21 @@ class Ars:
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
-        seen, iteration = self.observations, np.array(self.iteration, dtype=np.int64)
+        seen = self.observations
+        iteration = np.array(self.iteration, dtype=np.int64)
         state = {"parameters": self.parameters, "average": self.average, "iteration": iteration}
         count = np.array(seen.count, dtype=np.int64)
-        return state | {"observation_count": count, "observation_mean": seen.mean, "observation_m2": seen.m2}
+        return state | {
+            "observation_count": count,
+            "observation_mean": seen.mean,
+            "observation_m2": seen.m2,
+        }
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""
-        self.parameters, self.average, self.iteration = state["parameters"], state["average"], int(state["iteration"])
+        self.parameters = state["parameters"]
+        self.average = state["average"]
+        self.iteration = int(state["iteration"])
         count, mean, m2 = (state[f"observation_{name}"] for name in ("count", "mean", "m2"))
         self.observations = RunningStats(int(count), mean, m2)
 

@@ -1,8 +1,9 @@
 """Arrays of a robot for the compiled walking code, and its gait, with five parameters that the policy modulates.
 
-Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3. Differences here: the foot's path is in
-metres, converted to angles by inverse kinematics, so that a foot in stance moves at the speed of the ground, and the
-stride follows from the commanded speed and yaw rate. `control_step.command_step` adds lead, support and levelling.
+Policies Modulating Trajectory Generators: Iscen et al., CoRL 2018, section 3. Differences here: the
+foot's path is in metres, converted to angles by inverse kinematics, so that a foot in stance moves
+at the speed of the ground, and the stride follows from the commanded speed and yaw rate.
+`control_step.command_step` adds lead, support and levelling.
 """
 
 import math
@@ -13,20 +14,25 @@ import numpy as np
 from motorprior.compiled import njit
 from motorprior.robots.robot import Robot
 
-NUM_MODULATIONS = 5  # last entries of an action: frequency, stride scale, height, swing/stance ratio, turn
-NUM_IMU_READINGS = 5  # first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
+# last entries of an action: frequency, stride scale, height, swing/stance ratio, turn
+NUM_MODULATIONS = 5
+# first entries of an observation: roll, pitch, rates about x, y and z; the joints follow
+NUM_IMU_READINGS = 5
 YAW_RATE = 4  # index of the rate about z in an observation
-# last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and sine of the phase
+# last entries of an observation: drift, heading error, commanded speed and yaw rate, cosine and
+# sine of the phase
 NUM_COMMAND_OBSERVATIONS = 6
-# Largest speed commanded in training over the robot's: policies fall at the edge of their training range.
+# Largest speed commanded in training over the robot's: policies fall at the edge of their training
+# range.
 MAX_COMMAND = 1.2
-# Stiffness against pitch that a walking body needs [weight · height]. The small robot has 14 by its motors alone; a
-# robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.
+# Stiffness against pitch that a walking body needs [weight · height]. The small robot has 14 by its
+# motors alone; a robot of 15 kg with gains of 30 N·m/rad has 2 and falls; with 5 it walks.
 MIN_PITCH_STIFFNESS = 5.0
-# Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and torque limit; on
-# the fleets of the small robot 0.8 to 1 give the same walks.
+# Share of a PD's lag kd/kp by which targets lead the gait. 1 is exact for a motor without delay and
+# torque limit; on the fleets of the small robot 0.8 to 1 give the same walks.
 LEAD_SHARE = 0.9
-_MAX_COSINE = 0.999  # maximum |cos(knee angle)|; positions beyond are out of reach and replaced by the nearest
+# maximum |cos(knee angle)|; positions beyond are out of reach and replaced by the nearest
+_MAX_COSINE = 0.999
 
 
 class Body(NamedTuple):
@@ -39,12 +45,13 @@ class Body(NamedTuple):
     lead: np.ndarray  # (n,) time by which targets lead the gait [s], LEAD_SHARE · kd/kp
     compliance: np.ndarray  # (n,) compliance 1/kp [rad/(N·m)]
     weight: float  # [N]
-    levelling_gain: float  # share of an observed tilt that the legs compensate [-], see `_levelling_gain`
+    # share of an observed tilt that the legs compensate [-], see `_levelling_gain`
+    levelling_gain: float
     legs: np.ndarray  # (L, 3) int64: joints of abduction, hip and knee
     lengths: np.ndarray  # (L, 2) thigh and shank [m]
     foot_radius: np.ndarray  # (L,) [m]
-    # (L, 4) foot in the nominal pose [m]: forward and left of the base's origin, then forward of and below the hip axis
-    # in the plane of the leg
+    # (L, 4) foot in the nominal pose [m]: forward and left of the base's origin, then forward of
+    # and below the hip axis in the plane of the leg
     nominal_feet: np.ndarray
     phases: np.ndarray  # (L,) phases of the legs in the cycle of the gait, in [0, 1)
     frequency: float  # usual [Hz]
@@ -90,16 +97,23 @@ def body_of(robot: Robot) -> Body:
 def _levelling_gain(robot: Robot) -> float:
     """max(0, MIN_PITCH_STIFFNESS · m·g·h / stiffness against pitch - 1).
 
-    Two legs carry the robot. Each has the stiffness k = 1 / Σ arm² / kp at the foot, with the `lever_arms` of hip and
-    knee. With the feet at ±x fore and aft the stiffness against pitch is 2 k x².
+    Two legs carry the robot. Each has the stiffness k = 1 / Σ arm² / kp at the foot, with the
+    `lever_arms` of hip and knee. With the feet at ±x fore and aft the stiffness against pitch is 2
+    k x².
     """
     stiffness = 0.0
     for leg in robot.legs:
-        hip, knee = leg.joints[1], leg.joints[2]
+        hip = leg.joints[1]
+        knee = leg.joints[2]
         by_hip, by_knee = lever_arms(leg.thigh, leg.shank, robot.nominal[hip], robot.nominal[knee])
         compliance = by_hip**2 / robot.joints[hip].kp + by_knee**2 / robot.joints[knee].kp
         stiffness += 2.0 * leg.rest[0] ** 2 / max(compliance, 1e-9) / len(robot.legs)
-    return float(max(0.0, MIN_PITCH_STIFFNESS * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0))
+    return float(
+        max(
+            0.0,
+            MIN_PITCH_STIFFNESS * robot.weight * robot.standing_height / max(stiffness, 1e-9) - 1.0,
+        )
+    )
 
 
 def observation_size(num_joints: int) -> int:
@@ -113,16 +127,22 @@ def action_size(num_joints: int) -> int:
 
 
 @njit(cache=True)
-def leg_angles(thigh: float, shank: float, forward: float, below: float, knee_side: float) -> tuple[float, float]:
+def leg_angles(
+    thigh: float, shank: float, forward: float, below: float, knee_side: float
+) -> tuple[float, float]:
     """Hip q₁ and knee q₂ [rad], about +y, for a foot's centre ``forward`` of and ``below`` the hip axis [m].
 
-    With thigh l₁ and shank l₂ [m], forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and below = l₁ cos q₁ + l₂ cos(q₁ + q₂).
-    The law of cosines gives q₂, whose sign is ``knee_side`` (-1 bends it backward); then q₁ is the angle between the
-    foot and (l₁ + l₂ cos q₂, l₂ sin q₂). A position out of reach is replaced by the nearest.
+    With thigh l₁ and shank l₂ [m], forward = -(l₁ sin q₁ + l₂ sin(q₁ + q₂)) and below = l₁ cos q₁ +
+    l₂ cos(q₁ + q₂). The law of cosines gives q₂, whose sign is ``knee_side`` (-1 bends it
+    backward); then q₁ is the angle between the foot and (l₁ + l₂ cos q₂, l₂ sin q₂). A position out
+    of reach is replaced by the nearest.
     """
-    cosine = (forward * forward + below * below - thigh * thigh - shank * shank) / (2.0 * thigh * shank)
+    cosine = (forward * forward + below * below - thigh * thigh - shank * shank) / (
+        2.0 * thigh * shank
+    )
     knee = knee_side * math.acos(min(_MAX_COSINE, max(-_MAX_COSINE, cosine)))
-    along, across = thigh + shank * math.cos(knee), shank * math.sin(knee)
+    along = thigh + shank * math.cos(knee)
+    across = shank * math.sin(knee)
     hip = math.atan2(-forward * along - below * across, below * along - forward * across)
     return hip, knee
 
@@ -148,10 +168,11 @@ def advance_phase(phase: float, frequency: float, control_dt: float) -> float:
 def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
     """Position of a foot: share of the stride ahead of the middle (-½..½), share of the lift (0..1).
 
-    Stance, u < s: from ½ to -½ at constant speed. Swing, q = (u - s) / (1 - s): back to ½ on the cubic that begins and
-    ends at the speed of stance, lifted by sin(π q).
+    Stance, u < s: from ½ to -½ at constant speed. Swing, q = (u - s) / (1 - s): back to ½ on the
+    cubic that begins and ends at the speed of stance, lifted by sin(π q).
 
-    u is the phase of the leg in [0, 1), 0 at touch-down; s in (0, 1) is the share of the cycle in stance.
+    u is the phase of the leg in [0, 1), 0 at touch-down; s in (0, 1) is the share of the cycle in
+    stance.
     """
     if leg_phase < stance_share:
         return 0.5 - leg_phase / stance_share, 0.0
@@ -182,14 +203,15 @@ def joint_targets(
 ) -> None:
     """Write the joint angles (joints,) [rad] of a gait to ``out``, each leg at its own phase of the cycle.
 
-    With stance share s = 1 / (1 + ratio), the ground under the foot at rest (x, y) moves by (v - ω y, ω x) s / f in
-    a stance, which is the stride: ``forward`` v [m/s], ``yaw_rate`` ω to the left [rad/s], ``frequency`` f > 0 [Hz],
-    ratio of the times in swing and stance > 0. The foot is displaced from rest by a share of the stride (`foot_path`):
-    the abduction turns the leg's plane by the sideways part, hip and knee follow from `leg_angles`.
+    With stance share s = 1 / (1 + ratio), the ground under the foot at rest (x, y) moves by (v - ω
+    y, ω x) s / f in a stance, which is the stride: ``forward`` v [m/s], ``yaw_rate`` ω to the left
+    [rad/s], ``frequency`` f > 0 [Hz], ratio of the times in swing and stance > 0. The foot is
+    displaced from rest by a share of the stride (`foot_path`): the abduction turns the leg's plane
+    by the sideways part, hip and knee follow from `leg_angles`.
 
-    At ``phase`` 0 of [0, 1) legs of phase 0 touch down. ``height`` is that of the body above the nominal pose [m],
-    ``lift`` that of a foot in the middle of its swing [m], ``rise`` an additional slope of the legs' extension, forward
-    and to the left of the origin [m/m].
+    At ``phase`` 0 of [0, 1) legs of phase 0 touch down. ``height`` is that of the body above the
+    nominal pose [m], ``lift`` that of a foot in the middle of its swing [m], ``rise`` an additional
+    slope of the legs' extension, forward and to the left of the origin [m/m].
     """
     out[:] = body.nominal_pose
     stance_share = 1.0 / (1.0 + swing_stance_ratio)
@@ -203,21 +225,30 @@ def joint_targets(
         below = rest_below + height + rise[0] * x + rise[1] * y - lift * lifted
         abduction, hip, knee = body.legs[leg]
         side = 1.0 if body.nominal_pose[knee] > 0.0 else -1.0
-        out[hip], out[knee] = leg_angles(body.lengths[leg, 0], body.lengths[leg, 1], along, below, side)
+        out[hip], out[knee] = leg_angles(
+            body.lengths[leg, 0], body.lengths[leg, 1], along, below, side
+        )
         out[abduction] += math.atan2(aside, rest_below)
 
 
 @njit(cache=True)
 def add_support(
-    body: Body, phase: float, swing_stance_ratio: float, share: float, pose: np.ndarray, out: np.ndarray
+    body: Body,
+    phase: float,
+    swing_stance_ratio: float,
+    share: float,
+    pose: np.ndarray,
+    out: np.ndarray,
 ) -> None:
     """Add to targets a PD's deflection under the robot's weight: torque / kp at every hip and knee.
 
-    Legs in stance share the weight; all legs carry a standing robot (``share`` 0 of the full gait, see `gait_share`).
-    See `lever_arms` for the torques of a force on the foot, at the (joints,) angles ``pose`` [rad] of the gait.
-    Abductions get none: the small robot's gears hold them by friction. ``out`` (joints,) [rad] is added to in place.
+    Legs in stance share the weight; all legs carry a standing robot (``share`` 0 of the full gait,
+    see `gait_share`). See `lever_arms` for the torques of a force on the foot, at the (joints,)
+    angles ``pose`` [rad] of the gait. Abductions get none: the small robot's gears hold them by
+    friction. ``out`` (joints,) [rad] is added to in place.
     """
-    stance_share, legs = 1.0 / (1.0 + swing_stance_ratio), body.phases.shape[0]
+    stance_share = 1.0 / (1.0 + swing_stance_ratio)
+    legs = body.phases.shape[0]
     carrying = 0
     for leg in range(legs):
         leg_phase = phase + body.phases[leg]
@@ -234,10 +265,15 @@ def add_support(
         out[knee] += force * by_knee * body.compliance[knee]
 
 
-def open_loop_gait(body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float) -> np.ndarray:
+def open_loop_gait(
+    body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float
+) -> np.ndarray:
     """(steps, joints) angles [rad] of a gait without modulation or lead, from phase 0; see `joint_targets`."""
-    targets, phase = np.zeros((steps, len(body.nominal_pose))), 0.0
+    targets = np.zeros((steps, len(body.nominal_pose)))
+    phase = 0.0
     for row in targets:
-        joint_targets(body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row)
+        joint_targets(
+            body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row
+        )
         phase = advance_phase(phase, frequency, body.control_dt)
     return targets

@@ -47,7 +47,8 @@ class Commands:
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
         """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
-        rng, gait = np.random.default_rng([_STREAM, seed]), robot.require_gait()
+        rng = np.random.default_rng([_STREAM, seed])
+        gait = robot.require_gait()
         forward = self.forward or (gait.forward[0], MAX_COMMAND * gait.forward[1])
         turn = self.yaw_rate or (-gait.yaw_rate, gait.yaw_rate)
         each = max(1, round(self.hold / robot.control_dt))

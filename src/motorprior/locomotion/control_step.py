@@ -1,10 +1,10 @@
 """One control step, compiled: the parts before the physics and the part after it, with observation and reward.
 
-A robot follows a speed along its own heading and a yaw rate. It observes its IMU, its joints, the command, and the
-heading integrated from its gyroscope.
+A robot follows a speed along its own heading and a yaw rate. It observes its IMU, its joints, the
+command, and the heading integrated from its gyroscope.
 
-The compiled rollout, the Gymnasium environments and the deployment on a robot (without numba, on numpy alone) call
-these functions in the same order, so simulations agree bit for bit:
+The compiled rollout, the Gymnasium environments and the deployment on a robot (without numba, on
+numpy alone) call these functions in the same order, so simulations agree bit for bit:
 
     reset: begin_gait, observe, complete_observation
     step:  command_step(action)        targets of the present phase; the phase advances
@@ -37,14 +37,22 @@ from motorprior.locomotion.body import (
 )
 from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
-MAX_TARGET_SPEED = 40.0  # [rad/s] of position targets, which jump where a swing begins; 30 to 60 give equal results
+# [rad/s] of position targets, which jump where a swing begins; 30 to 60 give equal results
+MAX_TARGET_SPEED = 40.0
 LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
 RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
 MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
-# Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in trainings of 5 s.
-# With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies amplified this until the robot fell.
+# Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in
+# trainings of 5 s. With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies
+# amplified this until the robot fell.
 MAX_DRIFT = 0.1
-_PHASE, _HEADING, _DRIFT, _COMMANDED_HEADING, _FORWARD, _LEFT, _SPEED_ERRORS = 0, 1, 2, 3, 4, 5, 6
+_PHASE = 0
+_HEADING = 1
+_DRIFT = 2
+_COMMANDED_HEADING = 3
+_FORWARD = 4
+_LEFT = 5
+_SPEED_ERRORS = 6
 
 
 class RobotState(NamedTuple):
@@ -56,7 +64,8 @@ class RobotState(NamedTuple):
     base_ang_vel: np.ndarray  # (3,) [rad/s], base frame
     measured_joint_pos: np.ndarray  # (joints,) [rad] at the encoders
     foot_pos: np.ndarray  # (legs, 3) centres of the feet [m], world; NaN if unknown
-    torque_squared_sum: float  # Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]
+    # Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]
+    torque_squared_sum: float
     fault: int = 0  # 0, or the number of a fault that ended the episode
 
 
@@ -69,11 +78,12 @@ class GaitState(NamedTuple):
     target: np.ndarray  # (joints,) position targets of the last control step [rad]
     path: np.ndarray  # (2, joints) scratch: the gait now and one control step later [rad]
     velocity_command: np.ndarray  # (2,) command in force: speed [m/s], yaw rate [rad/s]
-    # (7,) phase in [0, 1); heading error, integrated from the gyroscope [rad]; drift to the body's left of the
-    # commanded path, integrated from it [m]; commanded heading [rad]; filtered speeds, forward and left [m/s]; sum over
-    # the steps of |filtered forward speed - commanded speed| [m/s]
+    # (7,) phase in [0, 1); heading error, integrated from the gyroscope [rad]; drift to the body's
+    # left of the commanded path, integrated from it [m]; commanded heading [rad]; filtered speeds,
+    # forward and left [m/s]; sum over the steps of |filtered forward speed - commanded speed| [m/s]
     scalars: np.ndarray
-    feet: np.ndarray  # (legs, 4) centre [m] and shank angle about the body's y axis [rad] one control step ago
+    # (legs, 4) centre [m] and shank angle about the body's y axis [rad] one control step ago
+    feet: np.ndarray
 
     @property
     def phase(self) -> float:
@@ -90,7 +100,16 @@ def new_gait(body: Body) -> GaitState:
     """Memory of a robot's gait, at the beginning of an episode."""
     joints = len(body.nominal_pose)
     actions = action_size(joints)
-    shapes = (observation_size(joints), actions, actions, joints, (2, joints), 2, 7, (len(body.legs), 4))
+    shapes = (
+        observation_size(joints),
+        actions,
+        actions,
+        joints,
+        (2, joints),
+        2,
+        7,
+        (len(body.legs), 4),
+    )
     gait = GaitState(*(np.zeros(shape) for shape in shapes))
     begin_gait(body, gait)
     return gait
@@ -108,12 +127,17 @@ def begin_gait(body: Body, gait: GaitState) -> None:
 
 @njit(cache=True)
 def complete_observation(
-    body: Body, gait: GaitState, sensors: "SensorErrors", schedule: np.ndarray, step: int, base_quat: np.ndarray
+    body: Body,
+    gait: GaitState,
+    sensors: "SensorErrors",
+    schedule: np.ndarray,
+    step: int,
+    base_quat: np.ndarray,
 ) -> None:
     """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
 
-    ``schedule`` (steps, 2) is the commanded speed [m/s] and yaw rate [rad/s], whose last row stays in force;
-    ``base_quat`` (4,) is rotation_base_to_world.
+    ``schedule`` (steps, 2) is the commanded speed [m/s] and yaw rate [rad/s], whose last row stays
+    in force; ``base_quat`` (4,) is rotation_base_to_world.
     """
     apply_sensor_errors(sensors, step, base_quat, gait.observation)
     row = min(step, schedule.shape[0] - 1)
@@ -124,32 +148,42 @@ def complete_observation(
 def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float) -> None:
     """Complete an observation after its readings: drift, heading error, command in force, phase.
 
-    The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the left, at a bounded
-    rate and within the robot's range, up to MAX_COMMAND times its highest speed. The heading error ψ integrates the
-    observed heading rate less the commanded one. The drift integrates v sin ψ at the commanded speed v; without it a
-    robot that pulls to one side would walk on at a small constant error. All except the command fade out as the robot
-    stops.
+    The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the
+    left, at a bounded rate and within the robot's range, up to MAX_COMMAND times its highest speed.
+    The heading error ψ integrates the observed heading rate less the commanded one. The drift
+    integrates v sin ψ at the commanded speed v; without it a robot that pulls to one side would
+    walk on at a small constant error. All except the command fade out as the robot stops.
     """
-    observation, velocity, step = gait.observation, gait.velocity_command, body.control_dt / RAMP
+    observation = gait.observation
+    velocity = gait.velocity_command
+    step = body.control_dt / RAMP
     forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
     yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
     velocity[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - velocity[0]))
-    velocity[1] += min(step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - velocity[1]))
-    share, angle = gait_share(body, velocity[0], velocity[1]), 2.0 * math.pi * gait.scalars[_PHASE]
+    velocity[1] += min(
+        step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - velocity[1])
+    )
+    share = gait_share(body, velocity[0], velocity[1])
+    angle = 2.0 * math.pi * gait.scalars[_PHASE]
     gait.scalars[_COMMANDED_HEADING] += body.control_dt * velocity[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - velocity[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     drift = gait.scalars[_DRIFT] + body.control_dt * velocity[0] * math.sin(gait.scalars[_HEADING])
-    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has changed.
-    max_drift, along = MAX_DRIFT * body.max_speed, gait_share(body, velocity[0], 0.0)
+    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has
+    # changed.
+    max_drift = MAX_DRIFT * body.max_speed
+    along = gait_share(body, velocity[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
-    # Positive to the left of the direction of motion, so that the same turn corrects it forward and backward.
+    # Positive to the left of the direction of motion, so that the same turn corrects it forward and
+    # backward.
     observation[first] = math.copysign(1.0, velocity[0]) * gait.scalars[_DRIFT]
     observation[first + 1] = share * gait.scalars[_HEADING]
-    observation[first + 2], observation[first + 3] = velocity[0], velocity[1]
-    observation[first + 4], observation[first + 5] = share * math.cos(angle), share * math.sin(angle)
+    observation[first + 2] = velocity[0]
+    observation[first + 3] = velocity[1]
+    observation[first + 4] = share * math.cos(angle)
+    observation[first + 5] = share * math.sin(angle)
 
 
 @njit(cache=True)
@@ -167,26 +201,38 @@ def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
 def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
     """Convert an action to the position targets ``gait.target``, and advance the phase.
 
-    Low-pass and scale the (actions,) action, which is clipped to [-1, 1]; targets = gait + lead · its rate + support +
-    residual, with a rate up to MAX_TARGET_SPEED, within the joint limits. The support compensates the PD's deflection
-    under the weight. The lead compensates its damping, which acts on joint_vel and not on the velocity error: an error
-    of kd/kp times the speed.
+    Low-pass and scale the (actions,) action, which is clipped to [-1, 1]; targets = gait + lead ·
+    its rate + support + residual, with a rate up to MAX_TARGET_SPEED, within the joint limits. The
+    support compensates the PD's deflection under the weight. The lead compensates its damping,
+    which acts on joint_vel and not on the velocity error: an error of kd/kp times the speed.
     """
     policy.low_pass(action, body.control_dt, gait.filtered)
     policy.action_to_command(body, gait.filtered, gait.command)
-    joints, command = gait.target.shape[0], gait.command
+    joints = gait.target.shape[0]
+    command = gait.command
     share = gait_share(body, gait.velocity_command[0], gait.velocity_command[1])
-    frequency, ratio = float(command[joints + policy.FREQUENCY]), float(command[joints + policy.SWING_STANCE_RATIO])
+    frequency = float(command[joints + policy.FREQUENCY])
+    ratio = float(command[joints + policy.SWING_STANCE_RATIO])
     height = float(command[joints + policy.HEIGHT])
     forward = command[joints + policy.STRIDE_SCALE] * gait.velocity_command[0]
-    yaw_rate = command[joints + policy.STRIDE_SCALE] * gait.velocity_command[1] + share * command[joints + policy.TURN]
-    lift, phase = share * body.swing_height, float(gait.scalars[_PHASE])
+    yaw_rate = (
+        command[joints + policy.STRIDE_SCALE] * gait.velocity_command[1]
+        + share * command[joints + policy.TURN]
+    )
+    lift = share * body.swing_height
+    phase = float(gait.scalars[_PHASE])
     rise = levelling(body, gait.observation)
     later = advance_phase(phase, frequency, body.control_dt)
-    joint_targets(body, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0])
-    joint_targets(body, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1])
+    joint_targets(
+        body, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0]
+    )
+    joint_targets(
+        body, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1]
+    )
     for joint in range(joints):
-        command[joint] += body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / body.control_dt
+        command[joint] += (
+            body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / body.control_dt
+        )
     add_support(body, phase, ratio, share, gait.path[0], command)
     max_change = MAX_TARGET_SPEED * body.control_dt
     for joint in range(joints):
@@ -197,19 +243,24 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def evaluate_step(body: Body, gait: GaitState, state: RobotState, weights: np.ndarray) -> tuple[float, bool]:
+def evaluate_step(
+    body: Body, gait: GaitState, state: RobotState, weights: np.ndarray
+) -> tuple[float, bool]:
     """Readings from the state after the physics; returns reward [m], and whether the robot fell or the engine failed.
 
-    A fault of the engine ends the episode with reward 0 and leaves the observation as it was: the state is invalid.
-    ``weights`` (8,) are `TaskWeights.array()`.
+    A fault of the engine ends the episode with reward 0 and leaves the observation as it was: the
+    state is invalid. ``weights`` (8,) are `TaskWeights.array()`.
     """
     if state.fault != 0:
         return 0.0, True
     observe(body, state, gait.observation)
     roll, pitch, yaw = roll_pitch_yaw(state.base_quat)
     down = fallen(roll, pitch, state.base_pos[2], body.min_height, body.max_height)
-    cosine, sine, velocity = math.cos(yaw), math.sin(yaw), state.base_lin_vel
-    share, scalars = 1.0 - math.exp(-body.control_dt / SPEED_FILTER), gait.scalars
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    velocity = state.base_lin_vel
+    share = 1.0 - math.exp(-body.control_dt / SPEED_FILTER)
+    scalars = gait.scalars
     scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
     speed_error = scalars[_FORWARD] - gait.velocity_command[0]
@@ -221,12 +272,15 @@ def evaluate_step(body: Body, gait: GaitState, state: RobotState, weights: np.nd
     earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
     effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
     slip = sliding(body, gait.feet, state, pitch, yaw)
-    earned = earned - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
+    earned = (
+        earned - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
+    )
     return body.control_dt * earned, down
 
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
-SPEED_FILTER = 0.3  # [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
+# [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
+SPEED_FILTER = 0.3
 REWARD_CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
 
 
@@ -254,13 +308,19 @@ class TaskWeights:
 
 @njit(cache=True)
 def write_readings(
-    body: Body, roll: float, pitch: float, rates: np.ndarray, joint_pos: np.ndarray, observation: np.ndarray
+    body: Body,
+    roll: float,
+    pitch: float,
+    rates: np.ndarray,
+    joint_pos: np.ndarray,
+    observation: np.ndarray,
 ) -> None:
     """Write the first 5 + joints of an observation: roll, pitch [rad], the three body rates [rad/s], joint angles.
 
     Joint angles are relative to the nominal pose [rad].
     """
-    observation[0], observation[1] = roll, pitch
+    observation[0] = roll
+    observation[1] = pitch
     for axis in range(3):
         observation[2 + axis] = rates[axis]
     for joint in range(body.nominal_pose.shape[0]):
@@ -277,7 +337,8 @@ def observe(body: Body, state: RobotState, observation: np.ndarray) -> None:
 @njit(cache=True)
 def heading_rate(observation: np.ndarray) -> float:
     """Rate of the heading [rad/s] from observed attitude and rates: (ω_y sin φ + ω_z cos φ) / cos θ."""
-    roll, pitch = observation[0], observation[1]
+    roll = observation[0]
+    pitch = observation[1]
     return (observation[3] * math.sin(roll) + observation[4] * math.cos(roll)) / math.cos(pitch)
 
 
@@ -291,17 +352,24 @@ def wrapped(angle: float) -> float:
 def sliding(body: Body, feet: np.ndarray, state: RobotState, pitch: float, yaw: float) -> float:
     """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
 
-    Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the shank. Feet of
-    unknown position (NaN) count as 0. ``feet`` (legs, 4) are those of `control_step.GaitState` one control step ago,
-    ``pitch`` and ``yaw`` of the body [rad].
+    Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the
+    shank. Feet of unknown position (NaN) count as 0. ``feet`` (legs, 4) are those of
+    `control_step.GaitState` one control step ago, ``pitch`` and ``yaw`` of the body [rad].
     """
-    total, cosine, sine, joint_pos = 0.0, math.cos(yaw), math.sin(yaw), state.measured_joint_pos
+    total = 0.0
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    joint_pos = state.measured_joint_pos
     for leg in range(body.legs.shape[0]):
         angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
-        radius, before, foot = body.foot_radius[leg], feet[leg], state.foot_pos[leg]
-        if foot[2] < radius + REWARD_CONTACT_HEIGHT and before[2] < radius + REWARD_CONTACT_HEIGHT:  # false for NaN
+        radius = body.foot_radius[leg]
+        before = feet[leg]
+        foot = state.foot_pos[leg]
+        # false for NaN
+        if foot[2] < radius + REWARD_CONTACT_HEIGHT and before[2] < radius + REWARD_CONTACT_HEIGHT:
             rolled = radius * (angle - before[3])
-            x, y = foot[0] - before[0] - rolled * cosine, foot[1] - before[1] - rolled * sine
+            x = foot[0] - before[0] - rolled * cosine
+            y = foot[1] - before[1] - rolled * sine
             total += math.sqrt(x * x + y * y) / body.control_dt
         before[:3] = foot
         before[3] = angle
@@ -321,7 +389,8 @@ class SensorErrors(NamedTuple):
     noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
     ages: np.ndarray  # (observations,) age of the reading in each observation [control steps]
     past: np.ndarray  # (rows, readings) true readings, a delay line; no rows without delay; state
-    up: np.ndarray  # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
+    # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
+    up: np.ndarray
 
 
 def perfect_sensors() -> SensorErrors:
@@ -330,12 +399,15 @@ def perfect_sensors() -> SensorErrors:
 
 
 @njit(cache=True, nogil=True)
-def apply_sensor_errors(sensors: SensorErrors, count: int, base_quat: np.ndarray, observation: np.ndarray) -> None:
+def apply_sensor_errors(
+    sensors: SensorErrors, count: int, base_quat: np.ndarray, observation: np.ndarray
+) -> None:
     """Replace the true readings of an observation by the measured ones.
 
-    Roll and pitch relative to the ground become those relative to gravity. A delay between two control steps
-    interpolates linearly between their readings; readings before the reset are those of the reset. ``count`` is the
-    number of observations since the reset before this one, ``base_quat`` (4,) rotation_base_to_world.
+    Roll and pitch relative to the ground become those relative to gravity. A delay between two
+    control steps interpolates linearly between their readings; readings before the reset are those
+    of the reset. ``count`` is the number of observations since the reset before this one,
+    ``base_quat`` (4,) rotation_base_to_world.
     """
     if sensors.up[2] < 1.0:
         observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)

@@ -1,12 +1,13 @@
 """Execution of episodes: on threads of this process, or on Ray's processes, here or on a cluster.
 
-A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are sent as seeds.
-Results are in the order of the tasks and have the same bytes on every executor, given the same processor features and
-libraries. The compiled episode releases the interpreter lock, so threads use several cores; PyBullet needs processes.
+A round of episodes is a list of tasks with one shared object. Both are small: noise and motors are
+sent as seeds. Results are in the order of the tasks and have the same bytes on every executor,
+given the same processor features and libraries. The compiled episode releases the interpreter lock,
+so threads use several cores; PyBullet needs processes.
 
-Ray runs the tasks of a lost worker or node again elsewhere. Without an address Ray starts a cluster of this machine
-alone, regardless of RAY_ADDRESS and other clusters, and listens on the loopback interface only: anyone with access to
-a port of Ray can run code.
+Ray runs the tasks of a lost worker or node again elsewhere. Without an address Ray starts a cluster
+of this machine alone, regardless of RAY_ADDRESS and other clusters, and listens on the loopback
+interface only: anyone with access to a port of Ray can run code.
 """
 
 # pyright: reportMissingImports=false
@@ -27,27 +28,39 @@ T = TypeVar("T")
 ExecutorKind = Literal["threads", "ray"]
 RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
-MANY_CHUNKS = 256  # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
+# with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
+MANY_CHUNKS = 256
 _REMEDY = "read Ray's logs; finished iterations are kept"
-_SIMULATORS: dict[str, Any] = {}  # simulators of a worker process, for the latest two executors (training, evaluation)
+# simulators of a worker process, for the latest two executors (training, evaluation)
+_SIMULATORS: dict[str, Any] = {}
 _NUMBERS = itertools.count()
 
 
 def make_executor(
-    make_simulator: Callable[[], Any], workers: int, kind: ExecutorKind = "threads", address: str | None = None
+    make_simulator: Callable[[], Any],
+    workers: int,
+    kind: ExecutorKind = "threads",
+    address: str | None = None,
 ) -> "Executor":
     """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
 
-    ``make_simulator`` is called once per worker; for Ray it must be picklable. On a cluster ``workers`` only sets the
-    size of the chunks of episodes: Ray runs a chunk on every free core. Without ``address`` Ray starts on this machine.
+    ``make_simulator`` is called once per worker; for Ray it must be picklable. On a cluster
+    ``workers`` only sets the size of the chunks of episodes: Ray runs a chunk on every free core.
+    Without ``address`` Ray starts on this machine.
     """
-    return RayExecutor(make_simulator, workers, address) if kind == "ray" else ThreadExecutor(make_simulator, workers)
+    return (
+        RayExecutor(make_simulator, workers, address)
+        if kind == "ray"
+        else ThreadExecutor(make_simulator, workers)
+    )
 
 
 def require_executor(kind: ExecutorKind, address: str | None) -> None:
     """Raise ConfigError if Ray is not installed, no cluster answers, or an address is given without Ray."""
     if kind != "ray" and address is not None:
-        raise ConfigError("ray_address is for the executor ray", remedy="give both", argument="ray_address")
+        raise ConfigError(
+            "ray_address is for the executor ray", remedy="give both", argument="ray_address"
+        )
     if kind == "ray" and not _import_ray().is_initialized() and address is not None:
         _require_answer(address)
 
@@ -62,7 +75,9 @@ class ThreadExecutor:
             self._idle.put(simulator)
         self._pool = ThreadPoolExecutor(workers)
 
-    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
+    def map(
+        self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]
+    ) -> list[T]:
         """Results in the order of ``tasks``; the function may depend on its arguments only."""
 
         def run(task: Any) -> T:
@@ -86,26 +101,33 @@ class RayExecutor:
 
     def __init__(self, make_simulator: Callable[[], Any], workers: int, address: str | None = None):
         self._cluster = ExitStack()
-        self._ray, self._workers = self._cluster.enter_context(ray_cluster(workers, address)), workers
+        self._ray = self._cluster.enter_context(ray_cluster(workers, address))
+        self._workers = workers
         self._name = f"{os.getpid()}-{next(_NUMBERS)}"
         self._make = self._ray.put(make_simulator)
         options = {"max_retries": RETRIES, "num_cpus": 1, "scheduling_strategy": "SPREAD"}
         self._run = self._ray.remote(_run_chunk).options(**options)
 
-    def map(self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]) -> list[T]:
+    def map(
+        self, function: Callable[[Any, Any, Any], T], shared: Any, tasks: Sequence[Any]
+    ) -> list[T]:
         """See `ThreadExecutor.map`.
 
         Raises:
             SimulationFault: tasks whose worker died RETRIES + 1 times, or another failure of Ray.
-            Exception: what the function raised in a worker. Other chunks run on until `close`: cancelling one that is
-                ending can make Ray abort this process (github.com/ray-project/ray/pull/54798; 2.60 still does).
+            Exception: what the function raised in a worker. Other chunks run on until `close`:
+                cancelling one that is ending can make Ray abort this process
+                (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
         count = min(CHUNKS_PER_WORKER * self._workers, max(self._workers, MANY_CHUNKS))
         size = max(1, -(-len(tasks) // count))
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
         common = self._ray.put((function, shared))
         running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
-        collected = [self._collect(chunk, reference) for chunk, reference in zip(chunks, running, strict=True)]
+        collected = [
+            self._collect(chunk, reference)
+            for chunk, reference in zip(chunks, running, strict=True)
+        ]
         return list(itertools.chain.from_iterable(collected))
 
     def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
@@ -120,7 +142,9 @@ class RayExecutor:
             if not isinstance(cause, errors.RayError):
                 raise cause from None  # Ray's own error would print the worker's traceback
             message = str(cause).strip().partition("\n")[0]
-            raise SimulationFault(f"Ray failed ({type(cause).__name__}): {message}", remedy=_REMEDY) from error
+            raise SimulationFault(
+                f"Ray failed ({type(cause).__name__}): {message}", remedy=_REMEDY
+            ) from error
 
     def close(self) -> None:
         """Stop the cluster, or leave it, if this executor joined it."""
@@ -138,7 +162,8 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
         yield ray
         return
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")  # or Ray replaces `print` for the whole process
+    # or Ray replaces `print` for the whole process
+    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is not None:
         _require_answer(address)
@@ -151,7 +176,9 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
         ray.shutdown()
 
 
-def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]) -> list[Any]:
+def _run_chunk(
+    name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]
+) -> list[Any]:
     if name not in _SIMULATORS:
         while len(_SIMULATORS) >= 2:
             _SIMULATORS.pop(next(iter(_SIMULATORS))).close()
@@ -163,12 +190,16 @@ def _run_chunk(name: str, make_simulator: Callable[[], Any], common: tuple[Any, 
 def _init_on_loopback(ray: Any, workers: int, **options: Any) -> None:
     """Start a cluster of this machine, whose processes listen on the loopback interface.
 
-    Ray's switch for it is an environment variable, named after the systems where loopback is the default. Its processes
-    read it when they start, and this one when it imported Ray (_private/services.py, Ray 2.9 to 2.60).
+    Ray's switch for it is an environment variable, named after the systems where loopback is the
+    default. Its processes read it when they start, and this one when it imported Ray
+    (_private/services.py, Ray 2.9 to 2.60).
     """
-    constants, name = ray._private.ray_constants, "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
-    read, before = constants.ENABLE_RAY_CLUSTER, os.environ.get(name)
-    constants.ENABLE_RAY_CLUSTER, os.environ[name] = False, "0"
+    constants = ray._private.ray_constants
+    name = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+    read = constants.ENABLE_RAY_CLUSTER
+    before = os.environ.get(name)
+    constants.ENABLE_RAY_CLUSTER = False
+    os.environ[name] = "0"
     try:
         ray.init(address="local", num_cpus=workers, include_dashboard=False, **options)
     finally:
@@ -188,7 +219,8 @@ def _require_answer(address: str) -> None:
     try:
         socket.create_connection((host, int(port)), timeout=10.0).close()
     except (OSError, ValueError, OverflowError) as error:
-        problem, remedy = f"no Ray cluster answers at ray_address ({error})", "give HOST:PORT of its head"
+        problem = f"no Ray cluster answers at ray_address ({error})"
+        remedy = "give HOST:PORT of its head"
         raise ConfigError(problem, where=address, remedy=remedy, argument="ray_address") from error
 
 

@@ -1,8 +1,8 @@
 """The walking policy: its formulas, compiled, and its file.
 
-An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, stride scale, height,
-swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and jietan/puppersim (Apache-2.0), plus
-the turn.
+An action is in [-1, 1]: a residual on the gait's target of every joint, then frequency, stride
+scale, height, swing/stance ratio and turn of the gait. The layout is that of Iscen et al. 2018 and
+jietan/puppersim (Apache-2.0), plus the turn.
 """
 
 import math
@@ -25,7 +25,12 @@ from motorprior.texts import Overview, Printable
 ROBOT_WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
 ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
-FREQUENCY, STRIDE_SCALE, HEIGHT, SWING_STANCE_RATIO, TURN = 0, 1, 2, 3, 4  # indices in a command after the residuals
+# indices in a command after the residuals
+FREQUENCY = 0
+STRIDE_SCALE = 1
+HEIGHT = 2
+SWING_STANCE_RATIO = 3
+TURN = 4
 FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
 STRIDE_SCALE_SHARE = 0.75  # ± share of the commanded stride
 HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
@@ -74,8 +79,10 @@ def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
 
     Normalisation of the observation x: Mania et al. 2018, algorithm 2 (V2).
     """
-    weights, hidden = policy.weights, policy.hidden
-    actions, observations = weights.shape[0], weights.shape[1] - 1
+    weights = policy.weights
+    hidden = policy.hidden
+    actions = weights.shape[0]
+    observations = weights.shape[1] - 1
     for i in range(actions):
         out[i] = weights[i, observations]
     for j in range(observations):
@@ -111,8 +118,9 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual trot.
 
-    Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], stride scale 1 + 0.75 a, height
-    a · swing_height / 2 [m], ratio 2^a, and turn a · max_yaw_rate [rad/s] to ``out`` (actions,).
+    Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], stride scale 1 + 0.75 a,
+    height a · swing_height / 2 [m], ratio 2^a, and turn a · max_yaw_rate [rad/s] to ``out``
+    (actions,).
     """
     joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
@@ -135,27 +143,37 @@ class Policy(Printable):
     control_dt: float  # control period [s] in training
     robot: str  # its name
     joint_names: tuple[str, ...]  # in the order of residuals and observed angles
-    forward: tuple[float, float]  # range of commanded speeds [m/s]: the robot's, extended by that of the training
+    # range of commanded speeds [m/s]: the robot's, extended by that of the training
+    forward: tuple[float, float]
     provenance: Mapping[str, Any]  # settings of its training; JSON values only
 
     @classmethod
-    def of(cls, robot: Robot, arrays: PolicyArrays, kp: np.ndarray, kd: np.ndarray, **provenance: Any) -> "Policy":
+    def of(
+        cls, robot: Robot, arrays: PolicyArrays, kp: np.ndarray, kd: np.ndarray, **provenance: Any
+    ) -> "Policy":
         """A policy of a robot with the speed range of the training."""
         forward = robot.require_gait().forward
-        return cls(arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance)
+        return cls(
+            arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance
+        )
 
     def overview(self) -> Overview:
         """For people: the robot, and the training."""
         made = self.provenance
         motors = made.get("motors")
         weight = f"{made[ROBOT_WEIGHT] / GRAVITY:.2f} kg" if ROBOT_WEIGHT in made else ""
-        best = f"iteration {made['iteration']}, mean return {made['best_return']:.2f} m" if "iteration" in made else ""
+        best = (
+            f"iteration {made['iteration']}, mean return {made['best_return']:.2f} m"
+            if "iteration" in made
+            else ""
+        )
         facts = {
             "robot": ", ".join(filter(None, (self.robot, weight))),
             "commanded speed": f"{self.forward[0]:g} to {self.forward[1]:g} m/s",
             "control": f"{1.0 / self.control_dt:g} Hz",
-            "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""), "best": best,
-        }  # fmt: skip
+            "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""),
+            "best": best,
+        }
         return Overview("walking policy", facts)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
@@ -165,19 +183,33 @@ class Policy(Printable):
         for name, found, wanted in (
             ("robot", self.robot, robot.name),
             ("joints", list(self.joint_names), list(robot.joint_names)),
-            ("control period [s]", self.control_dt, self.control_dt if same_clock else robot.control_dt),
+            (
+                "control period [s]",
+                self.control_dt,
+                self.control_dt if same_clock else robot.control_dt,
+            ),
         ):
             if found != wanted:
                 remedy = f"use a policy trained for {robot.name} as it is now, or give the policy's robot (--robot)"
-                raise ConfigError(f"{name} of the policy: {found!r}, wanted {wanted!r}", where=where, remedy=remedy)
+                raise ConfigError(
+                    f"{name} of the policy: {found!r}, wanted {wanted!r}",
+                    where=where,
+                    remedy=remedy,
+                )
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""
-        tensors = dict(zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True))
+        tensors = dict(
+            zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True)
+        )
         header = _HEADER.make(
-            control_dt=self.control_dt, robot=self.robot, joint_names=list(self.joint_names),
-            slowest=self.forward[0], fastest=self.forward[1], provenance=dict(self.provenance),
-        )  # fmt: skip
+            control_dt=self.control_dt,
+            robot=self.robot,
+            joint_names=list(self.joint_names),
+            slowest=self.forward[0],
+            fastest=self.forward[1],
+            provenance=dict(self.provenance),
+        )
         write_tensors(Path(path), tensors, header)
 
     @classmethod
@@ -186,10 +218,19 @@ class Policy(Printable):
         path = Path(path)
         tensors, header = _HEADER.read(path)
         joints = len(header["joint_names"])
-        sizes = {"joints": joints, "actions": action_size(joints), "observations": observation_size(joints)}
-        check_tensors(tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1})
+        sizes = {
+            "joints": joints,
+            "actions": action_size(joints),
+            "observations": observation_size(joints),
+        }
+        check_tensors(
+            tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1}
+        )
         weights, *others, kp, kd = (tensors[name] for name in _TENSORS)
-        arrays = PolicyArrays(np.asfortranarray(weights), *others)  # the inner loop of `act` runs over the actions
-        forward, control_dt = (float(header["slowest"]), float(header["fastest"])), float(header["control_dt"])
-        robot, names = header["robot"], tuple(header["joint_names"])
+        # the inner loop of `act` runs over the actions
+        arrays = PolicyArrays(np.asfortranarray(weights), *others)
+        forward = (float(header["slowest"]), float(header["fastest"]))
+        control_dt = float(header["control_dt"])
+        robot = header["robot"]
+        names = tuple(header["joint_names"])
         return cls(arrays, kp, kd, control_dt, robot, names, forward, header["provenance"])

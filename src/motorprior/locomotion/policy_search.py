@@ -12,10 +12,13 @@ from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
 
-EVALUATION_EVERY, EVALUATION_EPISODES = 10, 16  # iterations, episodes
+# iterations, episodes
+EVALUATION_EVERY = 10
+EVALUATION_EPISODES = 16
 EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
 HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
-START_OBSERVATIONS = 100_000  # weight of a start policy's observation statistics: about a dozen iterations
+# weight of a start policy's observation statistics: about a dozen iterations
+START_OBSERVATIONS = 100_000
 
 
 Point: TypeAlias = dict[str, Any]
@@ -36,13 +39,17 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 class PolicySearch:
     """A search for a policy from ``start`` or from the untrained gait; picklable, for workers.
 
-    The best policy has the largest mean return [m] in evaluation; before the first it is the untrained gait.
+    The best policy has the largest mean return [m] in evaluation; before the first it is the
+    untrained gait.
     """
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
-        self.ars, self.shape = Ars(config, shape.size, shape.observations), shape
+        self.ars = Ars(config, shape.size, shape.observations)
+        self.shape = shape
         self.best = shape.untrained()
-        self.best_return, self.best_iteration = -float(np.finfo(np.float64).max), -1  # before the first evaluation
+        # before the first evaluation
+        self.best_return = -float(np.finfo(np.float64).max)
+        self.best_iteration = -1
         self.mean_returns = np.empty(0)  # of every iteration so far
         if start is not None:
             self.ars.parameters = self.ars.average = shape.parameters(start)
@@ -60,11 +67,14 @@ class PolicySearch:
 
     def advance(self, executor: Executor) -> Point:
         """One ARS iteration: ask, run every candidate, tell."""
-        iteration, seed = self.ars.iteration, self.ars.config.seed
+        iteration = self.ars.iteration
+        seed = self.ars.config.seed
         tasks = [(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
         episodes = executor.map(run_task, self, tasks)
         returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
-        self.ars.tell(returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes])
+        self.ars.tell(
+            returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes]
+        )
         self.mean_returns = np.append(self.mean_returns, returns.mean())
         faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
         return {
@@ -78,11 +88,16 @@ class PolicySearch:
 
     def evaluate(self, executor: Executor) -> None:
         """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
-        seeds = [episode_seed(self.ars.config.seed, EVALUATION, draw) for draw in range(EVALUATION_EPISODES)]
+        seeds = [
+            episode_seed(self.ars.config.seed, EVALUATION, draw)
+            for draw in range(EVALUATION_EPISODES)
+        ]
         episodes = executor.map(run_task, self, [(0, 0, seed) for seed in seeds])
         found = float(np.mean([episode.total for episode in episodes]))
         if found > self.best_return:
-            self.best, self.best_return, self.best_iteration = self.policy(0, 0), found, self.ars.iteration
+            self.best = self.policy(0, 0)
+            self.best_return = found
+            self.best_iteration = self.ars.iteration
 
     def train(
         self,
@@ -94,8 +109,8 @@ class PolicySearch:
     ) -> None:
         """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
 
-        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The search stops once it
-        has `plateaued`. ``progress`` is called after every iteration.
+        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The
+        search stops once it has `plateaued`. ``progress`` is called after every iteration.
         """
         evaluator = executor if evaluator is None else evaluator
         if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
@@ -109,8 +124,8 @@ class PolicySearch:
     def plateaued(self, patience: int | None) -> bool:
         """Whether the best mean training return of EVALUATION_EVERY iterations is ``patience`` or more means ago.
 
-        Not the return in evaluation: on other motors than in training, it may be largest before the policy walks in its
-        own simulation.
+        Not the return in evaluation: on other motors than in training, it may be largest before the
+        policy walks in its own simulation.
         """
         rounds = len(self.mean_returns) // EVALUATION_EVERY
         if patience is None or rounds <= patience:
@@ -121,11 +136,15 @@ class PolicySearch:
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
         best = {f"best_{name}": value for name, value in self.best._asdict().items()}
-        best |= {"best_return": np.array(self.best_return), "best_iteration": np.array(self.best_iteration)}
+        best |= {
+            "best_return": np.array(self.best_return),
+            "best_iteration": np.array(self.best_iteration),
+        }
         return self.ars.state() | best
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""
         self.ars.restore(state)
         self.best = PolicyArrays(*(state[f"best_{name}"] for name in PolicyArrays._fields))
-        self.best_return, self.best_iteration = float(state["best_return"]), int(state["best_iteration"])
+        self.best_return = float(state["best_return"])
+        self.best_iteration = int(state["best_iteration"])

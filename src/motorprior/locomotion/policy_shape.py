@@ -1,7 +1,8 @@
 """Policy from a flat vector of parameters, and back, with the left-right symmetry of observations and actions.
 
-A robot with pairs of legs is its own mirror image, and so is its gait, half a cycle later or at once if the legs of a
-pair step together. A policy that gives the mirrored action for the mirrored observation cannot limp to one side.
+A robot with pairs of legs is its own mirror image, and so is its gait, half a cycle later or at
+once if the legs of a pair step together. A policy that gives the mirrored action for the mirrored
+observation cannot limp to one side.
 """
 
 from dataclasses import dataclass
@@ -21,13 +22,15 @@ from motorprior.robots.robot import Robot
 class PolicyShape:
     """Sizes of a policy, and its symmetry.
 
-    The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row. With a mirror, W is
-    made symmetric, and every hidden unit gets a mirrored copy: H above H·O and V above V·A.
+    The parameters are W (actions, inputs), H (units, inputs) and V (units, actions), row by row.
+    With a mirror, W is made symmetric, and every hidden unit gets a mirrored copy: H above H·O and
+    V above V·A.
     """
 
     num_joints: int
     units: int = 0  # hidden units before mirroring; 0 for a linear policy
-    mirror: "Mirror | None" = None  # mirror symmetry of the robot in its gait; None for a policy without
+    # mirror symmetry of the robot in its gait; None for a policy without
+    mirror: "Mirror | None" = None
 
     @classmethod
     def of(cls, robot: Robot, hidden_units: int, symmetric: bool) -> "PolicyShape":
@@ -48,13 +51,16 @@ class PolicyShape:
     @property
     def size(self) -> int:
         """Number of parameters."""
-        inputs, actions = self.observations + 1, action_size(self.num_joints)
+        inputs = self.observations + 1
+        actions = action_size(self.num_joints)
         return actions * inputs + self.units * (inputs + actions)
 
     def split(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Views of W, H and V in (size,) parameters."""
-        inputs, actions = self.observations + 1, action_size(self.num_joints)
-        first, second = actions * inputs, (actions + self.units) * inputs
+        inputs = self.observations + 1
+        actions = action_size(self.num_joints)
+        first = actions * inputs
+        second = (actions + self.units) * inputs
         return (
             parameters[:first].reshape(actions, inputs),
             parameters[first:second].reshape(self.units, inputs),
@@ -81,14 +87,18 @@ class PolicyShape:
         if self.mirror is None:
             return observations
         swap = self.mirror.inputs[:-1, :-1]
-        mirrored = RunningStats(observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2)
+        mirrored = RunningStats(
+            observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2
+        )
         return observations.merge(mirrored)
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
         """(size,) parameters of a policy; inverse of `policy`. ConfigError for a policy of another shape."""
         units = self.units if self.mirror is None else 2 * self.units
         if len(policy.hidden) != units:
-            problem = f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
+            problem = (
+                f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
+            )
             raise ConfigError(problem, remedy="train with as many", argument="hidden_units")
         parts = policy.weights, policy.hidden[: self.units], policy.readout[: self.units]
         parameters = np.concatenate([part.ravel() for part in parts])
@@ -113,13 +123,15 @@ class Mirror(NamedTuple):
 def mirror_of(robot: Robot) -> Mirror:
     """Mirror of a robot's observations and actions; ConfigError if legs or gait have no mirror image."""
     partners = _partners(robot)
-    joints, sign = np.arange(robot.num_joints), np.ones(robot.num_joints)
+    joints = np.arange(robot.num_joints)
+    sign = np.ones(robot.num_joints)
     for leg, partner in zip(robot.legs, partners, strict=True):
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
     phase = _phase_sign(robot, partners)
     swap = sign[:, None] * np.eye(robot.num_joints)[joints]
-    tilt, followed = [-1.0, 1.0, -1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, -1.0, phase, phase]
+    tilt = [-1.0, 1.0, -1.0, 1.0, -1.0]
+    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
     return Mirror(
         np.asarray(block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0]))),
         np.asarray(block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0]))),
@@ -131,7 +143,10 @@ def _partners(robot: Robot) -> list[int]:
     rest = np.array([leg.rest for leg in robot.legs])
     partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
     for leg, partner in enumerate(partners):
-        if partners[partner] != leg or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE:
+        if (
+            partners[partner] != leg
+            or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE
+        ):
             problem = f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}"
             raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
     return partners

@@ -1,8 +1,8 @@
 """Column maps: short TOML files that state what the columns of a third-party table mean (docs/your-motors.md).
 
-An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of the angle. An angle
-with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a channel overrides that of its joint, and
-that overrides [units].
+An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of
+the angle. An angle with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a
+channel overrides that of its joint, and that overrides [units].
 """
 
 import math
@@ -17,14 +17,21 @@ from typing import Any
 from motorprior.artifacts import read_toml
 from motorprior.bounds import BOOLEAN, TABLE, TEXT, Field, is_number, number, one_of
 from motorprior.exceptions import ArtifactError
-from motorprior.logs.motor_log import ENCODERS, GAIN_UNITS, OPERATING_CONDITIONS, PHYSICAL_GAINS, POSTURES
+from motorprior.logs.motor_log import (
+    ENCODERS,
+    GAIN_UNITS,
+    OPERATING_CONDITIONS,
+    PHYSICAL_GAINS,
+    POSTURES,
+)
 from motorprior.schema import Schema
 
 REMEDY = "see docs/your-motors.md"
 TURN = 2.0 * math.pi
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 SCALES: dict[str, dict[str, float]] = {
-    "angle": {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan},  # tick: TURN / ticks_per_turn
+    # tick: TURN / ticks_per_turn
+    "angle": {"rad": 1.0, "deg": TURN / 360.0, "turn": TURN, "tick": math.nan},
     "velocity": {"rad/s": 1.0, "deg/s": TURN / 360.0, "rpm": TURN / 60.0},
     "torque": {"N·m": 1.0, "mN·m": 1e-3, "kg·cm": 0.0980665},
     "voltage": {"V": 1.0, "dV": 0.1, "mV": 1e-3},
@@ -36,9 +43,13 @@ QUANTITIES = {  # of the channels that may have a sign or a unit of their own
 }  # fmt: skip
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 GAINS = ("kp", "kd")
-JOINT, NAME = "{joint}", "{name}"  # placeholders in column names
+# placeholders in column names
+JOINT = "{joint}"
+NAME = "{name}"
 
-_UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {"ticks_per_turn": number(above=1.0)}
+_UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {
+    "ticks_per_turn": number(above=1.0)
+}
 _CHANGES = {
     "scale": number(above=0.0),
     "sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1),
@@ -46,8 +57,12 @@ _CHANGES = {
     "wraps": BOOLEAN,
     "ticks_per_turn": _UNITS["ticks_per_turn"],
 }  # and the unit of the channel's quantity
-_NAME = Field("a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200)
-_CONDITION = Field("the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value))
+_NAME = Field(
+    "a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200
+)
+_CONDITION = Field(
+    "the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value)
+)
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
@@ -56,10 +71,14 @@ _MAP = Schema(
         "encoder": one_of(*ENCODERS),
         "posture": one_of(*POSTURES),
         **dict.fromkeys(("units", "firmware"), TABLE),
-        "joints": Field("a table with a table per joint", lambda value: TABLE.accepts(value) and len(value) > 0),
+        "joints": Field(
+            "a table with a table per joint", lambda value: TABLE.accepts(value) and len(value) > 0
+        ),
     },
     REMEDY,
-    optional=frozenset({"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}),
+    optional=frozenset(
+        {"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}
+    ),
 )
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
@@ -95,7 +114,8 @@ class ColumnMap:
     """The meaning of the columns of a table; names, encoder, posture, gain_unit and firmware as in `MotorLog`."""
 
     source: str  # file or name of the map
-    series: dict[str, str]  # channel -> name of its columns with JOINT or NAME; a condition may be one for all joints
+    # channel -> name of its columns with JOINT or NAME; a condition may be one for all joints
+    series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     motor: str = ""
     robot: str = ""
@@ -112,7 +132,10 @@ class ColumnMap:
 
     def columns_of(self, channel: str, joints: Iterable[MappedJoint]) -> list[str]:
         """Column names of a channel, one per joint."""
-        return [self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name) for joint in joints]
+        return [
+            self.series[channel].replace(JOINT, joint.column).replace(NAME, joint.name)
+            for joint in joints
+        ]
 
 
 def shipped_maps() -> tuple[str, ...]:
@@ -123,7 +146,8 @@ def shipped_maps() -> tuple[str, ...]:
 def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
     """A map itself, a shipped one by name, or a .toml file by path.
 
-    Raises ArtifactError for no such map or file, no TOML, or an unknown or bad entry, with its key and value.
+    Raises ArtifactError for no such map or file, no TOML, or an unknown or bad entry, with its key
+    and value.
     """
     if isinstance(columns, ColumnMap):
         return columns
@@ -140,22 +164,33 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     units = table.get("units", {})
     _check(units, _UNIT_TABLE, f"{where}[units]")
     if ("time" in table) == ("rate" in table):
-        problem = "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
+        problem = (
+            "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
+        )
         raise ArtifactError(problem, where=where, remedy="give one of the two")
     series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
     for name, column in series.items():
         one_for_all = name in OPERATING_CONDITIONS or len(table["joints"]) == 1
         if not one_for_all and JOINT not in column and NAME not in column:
             remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
-            raise ArtifactError(f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy)
+            raise ArtifactError(
+                f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy
+            )
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
-        source=where, time_scale=TIMES[units.get("time", "s")], series=series,
-        joints=_joints(table["joints"], units, where), gain_unit=units.get("gain", PHYSICAL_GAINS),
+        source=where,
+        time_scale=TIMES[units.get("time", "s")],
+        series=series,
+        joints=_joints(table["joints"], units, where),
+        gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
-        conditions={name: table[name] * scales[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))},
+        conditions={
+            name: table[name] * scales[name]
+            for name in OPERATING_CONDITIONS
+            if is_number(table.get(name))
+        },
         **{name: table[name] for name in _PLAIN if name in table},
-    )  # fmt: skip
+    )
 
 
 def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
@@ -168,10 +203,14 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
         place = f"{where}[joints.{column}]"
         _check(joint, _JOINT, place)
         known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
-        found.append(MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known))
+        found.append(
+            MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
+        )
     names = [joint.name for joint in found]
     if double := {name for name in names if names.count(name) > 1}:
-        raise ArtifactError(f"two joints are named {min(double)!r}", where=where, remedy="name each once")
+        raise ArtifactError(
+            f"two joints are named {min(double)!r}", where=where, remedy="name each once"
+        )
     for name in GAINS:
         lacking = [joint.column for joint in found if getattr(joint, name) is None]
         if 0 < len(lacking) < len(found):
@@ -180,8 +219,11 @@ def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[M
     return tuple(found)
 
 
-def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], place: str) -> Conversion:
-    quantity, own = QUANTITIES[channel], joint.get(channel, {})
+def _conversion(
+    channel: str, joint: dict[str, Any], units: dict[str, Any], place: str
+) -> Conversion:
+    quantity = QUANTITIES[channel]
+    own = joint.get(channel, {})
     _check(own, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
     tables = (own, joint, units) if quantity == "angle" else (own, units)
     sign = 1 if channel in OPERATING_CONDITIONS else joint.get("sign", 1)
@@ -189,15 +231,18 @@ def _conversion(channel: str, joint: dict[str, Any], units: dict[str, Any], plac
         sign = joint.get("joint_pos", {}).get("sign", sign)
     changes = ChainMap(*tables)
     return Conversion(
-        float(own.get("sign", sign) * _scale(quantity, tables, place)), float(changes.get("zero", 0.0)),
+        float(own.get("sign", sign) * _scale(quantity, tables, place)),
+        float(changes.get("zero", 0.0)),
         quantity == "angle" and changes.get("wraps", False),
-    )  # fmt: skip
+    )
 
 
 def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
     """SI units per unit of the column, from the first table that gives one."""
     for table in tables:
-        unit = table.get(quantity, "tick" if quantity == "angle" and "ticks_per_turn" in table else None)
+        unit = table.get(
+            quantity, "tick" if quantity == "angle" and "ticks_per_turn" in table else None
+        )
         if "scale" in table:
             return float(table["scale"])
         if unit == "tick":

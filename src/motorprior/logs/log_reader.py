@@ -10,7 +10,14 @@ import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.column_map import GAINS, TURN, ColumnMap, Conversion, MappedJoint
-from motorprior.logs.motor_log import CORRECT, POSTURES, MotorLog, bad_value, checked, require_finite
+from motorprior.logs.motor_log import (
+    CORRECT,
+    POSTURES,
+    MotorLog,
+    bad_value,
+    checked,
+    require_finite,
+)
 from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
@@ -25,15 +32,19 @@ class LogReader:
 
     name: str  # name in messages
     endings: tuple[str, ...]  # endings of its file names with the dot, or FOLDER
-    recognises: Callable[[Path], bool] = lambda path: True  # whether a path with such an ending has this format
-    read: Callable[[Path, Robot | None], MotorLog] | None = None  # None if the format needs a column map
+    # whether a path with such an ending has this format
+    recognises: Callable[[Path], bool] = lambda path: True
+    # None if the format needs a column map
+    read: Callable[[Path, Robot | None], MotorLog] | None = None
     columns: Columns | None = None  # for a column map; None if it needs none
     # text about the content, for the error if a format that needs a map is read without
     unmapped: Callable[[Path], str] = lambda path: ""
-    # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its rows
+    # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its
+    # rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
     needs_robot: bool = False  # whether it needs a robot, since it does not name its joints
-    assumption: str = ""  # a sentence for the user about what is assumed because the format lacks it
+    # a sentence for the user about what is assumed because the format lacks it
+    assumption: str = ""
 
     def matches(self, path: Path) -> bool:
         """Whether an existing path has this format; raises `LogError` if it cannot be read."""
@@ -44,20 +55,30 @@ class LogReader:
 def require_robot(robot: Robot | None, path: Path) -> Robot:
     """The robot of a format that does not name its joints; raises ConfigError if none was given."""
     if robot is None:
-        raise ConfigError("the log does not name its joints", where=path, remedy="give robot", argument="robot")
+        raise ConfigError(
+            "the log does not name its joints", where=path, remedy="give robot", argument="robot"
+        )
     return robot
 
 
-def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robot | None = None) -> MotorLog:
+def read_mapped_log(
+    path: Path, columns: ColumnMap, source: Columns, robot: Robot | None = None
+) -> MotorLog:
     """The log of the columns of a path that ``source`` reads.
 
-    A robot gives the order of the joints, and the place of the encoder unless the map does. Raises LogError as
-    ``source``, or for a cell that is not finite, or a joint that the robot does not have.
+    A robot gives the order of the joints, and the place of the encoder unless the map does. Raises
+    LogError as ``source``, or for a cell that is not finite, or a joint that the robot does not
+    have.
     """
     joints = _in_order(columns, robot, path)
     wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
-    names = [*filter(None, (columns.time, columns.segment)), *columns.base_orientation, *chain(*wanted.values())]
-    table, origin = source(path, list(dict.fromkeys(names)), columns), str(path)
+    names = [
+        *filter(None, (columns.time, columns.segment)),
+        *columns.base_orientation,
+        *chain(*wanted.values()),
+    ]
+    table = source(path, list(dict.fromkeys(names)), columns)
+    origin = str(path)
     same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
     if columns.time and (duplicate := np.append(False, same)).any():
         table = {name: values[~duplicate] for name, values in table.items()}
@@ -73,10 +94,15 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     values: dict[str, Any] = {"time": time}
     for channel, names in wanted.items():
         raw = np.stack([table[name] for name in names], axis=1)
-        labels = [f"{channel}/{joint.name} (column {name})" for joint, name in zip(joints, names, strict=True)]
+        labels = [
+            f"{channel}/{joint.name} (column {name})"
+            for joint, name in zip(joints, names, strict=True)
+        ]
         require_finite(raw, labels, path)
         known = [joint.conversions.get(channel, Conversion()) for joint in joints]
-        values[channel] = np.array([each.factor for each in known]) * raw + np.array([each.offset for each in known])
+        values[channel] = np.array([each.factor for each in known]) * raw + np.array(
+            [each.offset for each in known]
+        )
         wraps = np.array([each.wraps for each in known])
         values[channel][:, wraps] = np.unwrap(values[channel][:, wraps], period=TURN, axis=0)
         if channel == "joint_pos" and wraps.any():  # in the turn of the command
@@ -87,7 +113,9 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
             values[f"logged_{name}"] = np.broadcast_to(gains, shape)
     values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
     if columns.base_orientation:
-        values["base_orientation"] = np.stack([table[name] for name in columns.base_orientation], axis=1)
+        values["base_orientation"] = np.stack(
+            [table[name] for name in columns.base_orientation], axis=1
+        )
     if columns.segment:
         segment = table[columns.segment]
         if not np.all(whole := segment == np.rint(segment)):
@@ -97,10 +125,15 @@ def read_mapped_log(path: Path, columns: ColumnMap, source: Columns, robot: Robo
     if columns.posture:
         values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
     log = MotorLog(
-        joint_names=tuple(joint.name for joint in joints), robot=robot.name if robot else columns.robot,
-        motor=columns.motor, source=origin, encoder=columns.encoder or (robot.encoder if robot else "joint"),
-        gain_unit=columns.gain_unit, firmware=columns.firmware, **values,
-    )  # fmt: skip
+        joint_names=tuple(joint.name for joint in joints),
+        robot=robot.name if robot else columns.robot,
+        motor=columns.motor,
+        source=origin,
+        encoder=columns.encoder or (robot.encoder if robot else "joint"),
+        gain_unit=columns.gain_unit,
+        firmware=columns.firmware,
+        **values,
+    )
     return checked(log)
 
 

@@ -36,14 +36,19 @@ MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recor
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# Registers of the profile and the dead zone (0: off), and operating conditions: lowest and highest value, unit
+# Registers of the profile and the dead zone (0: off), and operating conditions: lowest and highest
+# value, unit
 FIRMWARE = {
     "profile_speed": (1e-3, 1e6, "rad/s"),
     "profile_acceleration": (1e-3, 1e9, "rad/s²"),
     "dead_zone": (1e-6, 1.0, "rad"),
 }
-OPERATING_CONDITIONS = {"supply_voltage": (0.1, 2000.0, "V"), "motor_temperature": (-60.0, 300.0, "°C")}
-POSTURES = ("standing", "suspended", "fixed", "fallen")  # the channel `posture` holds indices of this tuple
+OPERATING_CONDITIONS = {
+    "supply_voltage": (0.1, 2000.0, "V"),
+    "motor_temperature": (-60.0, 300.0, "°C"),
+}
+# the channel `posture` holds indices of this tuple
+POSTURES = ("standing", "suspended", "fixed", "fallen")
 SIGN_CONVENTION = (
     "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
@@ -54,9 +59,10 @@ SIGN_CONVENTION = (
 class MotorLog(Printable):
     """One or more contiguous recordings (segments) of T rows and J joints.
 
-    Construction does not check; `checked` does. A row holds the measurements at its time and the command in
-    force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models read gains, registers and
-    conditions of a segment, or of the whole log, from `gains`, `firmware` and `conditions`.
+    Construction does not check; `checked` does. A row holds the measurements at its time and the
+    command in force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models
+    read gains, registers and conditions of a segment, or of the whole log, from `gains`, `firmware`
+    and `conditions`.
     """
 
     time: np.ndarray  # (T,) [s], strictly increasing within a segment
@@ -67,44 +73,73 @@ class MotorLog(Printable):
     motor: str  # motor model
     source: str  # file of the recording
     joint_vel: np.ndarray | None = None  # (T, J) [rad/s]
-    joint_reading: np.ndarray | None = None  # (T, J) angle as it was read, where joint_pos is smoothed [rad]
+    # (T, J) angle as it was read, where joint_pos is smoothed [rad]
+    joint_reading: np.ndarray | None = None
     joint_torque: np.ndarray | None = None  # (T, J) torque of the motor on the joint [N·m]
     # (T, J) inertia of the load about the joint, without the motor's rotor [kg·m²]
     load_inertia: np.ndarray | None = None
-    external_torque: np.ndarray | None = None  # (T, J) torque on the joint by everything except the motor [N·m]
-    # (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle [N·m/rad]. A
-    # simulated joint gets external_torque + load_stiffness·(simulated angle - joint_pos).
+    # (T, J) torque on the joint by everything except the motor [N·m]
+    external_torque: np.ndarray | None = None
+    # (T, J) derivative of external_torque with respect to the joint's angle, at the recorded angle
+    # [N·m/rad]. A simulated joint gets external_torque + load_stiffness·(simulated angle -
+    # joint_pos).
     load_stiffness: np.ndarray | None = None
-    segment: np.ndarray | None = None  # (T,) index of the contiguous recording; None for a single one
+    # (T,) index of the contiguous recording; None for a single one
+    segment: np.ndarray | None = None
     base_orientation: np.ndarray | None = None  # (T, 2) roll and pitch of the base [rad]
     posture: np.ndarray | None = None  # (T,) how the base was supported, an index of POSTURES
-    # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the output shaft in both
+    # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the
+    # output shaft in both
     encoder: str = "joint"
-    logged_kp: np.ndarray | None = None  # (T, J) logged proportional gain, constant within a segment
-    logged_kd: np.ndarray | None = None  # (T, J) logged derivative gain, acting on the velocity; only with logged_kp
+    # (T, J) logged proportional gain, constant within a segment
+    logged_kp: np.ndarray | None = None
+    # (T, J) logged derivative gain, acting on the velocity; only with logged_kp
+    logged_kd: np.ndarray | None = None
     supply_voltage: np.ndarray | None = None  # (T, J) at the motor [V]
     motor_temperature: np.ndarray | None = None  # (T, J) [°C]
-    # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown factor
+    # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown
+    # factor
     gain_unit: str = PHYSICAL_GAINS
-    firmware: Mapping[str, float] = field(default_factory=dict)  # known registers of FIRMWARE, equal for all motors
-    given_classes: tuple[str, ...] = ()  # `joint_classes` of the robot's description; none: by the joints' names
+    # known registers of FIRMWARE, equal for all motors
+    firmware: Mapping[str, float] = field(default_factory=dict)
+    # `joint_classes` of the robot's description; none: by the joints' names
+    given_classes: tuple[str, ...] = ()
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
-        optional = [name for name in channels(self) if name not in ("time", "position_target", "joint_pos", *CODES)]
+        optional = [
+            name
+            for name in channels(self)
+            if name not in ("time", "position_target", "joint_pos", *CODES)
+        ]
         facts = {
             "size": f"{self.num_rows} rows in {len(self.segment_slices())} segments, {self.duration:.4g} s at "
             f"{1.0 / self.period:.4g} Hz",
-            "robot": self.robot, "motor": self.motor, "source": self.source[-100:],
+            "robot": self.robot,
+            "motor": self.motor,
+            "source": self.source[-100:],
             "channels besides command and angle": ", ".join(optional) or "none",
-            "loads": "known" if self.load_inertia is not None else "unknown; mp.load_log computes them from a model",
+            "loads": "known"
+            if self.load_inertia is not None
+            else "unknown; mp.load_log computes them from a model",
             "settings": settings_text(self),
-        }  # fmt: skip
-        columns = ("joint", "angle from [°]", "to [°]", "command from [°]", "to [°]", "angle - command, rms [mrad]")
+        }
+        columns = (
+            "joint",
+            "angle from [°]",
+            "to [°]",
+            "command from [°]",
+            "to [°]",
+            "angle - command, rms [mrad]",
+        )
         rows = []
-        for joint, angle, command in zip(self.joint_names, self.joint_pos.T, self.position_target.T, strict=True):
+        for joint, angle, command in zip(
+            self.joint_names, self.joint_pos.T, self.position_target.T, strict=True
+        ):
             ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
-            rows.append([joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"])
+            rows.append(
+                [joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"]
+            )
         return Overview(f"motor log of {self.num_joints} joints", facts, columns, rows)
 
     @property
@@ -130,7 +165,9 @@ class MotorLog(Printable):
     @property
     def duration(self) -> float:
         """Recorded time [s], summed over segments."""
-        return float(sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices()))
+        return float(
+            sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices())
+        )
 
     @property
     def period(self) -> float:
@@ -154,9 +191,18 @@ class MotorLog(Printable):
 
     def with_joints(self, joints: Sequence[int]) -> "MotorLog":
         """The log of some of its joints."""
-        series = {name: value[:, list(joints)] for name, value in channels(self).items() if name in JOINT_SERIES}
+        series = {
+            name: value[:, list(joints)]
+            for name, value in channels(self).items()
+            if name in JOINT_SERIES
+        }
         names = tuple(self.joint_names[joint] for joint in joints)
-        return replace(self, joint_names=names, given_classes=tuple(self.joint_classes[j] for j in joints), **series)
+        return replace(
+            self,
+            joint_names=names,
+            given_classes=tuple(self.joint_classes[j] for j in joints),
+            **series,
+        )
 
     def joint(self, index: int) -> "MotorLog":
         """The log of one joint, J = 1."""
@@ -166,7 +212,8 @@ class MotorLog(Printable):
     def gains(self) -> np.ndarray | None:
         """(2, J) logged kp and kd [gain_unit], constant in a segment; of several segments the medians.
 
-        kd equals kp if it is not logged, since models only use its ratio to that of other logs. None without gains.
+        kd equals kp if it is not logged, since models only use its ratio to that of other logs.
+        None without gains.
         """
         if self.logged_kp is None:
             return None
@@ -177,7 +224,11 @@ class MotorLog(Printable):
     @property
     def conditions(self) -> dict[str, np.ndarray]:
         """(J,) mean of each logged channel of OPERATING_CONDITIONS."""
-        return {name: value.mean(axis=0) for name, value in channels(self).items() if name in OPERATING_CONDITIONS}
+        return {
+            name: value.mean(axis=0)
+            for name, value in channels(self).items()
+            if name in OPERATING_CONDITIONS
+        }
 
 
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
@@ -228,7 +279,9 @@ def settings_text(log: MotorLog) -> str:
         if name in OPERATING_CONDITIONS:
             parts.append(f"{name} {condition_text(name, values.min(), values.max())}")
     if log.posture is not None:
-        parts.append(f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}")
+        parts.append(
+            f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}"
+        )
     return "; ".join(parts)
 
 
@@ -237,8 +290,12 @@ def gain_texts(log: MotorLog) -> list[str]:
     texts = []
     for name, unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
         if (gains := getattr(log, f"logged_{name}")) is not None:
-            values = " to ".join(dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max())))
-            texts.append(f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}")
+            values = " to ".join(
+                dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max()))
+            )
+            texts.append(
+                f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}"
+            )
     return texts
 
 
@@ -262,7 +319,10 @@ _BOUNDS = {  # lowest and highest value, and what it is
     "logged_kp": (_TINY, np.inf, "a positive gain"),
     "logged_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
-    **{key: (low, high, f"from {low:g} to {high:g} {unit}") for key, (low, high, unit) in OPERATING_CONDITIONS.items()},
+    **{
+        key: (low, high, f"from {low:g} to {high:g} {unit}")
+        for key, (low, high, unit) in OPERATING_CONDITIONS.items()
+    },
 }
 
 
@@ -270,7 +330,9 @@ def motor_logs(given: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
     """One log or several as a list; raises `ConfigError` for anything else."""
     logs = [given] if isinstance(given, MotorLog) else given
     if isinstance(logs, str | Path) or not all(isinstance(log, MotorLog) for log in logs):
-        raise ConfigError("logs are not motor logs", remedy="read them with load_log", argument="logs")
+        raise ConfigError(
+            "logs are not motor logs", remedy="read them with load_log", argument="logs"
+        )
     return list(logs)
 
 
@@ -278,9 +340,10 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     """The log with float64 arrays, from any array-likes, and sorted firmware registers.
 
     Raises:
-        LogError: wrong shape, a value that is not finite or out of its bounds, time that does not increase within a
-            segment, a segment of fewer than 2 rows, gains that change within a segment, or an unknown encoder, gain
-            unit, posture or register; names ``where`` or the log's source, row, column and value.
+        LogError: wrong shape, a value that is not finite or out of its bounds, time that does not
+            increase within a segment, a segment of fewer than 2 rows, gains that change within a
+            segment, or an unknown encoder, gain unit, posture or register; names ``where`` or the
+            log's source, row, column and value.
     """
     where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
@@ -288,12 +351,17 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
             raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
     for name, value in log.firmware.items():
         if name not in FIRMWARE:
-            raise LogError(f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}")
+            raise LogError(
+                f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}"
+            )
         low, high, unit = FIRMWARE[name]
         if value != 0 and not is_number(value, low, high):
             problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
             raise LogError(problem, where=where, remedy=f"give it in {unit}, or leave it out")
-    log = replace(_as_arrays(log, where), firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)})
+    log = replace(
+        _as_arrays(log, where),
+        firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)},
+    )
     for name, value in channels(log).items():
         table = value[:, None] if value.ndim == 1 else value
         parts = log.joint_names if name in JOINT_SERIES else BASE_AXES
@@ -313,7 +381,11 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
         raise LogError(problem, where=where, remedy="give every joint its own name")
     arrays: dict[str, Any] = {}
     rows = np.size(log.time)
-    shapes = {"time": (rows,), **dict.fromkeys(CODES, (rows,)), "base_orientation": (rows, len(BASE_AXES))}
+    shapes = {
+        "time": (rows,),
+        **dict.fromkeys(CODES, (rows,)),
+        "base_orientation": (rows, len(BASE_AXES)),
+    }
     for name, shape in (dict.fromkeys(JOINT_SERIES, (rows, log.num_joints)) | shapes).items():
         kind, words = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
         if (value := getattr(log, name)) is None:
@@ -324,8 +396,12 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
             problem = f"{name} is not an array of {words} ({error})"
             raise LogError(problem, where=where, remedy=f"give {words} in every row") from error
         if (found := arrays[name].shape) != shape:
-            problem = f"{name} has shape {found}, expected {shape} ({rows} rows, {log.num_joints} joints)"
-            raise LogError(problem, where=where, remedy="give one row per time and one column per joint name")
+            problem = (
+                f"{name} has shape {found}, expected {shape} ({rows} rows, {log.num_joints} joints)"
+            )
+            raise LogError(
+                problem, where=where, remedy="give one row per time and one column per joint name"
+            )
     return replace(log, joint_names=tuple(log.joint_names), **arrays)
 
 
@@ -343,20 +419,32 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             if gains is not None and np.any(changed := gains[part] != gains[part.start]):
                 row, column = np.argwhere(changed)[0].tolist()
                 problem = f"row {part.start + row}, {name}/{log.joint_names[column]} changes within a segment"
-                raise LogError(problem, where=where, remedy="begin a segment where gains change, or leave them out")
+                raise LogError(
+                    problem,
+                    where=where,
+                    remedy="begin a segment where gains change, or leave them out",
+                )
 
 
-def bad_value(row: int, column: str, value: Any, expected: str, where: Where, remedy: str = "") -> LogError:
+def bad_value(
+    row: int, column: str, value: Any, expected: str, where: Where, remedy: str = ""
+) -> LogError:
     """The error for one cell, as "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
     text = quoted(value.item() if isinstance(value, np.generic) else value)
     problem = f"row {row}, {column[:120]} is {text}, not {expected}"
-    return LogError(problem, where=where, remedy=remedy or "correct or remove the row, or leave the channel out")
+    return LogError(
+        problem, where=where, remedy=remedy or "correct or remove the row, or leave the channel out"
+    )
 
 
-def missing_column(kind: str, name: str, known: Iterable[str], where: Where, remedy: str = CORRECT) -> LogError:
+def missing_column(
+    kind: str, name: str, known: Iterable[str], where: Where, remedy: str = CORRECT
+) -> LogError:
     """The error for a missing column, tensor or topic; it lists the first eight that exist."""
     have = listed([quoted(each) for each in known], 8) or "none"
-    return LogError(f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy)
+    return LogError(
+        f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy
+    )
 
 
 def unreadable(path: Path, error: Exception) -> LogError:
@@ -377,7 +465,10 @@ def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> No
     stuck = np.diff(time) <= 0.0
     if stuck.any():
         row = 1 + int(np.argmax(stuck))
-        before, now = float(time[row - 1]), float(time[row])
+        before = float(time[row - 1])
+        now = float(time[row])
         problem = f"row {first_row + row}, time {'repeats' if before == now else 'runs backwards'}"
         remedy = "sort the rows and drop duplicates, or begin a segment where the clock restarted"
-        raise LogError(f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy)
+        raise LogError(
+            f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy
+        )

@@ -40,16 +40,24 @@ def _scalar(kind: _NumberType, raw: bytes | str) -> Any:
     return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, kind.dtype)[0]
 
 
-def _array(raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal["C", "F"]) -> np.ndarray:
+def _array(
+    raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal["C", "F"]
+) -> np.ndarray:
     return np.frombuffer(raw, kind.dtype).reshape(shape, order=order)
 
 
-def _view(numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any) -> np.ndarray:
+def _view(
+    numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any
+) -> np.ndarray:
     """A tensor; offset and stride count numbers. NumPy raises unless it lies within these."""
     if math.prod(size) > numbers.size:
-        raise LogError(f"the pickle holds a tensor of {math.prod(size)} numbers in a storage of {numbers.size}")
+        raise LogError(
+            f"the pickle holds a tensor of {math.prod(size)} numbers in a storage of {numbers.size}"
+        )
     strides = [numbers.itemsize * step for step in stride]
-    return np.ndarray(size, numbers.dtype, np.ravel(numbers).tobytes(), numbers.itemsize * offset, strides)
+    return np.ndarray(
+        size, numbers.dtype, np.ravel(numbers).tobytes(), numbers.itemsize * offset, strides
+    )
 
 
 _SAVE = "save a dict of tensors by torch.save"
@@ -57,10 +65,12 @@ _STORAGES = {
     "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
     "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1",
 }  # fmt: skip
-# (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and Python, and tensors
+# (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and
+# Python, and tensors
 _ALLOWED: dict[tuple[str, str], Any] = {
     ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes in pickles of protocol 2
-    **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), lambda: b""),  # others are literals
+    # others are literals
+    **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), lambda: b""),
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): _NumberType,
     ("torch._utils", "_rebuild_tensor_v2"): _view,
@@ -73,16 +83,21 @@ for _core in ("numpy.core", "numpy._core"):
     _ALLOWED[f"{_core}.numeric", "_frombuffer"] = _array
 
 
-def load_pickle(data: bytes, where: Path | None = None, persistent: Callable[[Any], Any] = lambda pid: pid) -> Any:
+def load_pickle(
+    data: bytes, where: Path | None = None, persistent: Callable[[Any], Any] = lambda pid: pid
+) -> Any:
     """Unpickle plain containers, arrays and scalars of numpy, and tensors; text of Python 2 is latin1.
 
-    ``persistent`` resolves persistent ids. Raises LogError for a name that is not allowed, or a damaged pickle.
+    ``persistent`` resolves persistent ids. Raises LogError for a name that is not allowed, or a
+    damaged pickle.
     """
 
     class Restricted(pickle.Unpickler):
         def find_class(self, module: str, name: str) -> Any:
             if (module, name) not in _ALLOWED:
-                raise LogError(f"the pickle imports {module[:80]}.{name[:80]}, which is not allowed")
+                raise LogError(
+                    f"the pickle imports {module[:80]}.{name[:80]}, which is not allowed"
+                )
             return _ALLOWED[module, name]
 
         def persistent_load(self, pid: Any) -> Any:

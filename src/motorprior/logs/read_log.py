@@ -17,21 +17,26 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
 READERS: tuple[LogReader, ...] = tuple(
-    import_module(f"{readers.__name__}.{module.name}").READER for module in iter_modules(readers.__path__)
+    import_module(f"{readers.__name__}.{module.name}").READER
+    for module in iter_modules(readers.__path__)
 )
 
 
-def read_log(path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None) -> MotorLog:
+def read_log(
+    path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None
+) -> MotorLog:
     """Read a log in any format of docs/logs.md, or any table by a map of its columns.
 
     Args:
         path: the file, or the folder for formats that are folders.
         robot: the recorded robot; not needed for formats that name their joints.
-        columns: a column map, the name of a shipped one, or its file (docs/your-motors.md): for a table (.csv, .csv.gz,
-            .parquet), the folder of a LeRobot dataset, the tensors of a .pt or the topics of a ROS 2 bag.
+        columns: a column map, the name of a shipped one, or its file (docs/your-motors.md): for a
+            table (.csv, .csv.gz, .parquet), the folder of a LeRobot dataset, the tensors of a .pt
+            or the topics of a ROS 2 bag.
 
     Returns:
-        The log in SI units, checked for shape, order and finite numbers; `check_log` checks its quality.
+        The log in SI units, checked for shape, order and finite numbers; `check_log` checks its
+        quality.
 
     Raises:
         LogError: no such file, an unknown format, or a damaged file; names row and column.
@@ -59,7 +64,9 @@ def reader_of(path: Path, with_columns: bool = False) -> LogReader:
         if (reader.columns if with_columns else reader.read) is not None and reader.matches(path):
             return reader
     if path.is_dir():
-        endings = sorted({ending for file in path.iterdir() if (ending := _ending(file.name)) and file.is_file()})
+        endings = sorted(
+            {ending for file in path.iterdir() if (ending := _ending(file.name)) and file.is_file()}
+        )
         patterns = " ".join(str(path / f"*{ending}") for ending in endings)
         remedy = f"give its files: {patterns}" if endings else "give a log (docs/logs.md)"
         raise LogError("a folder that is not a log", where=path, remedy=remedy)
@@ -68,7 +75,9 @@ def reader_of(path: Path, with_columns: bool = False) -> LogReader:
             remedy = f"read it {GIVE_COLUMNS}, or a shipped map: {', '.join(shipped_maps())}"
             raise LogError(reader.unmapped(path), where=path, remedy=remedy, argument="columns")
     formats = "; ".join(f"{reader.name} ({', '.join(reader.endings)})" for reader in READERS)
-    raise LogError("unknown log format", where=path, remedy=f"give one of: {formats}", argument="columns")
+    raise LogError(
+        "unknown log format", where=path, remedy=f"give one of: {formats}", argument="columns"
+    )
 
 
 def recording_name(path: Path) -> str:
@@ -88,35 +97,53 @@ class LogFolder:
 
     logs: dict[str, MotorLog]  # by short name, sorted
     paths: tuple[Path, ...]  # files of the logs
-    unreadable: tuple[str, ...] = ()  # "NAME: reason" for each file that looks like a log but cannot be read
+    # "NAME: reason" for each file that looks like a log but cannot be read
+    unreadable: tuple[str, ...] = ()
 
     @property
     def files(self) -> list[Path]:
         """All files of the logs, without the videos of LeRobot datasets."""
-        found = [file for path in self.paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+        found = [
+            file
+            for path in self.paths
+            for file in ([path] if path.is_file() else sorted(path.rglob("*")))
+        ]
         return [file for file in found if file.is_file() and file.suffix != ".mp4"]
 
 
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
     """Read a log, or every log of a folder.
 
-    With a column map it reads all tables that fit the map. Without one it reads the motor logs (.parquet), else logs
-    of jietan/puppersim except replays in simulation, else all files that a reader accepts. Arguments as `read_log`.
+    With a column map it reads all tables that fit the map. Without one it reads the motor logs
+    (.parquet), else logs of jietan/puppersim except replays in simulation, else all files that a
+    reader accepts. Arguments as `read_log`.
 
     Raises:
         LogError: no log, or none that can be read; the message has the reason for the first.
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)
-    known = [reader for reader in READERS if (reader.columns if column_map else reader.read) is not None]
+    known = [
+        reader for reader in READERS if (reader.columns if column_map else reader.read) is not None
+    ]
     if not path.is_dir() or any(reader.matches(path) for reader in known):
         return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
     endings = tuple(ending for reader in known for ending in reader.endings)
-    entries = {entry: recording_name(entry) for entry in sorted(path.iterdir()) if entry.name.endswith(endings)}
+    entries = {
+        entry: recording_name(entry)
+        for entry in sorted(path.iterdir())
+        if entry.name.endswith(endings)
+    }
     if column_map is None:
         written = {entry: name for entry, name in entries.items() if entry.suffix == ".parquet"}
-        entries = written or {entry: name for entry in entries if robot and (name := short_name(entry))} or entries
-    logs, taken, unreadable = {}, [], []
+        entries = (
+            written
+            or {entry: name for entry in entries if robot and (name := short_name(entry))}
+            or entries
+        )
+    logs = {}
+    taken = []
+    unreadable = []
     for entry, name in entries.items():
         try:
             if name in logs:
@@ -128,7 +155,9 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
     if not logs:
         problem = "; ".join(["no log in it can be read", *unreadable[:1]])
         remedy = f"give logs (docs/logs.md), or read tables {GIVE_COLUMNS} or a shipped map: "
-        raise LogError(problem, where=path, remedy=remedy + ", ".join(shipped_maps()), argument="columns")
+        raise LogError(
+            problem, where=path, remedy=remedy + ", ".join(shipped_maps()), argument="columns"
+        )
     return LogFolder(logs, tuple(taken), tuple(unreadable))
 
 
@@ -136,4 +165,6 @@ def short_name(path: Path) -> str:
     """0116 of ``env_log_real_0116.csv.gz``; empty unless it is a log of jietan/puppersim from the real robot."""
     found = re.fullmatch(r"env_(.+?)(\.csv\.gz|\.csv|\.txt)", path.name)
     words = found[1].split("_") if found else []
-    return "_".join(word for word in words if word not in ("log", "real")) if "real" in words else ""
+    return (
+        "_".join(word for word in words if word not in ("log", "real")) if "real" in words else ""
+    )

@@ -23,11 +23,13 @@ from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SILENT, WARNED, WARNING, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
-# A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many prior standard
-# deviations below the mean. A robot is weak if the median of its motors is. Either happens by chance in 2 % of healthy
-# robots of 12 motors that share a third of the variance.
-WEAK_MOTOR, WEAK_ROBOT = 0.7, 0.85
-_FAR_MOTOR, _FAR_ROBOT = 2.93, 1.33
+# A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many
+# prior standard deviations below the mean. A robot is weak if the median of its motors is. Either
+# happens by chance in 2 % of healthy robots of 12 motors that share a third of the variance.
+WEAK_MOTOR = 0.7
+WEAK_ROBOT = 0.85
+_FAR_MOTOR = 2.93
+_FAR_ROBOT = 1.33
 
 
 def adapt(
@@ -41,16 +43,18 @@ def adapt(
 
     Args:
         prior: of motors of this kind.
-        log: with load_inertia and external_torque, at the prior's sample period; a few seconds are enough.
+        log: with load_inertia and external_torque, at the prior's sample period; a few seconds are
+            enough.
         allow_outliers: also if motors are outliers of the prior.
-        progress: receives the motors' errors on the log, and notes on weak and static motors; by default warnings are
-            Python warnings.
+        progress: receives the motors' errors on the log, and notes on weak and static motors; by
+            default warnings are Python warnings.
 
     Returns:
         The posterior, whose `MotorPosterior.sample` draws these motors.
 
     Raises:
-        LogError: the log lacks a channel, has another period, is shorter than a window, or has outliers.
+        LogError: the log lacks a channel, has another period, is shorter than a window, or has
+            outliers.
         ConfigError: the log names another robot than the prior.
         ArtifactError: a prior without latents, or of another version.
     """
@@ -61,7 +65,9 @@ def adapt(
         found = adapt_to(prior, log)
         p_values, reasons = outlier_test(prior, log, found)
         task.advance()
-    if named := [f"{name}: {reason}" for name, reason in zip(log.joint_names, reasons, strict=True) if reason]:
+    if named := [
+        f"{name}: {reason}" for name, reason in zip(log.joint_names, reasons, strict=True) if reason
+    ]:
         problem = f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}"
         if not allow_outliers:
             remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set allow_outliers"
@@ -75,8 +81,11 @@ def adapt(
             evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
         if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
             progress.note(advice)
-    gains, p_value = log.gains if prior.model.gain_unit else None, tuple(p_values.tolist())
-    return MotorPosterior(prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains)
+    gains = log.gains if prior.model.gain_unit else None
+    p_value = tuple(p_values.tolist())
+    return MotorPosterior(
+        prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains
+    )
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
@@ -85,26 +94,36 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
     mean, std, misfit = prior.predicted(log)
     found = fit_posterior(prior.model, data, preset, temperature, prior=(mean, std))
     still = ~moved(log)
-    found.mean[still], found.covariance[still] = mean[still], std[still, :, None] ** 2 * np.eye(mean.shape[1])
+    found.mean[still] = mean[still]
+    found.covariance[still] = std[still, :, None] ** 2 * np.eye(mean.shape[1])
     if not isinstance(prior.model, GreyBox):
         return found
-    motors, nominal = prior.model.motors(found.mean), recipe_of(prior).nominal_conditions
+    motors = prior.model.motors(found.mean)
+    nominal = recipe_of(prior).nominal_conditions
     own = residual_scale(prior.metrics, *replay_errors(motors, log, nominal))
     return replace(found, misfit=np.where(still, misfit, own))
 
 
-def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> tuple[np.ndarray, list[str]]:
+def outlier_test(
+    prior: MotorPrior, log: MotorLog, found: LatentPosterior
+) -> tuple[np.ndarray, list[str]]:
     """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
 
-    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of the constants
-    (`outliers.outliers`), and the largest deviation of each outlier, "" of the others.
+    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of
+    the constants (`outliers.outliers`), and the largest deviation of each outlier, "" of the
+    others.
     """
     preset, data, temperature, which = _prepared(prior, log)
-    p_fit = loss_p_value(prior.metrics, found.loss, found.windows / windows_per_block(preset), which)
-    reason, p_value = ["large error on its log"] * len(p_fit), p_fit
+    p_fit = loss_p_value(
+        prior.metrics, found.loss, found.windows / windows_per_block(preset), which
+    )
+    reason = ["large error on its log"] * len(p_fit)
+    p_value = p_fit
     if len(prior.mean) > len(prior.classes.names):
         classes = prior.joint_classes(log)
-        far = outliers(prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes)
+        far = outliers(
+            prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes
+        )
         # the distance of a class that was never recorded is unknown
         is_known = np.isin(classes, prior.classes.names) | (len(prior.classes.names) == 1)
         far = replace(far, p_value=np.where(is_known, far.p_value, 1.0))
@@ -116,7 +135,8 @@ def outlier_test(prior: MotorPrior, log: MotorLog, found: LatentPosterior) -> tu
 
 def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
     """For example "coulomb 2.1 times that of the class calf (+5.3 standard deviations)"."""
-    name, of = far.latent[motor], f"the class {joint_class}" if joint_class else "the fleet"
+    name = far.latent[motor]
+    of = f"the class {joint_class}" if joint_class else "the fleet"
     is_factor = name in parameters_of(tuple(TERMS)) and name not in SIGNED
     distance = float(far.distance[motor])
     text = f"{np.exp(distance):.2g} times that of {of}" if is_factor else f"far from that of {of}"
@@ -146,7 +166,10 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     if not isinstance(prior.model, GreyBox):
         return ""
     central = prior.classes.mean_and_std(prior.joint_classes(names))[0]
-    share, (motor_bound, robot_bound) = kp_ratio(prior.model, latents, central), weak_below(prior.model)
+    share, (motor_bound, robot_bound) = (
+        kp_ratio(prior.model, latents, central),
+        weak_below(prior.model),
+    )
     weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
     if not weak.size:
         return ""

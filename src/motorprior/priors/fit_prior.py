@@ -17,20 +17,39 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.evaluation import reference
-from motorprior.evaluation.errors import MAX_UNEXPLAINED, evaluate_replay, log_warnings, replay_errors
-from motorprior.identification.latents.standardise import MIN_MOTORS, RELIABLE_MOTORS, spread_source, with_scaled_spread
+from motorprior.evaluation.errors import (
+    MAX_UNEXPLAINED,
+    evaluate_replay,
+    log_warnings,
+    replay_errors,
+)
+from motorprior.identification.latents.standardise import (
+    MIN_MOTORS,
+    RELIABLE_MOTORS,
+    spread_source,
+    with_scaled_spread,
+)
 from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsaved
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
-from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog, checked, log_digest, motion_digest, motor_logs
+from motorprior.logs.motor_log import (
+    PHYSICAL_GAINS,
+    MotorLog,
+    checked,
+    log_digest,
+    motion_digest,
+    motor_logs,
+)
 from motorprior.logs.operations import joined
 from motorprior.priors.train import identify, work_of
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
-PRIOR, CHECKPOINT = "prior.safetensors", "unfinished_{}.safetensors"
-_MOTIONS = "motions"  # key in a prior's provenance: `motion_digest` of every log that it was trained on
+PRIOR = "prior.safetensors"
+CHECKPOINT = "unfinished_{}.safetensors"
+# key in a prior's provenance: `motion_digest` of every log that it was trained on
+_MOTIONS = "motions"
 
 
 def fit_prior(
@@ -45,22 +64,28 @@ def fit_prior(
     """Learn the distribution of motors from their logs.
 
     Args:
-        logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at the preset's sample
-            period. Logs of the same joint names are more of the same motors, logs of other names are further motors.
-        preset: rollout (closed loop, grey box), paper (torque regression), or another of `identification.presets`.
+        logs: of some motors, with loads known (preset rollout) or joint_torque (preset paper), at
+            the preset's sample period. Logs of the same joint names are more of the same motors,
+            logs of other names are further motors.
+        preset: rollout (closed loop, grey box), paper (torque regression), or another of
+            `identification.presets`.
         seed: of weights, windows and noise; the fit is deterministic.
-        steps: Adam steps; the preset's own number if not given; only of presets that train a network.
-        out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues there after the
-            selection of terms or the fit of the motors. Nothing is written without it.
-        progress: where to report to, for example ``Lines()``; by default work is reported on stderr, and warnings are
-            Python warnings.
+        steps: Adam steps; the preset's own number if not given; only of presets that train a
+            network.
+        out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues
+            there after the selection of terms or the fit of the motors. Nothing is written without
+            it.
+        progress: where to report to, for example ``Lines()``; by default work is reported on
+            stderr, and warnings are Python warnings.
 
     Returns:
         The prior, with the robot, the recipe and the metrics of its training.
 
     Raises:
-        ConfigError: an unknown preset, a number out of range, or steps of a preset that trains no network.
-        LogError: logs that do not fit together, or that lack a channel, rows or motion that the preset needs.
+        ConfigError: an unknown preset, a number out of range, or steps of a preset that trains no
+            network.
+        LogError: logs that do not fit together, or that lack a channel, rows or motion that the
+            preset needs.
         ArtifactError: ``out`` cannot be written.
     """
     require_seed(seed)
@@ -68,7 +93,9 @@ def fit_prior(
     parts = [checked(log, where=log.source) for log in motor_logs(logs)]
     log = joined(parts)
     provenance = provenance_of(parts, log=log.source)
-    return fit_recipe(log, preset, recipe, seed, None if out is None else Path(out), progress, provenance)
+    return fit_recipe(
+        log, preset, recipe, seed, None if out is None else Path(out), progress, provenance
+    )
 
 
 def fit_recipe(
@@ -83,19 +110,23 @@ def fit_recipe(
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
-    ``provenance`` is that of the log, `provenance_of` it if not given; ``tuned`` a PD that was tuned to the log, to
-    compare with; it is tuned here if not given.
+    ``provenance`` is that of the log, `provenance_of` it if not given; ``tuned`` a PD that was
+    tuned to the log, to compare with; it is tuned here if not given.
     """
-    recipe, provenance = with_logged_settings(recipe, log), provenance or provenance_of([log], log=log.source)
+    recipe = with_logged_settings(recipe, log)
+    provenance = provenance or provenance_of([log], log=log.source)
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
-    wanted = description("identify", settings, [], asdict(recipe)) | {"inputs": [log_digest(replace(log, source=""))]}
+    wanted = description("identify", settings, [], asdict(recipe)) | {
+        "inputs": [log_digest(replace(log, source=""))]
+    }
     if out is not None and is_finished(out, wanted):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
     if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(log.gains, log.source)
-    data = training_data(log, recipe, log.source)  # an error in the log leaves an earlier prior in the folder
+    # an error in the log leaves an earlier prior in the folder
+    data = training_data(log, recipe, log.source)
     fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
     if out is None:
         return fitted(unsaved)
@@ -106,7 +137,9 @@ def fit_recipe(
     return MotorPrior.load(out / PRIOR)
 
 
-def _checkpoint(folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]) -> Arrays:
+def _checkpoint(
+    folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]
+) -> Arrays:
     """Arrays of an earlier interrupted run with the same logs and settings, or else computed and written."""
     path = folder / CHECKPOINT.format(name)
     if path.exists() and (found := read_tensors(path))[1] == wanted:
@@ -139,18 +172,31 @@ def _fitted(
         progress.note(line)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
         found = identify(data, recipe, seed, task.advance, checkpoint)
-    model, mean, log_var, misfit = found.model, found.mean, found.log_var, np.ones(log.num_joints)
+    model = found.model
+    mean = found.mean
+    log_var = found.log_var
+    misfit = np.ones(log.num_joints)
     classes = found.classes or JointClasses.one(log.num_joints, model.num_latents)
-    metrics = {"final_loss": float(found.losses[-1]), "minutes_of_log": log.duration / 60 * log.num_joints}
-    metrics |= {"aggregate_posterior_kl": reference.aggregate_posterior_kl(mean, log_var), **found.metrics}
+    metrics = {
+        "final_loss": float(found.losses[-1]),
+        "minutes_of_log": log.duration / 60 * log.num_joints,
+    }
+    metrics |= {
+        "aggregate_posterior_kl": reference.aggregate_posterior_kl(mean, log_var),
+        **found.metrics,
+    }
     metrics |= reference.reference_metrics(model, data, found.preset, mean, log)
     for line in found.notes:
         progress.note(line)
     if isinstance(model, GreyBox):
         errors = evaluate_replay(model.motors(mean), tuned, log, found.preset, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
-        metrics |= {"replay_rmse": float(np.median(errors.models["prior"])), "unexplained": unexplained}
-        # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED and 2 at 1
+        metrics |= {
+            "replay_rmse": float(np.median(errors.models["prior"])),
+            "unexplained": unexplained,
+        }
+        # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED
+        # and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
         misfit = reference.residual_scale(
             metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions)
@@ -163,9 +209,19 @@ def _fitted(
     trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
     trained[SPREAD] = spread_source(model, classes)
     return MotorPrior(
-        model, mean, log_var, preset, log.robot, log.motor, {**provenance, **trained}, metrics, names,
-        log.gains if model.gain_unit else None, classes, misfit,
-    )  # fmt: skip
+        model,
+        mean,
+        log_var,
+        preset,
+        log.robot,
+        log.motor,
+        {**provenance, **trained},
+        metrics,
+        names,
+        log.gains if model.gain_unit else None,
+        classes,
+        misfit,
+    )
 
 
 def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:

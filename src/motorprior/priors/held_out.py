@@ -24,27 +24,42 @@ from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
 
 ADAPTED_SECONDS = 10.0  # log from which held-out motors are adapted for the fidelity table
-POPULATION, COMPARISONS = 256, 5
-_MOTORS, _SAMPLES = 29, 31  # tags of random streams
-# classifier: bound on a standardised feature, against diverged motors; ridge penalty per training motor
-_CLIP, _RIDGE = 4.0, 0.02
-_FOLDS, _REPEATS, _NEWTON_STEPS = 5, 4, 8
+POPULATION = 256
+COMPARISONS = 5
+# tags of random streams
+_MOTORS = 29
+_SAMPLES = 31
+# classifier: bound on a standardised feature, against diverged motors; ridge penalty per training
+# motor
+_CLIP = 4.0
+_RIDGE = 0.02
+_FOLDS = 5
+_REPEATS = 4
+_NEWTON_STEPS = 8
 
 
 def held_out_motors(bench: BenchSettings) -> TrueMotors:
     """As many other motors of the fleet as on the bench."""
-    return bench.fleet.sample(bench.motors, np.random.default_rng([HELD_OUT_SEED, bench.seed, _MOTORS]))
+    return bench.fleet.sample(
+        bench.motors, np.random.default_rng([HELD_OUT_SEED, bench.seed, _MOTORS])
+    )
 
 
-def _held_out_log(robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float) -> MotorLog:
+def _held_out_log(
+    robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float
+) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
     presets = (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values())
-    preset = next(preset for preset in presets if preset.period == prior.model.period).for_robot(robot)
+    preset = next(preset for preset in presets if preset.period == prior.model.period).for_robot(
+        robot
+    )
     steps = round(seconds / preset.period)
     return record(held_out_motors(bench), preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
-def adapt_all(robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings) -> dict[str, LatentPosterior]:
+def adapt_all(
+    robot: Robot, priors: Mapping[str, MotorPrior], bench: BenchSettings
+) -> dict[str, LatentPosterior]:
     """Every prior with latents, adapted to ADAPTED_SECONDS of log of the held-out motors."""
     return {
         name: adapt_to(prior, _held_out_log(robot, prior, bench, ADAPTED_SECONDS))
@@ -75,17 +90,20 @@ def adaptation(
 ) -> Results:
     """Errors of a prior with physics that is adapted to held-out motors, and coverage of its bands.
 
-    ``seconds`` are lengths of log [s], ``adapted`` is the prior adapted to ADAPTED_SECONDS of log, ``seed`` that of the
-    held-out excitation, and ``progress`` is called after every length.
+    ``seconds`` are lengths of log [s], ``adapted`` is the prior adapted to ADAPTED_SECONDS of log,
+    ``seed`` that of the held-out excitation, and ``progress`` is called after every length.
 
     Returns:
-        For each length ``adapt_rmse_ratio``: median closed-loop RMSE on gait + impacts over that of the training
-        motors; ``adapt_false_alarms``: share of held-out motors whose p-value is below FALSE_ALARMS; and the
-        `bench_coverage` for the longest up to ADAPTED_SECONDS.
+        For each length ``adapt_rmse_ratio``: median closed-loop RMSE on gait + impacts over that of
+        the training motors; ``adapt_false_alarms``: share of held-out motors whose p-value is below
+        FALSE_ALARMS; and the `bench_coverage` for the longest up to ADAPTED_SECONDS.
     """
     preset = HELD_OUT.for_robot(robot)
-    train = bench_errors(bench.physical_motors(), {"prior": prior.training_motors}, seed, preset)["impacts"]["prior"]
-    motors, results = held_out_motors(bench), Results()
+    train = bench_errors(bench.physical_motors(), {"prior": prior.training_motors}, seed, preset)[
+        "impacts"
+    ]["prior"]
+    motors = held_out_motors(bench)
+    results = Results()
     covered = max((length for length in seconds if length <= ADAPTED_SECONDS), default=None)
     for length in sorted(seconds):
         log = _held_out_log(robot, prior, bench, length)
@@ -110,11 +128,12 @@ def adaptation(
 def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
     """POPULATION samples of the prior against as many held-out physical motors, by their behaviour on a bench.
 
-    Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some hundredths.
+    Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some
+    hundredths.
 
     Returns:
-        ``two_sample_auc`` (0.5 is ideal), median with minimum and maximum; and ``aggregate_posterior_kl``, of the
-        training motors' posteriors to N(0, I) [nat].
+        ``two_sample_auc`` (0.5 is ideal), median with minimum and maximum; and
+        ``aggregate_posterior_kl``, of the training motors' posteriors to N(0, I) [nat].
     """
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, _SAMPLES])
     areas = []
@@ -122,12 +141,16 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
         drawn = behaviours(prior.sample(POPULATION, rng))
         physical = behaviours(bench.fleet.sample(POPULATION, rng).after(MAX_WORK / 2).actuator())
         areas.append(two_sample_auc(drawn, physical, bench.seed))
-    return Results([
-        Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
-        Result("two_sample_auc", "1", min(areas), statistic="low"),
-        Result("two_sample_auc", "1", max(areas), statistic="high"),
-        Result("aggregate_posterior_kl", "nat", prior.metrics.get("aggregate_posterior_kl", 0.0)),
-    ])  # fmt: skip
+    return Results(
+        [
+            Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),
+            Result("two_sample_auc", "1", min(areas), statistic="low"),
+            Result("two_sample_auc", "1", max(areas), statistic="high"),
+            Result(
+                "aggregate_posterior_kl", "nat", prior.metrics.get("aggregate_posterior_kl", 0.0)
+            ),
+        ]
+    )
 
 
 def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -145,20 +168,29 @@ def standardise(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def two_sample_auc(a: np.ndarray, b: np.ndarray, seed: int) -> float:
     """Area under the ROC curve of a classifier that separates motors of ``a`` (n, F) from those of ``b`` (m, F) [-].
 
-    0.5: inseparable; 1: always separable (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample Tests, ICLR 2017). The
-    classifier is a ridge logistic regression on the standardised features, their squares and pairwise products, which
-    detects differences in location, scale and correlation. The result is the mean AUC of the held-out motors over
-    stratified cross-validation folds and repeats. For equal distributions its standard deviation around 0.5 is 1.0 to
-    1.4 times √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947).
+    0.5: inseparable; 1: always separable (Lopez-Paz & Oquab, Revisiting Classifier Two-Sample
+    Tests, ICLR 2017). The classifier is a ridge logistic regression on the standardised features,
+    their squares and pairwise products, which detects differences in location, scale and
+    correlation. The result is the mean AUC of the held-out motors over stratified cross-validation
+    folds and repeats. For equal distributions its standard deviation around 0.5 is 1.0 to 1.4 times
+    √((n + m + 1) / (12·n·m)), that of a fixed score (Mann & Whitney 1947).
     """
     features = _quadratic(np.clip(np.concatenate(standardise(a, b)), -_CLIP, _CLIP))
-    labels, rng, areas = np.arange(len(a) + len(b)) < len(a), np.random.default_rng(seed), []
+    labels = np.arange(len(a) + len(b)) < len(a)
+    rng = np.random.default_rng(seed)
+    areas = []
     for _ in range(_REPEATS):
-        fold = np.concatenate([rng.permutation(np.arange(count) % _FOLDS) for count in (len(a), len(b))])
+        fold = np.concatenate(
+            [rng.permutation(np.arange(count) % _FOLDS) for count in (len(a), len(b))]
+        )
         for held_out in range(_FOLDS):
             test = fold == held_out
             weights = _fit_logistic(features[~test], labels[~test])
-            areas.append(area_under_curve(features[test & labels] @ weights, features[test & ~labels] @ weights))
+            areas.append(
+                area_under_curve(
+                    features[test & labels] @ weights, features[test & ~labels] @ weights
+                )
+            )
     return float(np.mean(areas))
 
 
@@ -190,6 +222,8 @@ def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
     for _ in range(_NEWTON_STEPS):
         probability = 0.5 * (1.0 + np.tanh(0.5 * np.clip(features @ weights, -30.0, 30.0)))
         gradient = features.T @ (share * (probability - labels)) + penalty * weights
-        curvature = (features.T * (share * probability * (1.0 - probability))) @ features + np.diag(penalty)
+        curvature = (features.T * (share * probability * (1.0 - probability))) @ features + np.diag(
+            penalty
+        )
         weights = weights - np.linalg.solve(curvature, gradient)
     return weights

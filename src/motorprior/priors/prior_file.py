@@ -6,7 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBoxActuator
-from motorprior.actuator.motor_prior import UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, MotorPrior, limit_text, robot_gains
+from motorprior.actuator.motor_prior import (
+    UNIDENTIFIED,
+    UNKNOWN_TORQUE_SCALE,
+    MotorPrior,
+    limit_text,
+    robot_gains,
+)
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
@@ -37,13 +43,16 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
     if prior.robot and log.robot not in (BENCH, prior.robot, ""):
         remedy = "identify a prior from logs of that robot; convert logs of a bench by `motorprior logs import` with "
         remedy += "--robot and --as-joint; in Python, prior.for_robot states that the robot has these motors"
-        raise ConfigError(f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy)
+        raise ConfigError(
+            f"the prior is of robot {prior.robot!r}, the log of {log.robot!r}", remedy=remedy
+        )
 
 
 def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     """Notes on other gains than the robot's, classes without logs, soft gears, and what the logs do not identify."""
     yield from _gain_note(prior, robot)
-    several, recorded = len(prior.classes.names) > 1, prior.classes.names
+    several = len(prior.classes.names) > 1
+    recorded = prior.classes.names
     for name in dict.fromkeys(prior.joint_classes(robot)):
         if several and name not in recorded:
             yield (
@@ -58,7 +67,11 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
         )
     highest = max(joint.torque_limit for joint in robot.joints)
     for name, value in unidentified_limits(prior.metrics).items():
-        limit = f" ({robot.name} has at most {highest:.3g})" if name == "torque_limit" and highest < value else ""
+        limit = (
+            f" ({robot.name} has at most {highest:.3g})"
+            if name == "torque_limit" and highest < value
+            else ""
+        )
         yield (
             f"note: the logs do not identify the prior's {limit_text(name, value)}{limit}; a policy may over-rely on "
             "it. Log motions that reach the limit"
@@ -67,11 +80,16 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
 
 def unidentified_limits(metrics: Mapping[str, float]) -> dict[str, float]:
     """Values by name of the limits that the training logs do not identify, from the metrics of a prior."""
-    return {name.removeprefix(UNIDENTIFIED): value for name, value in metrics.items() if name.startswith(UNIDENTIFIED)}
+    return {
+        name.removeprefix(UNIDENTIFIED): value
+        for name, value in metrics.items()
+        if name.startswith(UNIDENTIFIED)
+    }
 
 
 def _gain_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:
-    own, logged = robot_gains(prior, robot), prior.gains
+    own = robot_gains(prior, robot)
+    logged = prior.gains
     if logged is None or own is None:
         return
     if set(prior.joint_names) >= set(robot.joint_names):

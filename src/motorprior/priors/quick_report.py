@@ -8,11 +8,22 @@ import numpy as np
 from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
-from motorprior.evaluation.free_runs import FREE_RUN, WHOLE_RUN, MotorModel, Validation, free_runs, validation_of
+from motorprior.evaluation.free_runs import (
+    FREE_RUN,
+    WHOLE_RUN,
+    MotorModel,
+    Validation,
+    free_runs,
+    validation_of,
+)
 from motorprior.evaluation.splits import Split
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.baselines.response_fit import RESPONSE_CONSTANTS, at_bounds, fitted_responses
+from motorprior.identification.baselines.response_fit import (
+    RESPONSE_CONSTANTS,
+    at_bounds,
+    fitted_responses,
+)
 from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.logs.loads import with_placeholder_load
@@ -35,23 +46,36 @@ REPORTED = {
 }
 
 
-def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress) -> Validation:
+def report_with_loads(
+    logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress
+) -> Validation:
     """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows."""
     train = joined(list(logs.train.values()))
-    warnings, tuned = [], fitted_tuned_pd(train, progress)
+    warnings = []
+    tuned = fitted_tuned_pd(train, progress)
 
     def note(text: str) -> None:
         warnings.extend([text] if text.startswith(WARNING) else [])
         progress.note(text)
 
     notes = Progress(note, progress.line)
-    prior = fit_recipe(train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned)
-    models = {"tuned_pd": tuned, **_ideal_pd(train, robot), "prior": prior.model.motors(prior.predicted(train).mean)}
+    prior = fit_recipe(
+        train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned
+    )
+    models = {
+        "tuned_pd": tuned,
+        **_ideal_pd(train, robot),
+        "prior": prior.model.motors(prior.predicted(train).mean),
+    }
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(prior.classes.mean_and_std(prior.joint_classes(train))[0])
+        models["prior_mean"] = prior.model.motors(
+            prior.classes.mean_and_std(prior.joint_classes(train))[0]
+        )
     runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
     spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
-    of_spans = {quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()}
+    of_spans = {
+        quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()
+    }
     found = validation_of(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
     lines = [line.removeprefix(WARNING) for line in (*warnings, *found.warnings)]
     return replace(found, warnings=lines, constants=prior.constants())
@@ -59,20 +83,34 @@ def report_with_loads(logs: Split, robot: Robot | None, seed: int, folder: Path,
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
     """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
-    preset, train = identification_preset("rollout"), joined(list(logs.train.values()))
+    preset = identification_preset("rollout")
+    train = joined(list(logs.train.values()))
     models = fitted_responses(train, preset, seed, progress)
     runs = {name: whole_runs(with_placeholder_load(log), preset) for name, log in logs.test.items()}
-    found = validation_of(logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits"))
+    found = validation_of(
+        logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits")
+    )
     responses = models["servo_limits"]
-    fitted, bounds = dict(zip(RESPONSE_CONSTANTS, responses.constants.T, strict=True)), at_bounds(responses)
-    values, units, identified, warnings = {}, {}, {}, []
+    fitted = dict(zip(RESPONSE_CONSTANTS, responses.constants.T, strict=True))
+    bounds = at_bounds(responses)
+    values = {}
+    units = {}
+    identified = {}
+    warnings = []
     for name, (key, factor, unit) in REPORTED.items():
-        if np.allclose(fitted[key], RESPONSE_CONSTANTS[key], atol=1e-6):  # a part that no joint needs
+        # a part that no joint needs
+        if np.allclose(fitted[key], RESPONSE_CONSTANTS[key], atol=1e-6):
             continue
         at_bound = bounds.get(key, np.zeros(train.num_joints, bool))  # an offset has no bounds
-        values[name], units[name], identified[name] = factor * fitted[key], unit, not at_bound.any()
-        joints = [f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(at_bound)]
-        warnings += [f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"] * bool(joints)
+        values[name] = factor * fitted[key]
+        units[name] = unit
+        identified[name] = not at_bound.any()
+        joints = [
+            f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(at_bound)
+        ]
+        warnings += [
+            f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"
+        ] * bool(joints)
     return replace(found, warnings=warnings, constants=Constants.of(values, units, identified))
 
 
@@ -81,7 +119,8 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
     described = None if robot is None else described_pd(robot)
     joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]
     limit = np.full(log.num_joints, 1e9) if described is None else described.torque_limit[joints]
-    zero, one = np.zeros(log.num_joints), np.ones(log.num_joints)
+    zero = np.zeros(log.num_joints)
+    one = np.ones(log.num_joints)
     if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
         return {"ideal_pd": GainScaledPd(IdealPd(one, one, limit, zero, zero), np.ones(2))}
     if described is None or log.logged_kp is not None:

@@ -1,8 +1,9 @@
 """Fit a motor prior: grey boxes by one search (`motor_fit`), or a network by Adam (`networks.descent`).
 
-Optional terms of grey boxes are selected on some motors and some rows (`term_selection`), where a gain may be due to
-chance. All motors are therefore fitted without the selected terms, and with them from these fits; the terms are kept if
-they save MIN_GAIN of the loss of all motors. The constants are refined on longer runs.
+Optional terms of grey boxes are selected on some motors and some rows (`term_selection`), where a
+gain may be due to chance. All motors are therefore fitted without the selected terms, and with them
+from these fits; the terms are kept if they save MIN_GAIN of the loss of all motors. The constants
+are refined on longer runs.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,13 @@ import numpy as np
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.joint_classes import JointClasses
-from motorprior.actuator.motor_prior import IDENTIFIED, UNIDENTIFIED, UNKNOWN_TORQUE_SCALE, Decoder, limit_text
+from motorprior.actuator.motor_prior import (
+    IDENTIFIED,
+    UNIDENTIFIED,
+    UNKNOWN_TORQUE_SCALE,
+    Decoder,
+    limit_text,
+)
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.exceptions import MotorPriorError, listed
 from motorprior.identification.latents.standardise import LIMIT_STD, assumed_std, standard_posterior
@@ -26,7 +33,9 @@ from motorprior.identification.windows import TrainingData, subsampled
 from motorprior.progress import ReportProgress
 
 WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
-SEARCH_ROWS, SEARCH_WINDOWS = 10_000, 20  # rows per motor in all but the last descents, or windows if more
+# rows per motor in all but the last descents, or windows if more
+SEARCH_ROWS = 10_000
+SEARCH_WINDOWS = 20
 MIN_GAIN = 0.03  # share of the loss of all motors that the selected terms must save
 
 
@@ -38,8 +47,10 @@ class TrainingResult:
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
     preset: Preset  # the recipe, with the terms that were selected
-    losses: np.ndarray  # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
-    # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``, ``unknown_torque_scale``: `motor_prior`
+    # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
+    losses: np.ndarray
+    # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``,
+    # ``unknown_torque_scale``: `motor_prior`
     metrics: dict[str, float]
     notes: tuple[str, ...]  # lines for the user
     classes: JointClasses | None = None  # joint classes of the prior; None: one class
@@ -61,7 +72,8 @@ def identify(
 
     ``checkpoint`` saves searches and fitted motors of grey boxes for a run that continues this one.
     """
-    assumed, least_std = None, 0.0
+    assumed = None
+    least_std = 0.0
     if preset.grey_boxes:
         found, assumed, least_std = _grey_boxes(data, preset, seed, report, checkpoint)
     else:
@@ -98,7 +110,8 @@ def _grey_boxes(
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, motor_problem.fixed_constants(found.terms, runs))
     unseen = [
-        name in motor_problem.LIMITS and not metrics[f"{IDENTIFIED}{name}"] for name in parameters_of(found.terms)
+        name in motor_problem.LIMITS and not metrics[f"{IDENTIFIED}{name}"]
+        for name in parameters_of(found.terms)
     ]
     result = TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes))
     return result, assumed, np.where((assumed > 0.0) & unseen, LIMIT_STD, 0.0)
@@ -110,12 +123,16 @@ def _selected(
     if not preset.tries_terms:
         report(WORK * len(TERMS), "no terms are tried")
         return Selection(preset.logged_terms, {})
-    part = subsampled(data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window))
+    part = subsampled(
+        data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window)
+    )
     motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
     left = [WORK] * len(TERMS)  # the number of later rounds is unknown
     runs = WindowRuns(part, preset, some)
-    chosen = select_terms(runs, seed, lambda text: report(left.pop() if left else 0, text), checkpoint)
+    chosen = select_terms(
+        runs, seed, lambda text: report(left.pop() if left else 0, text), checkpoint
+    )
     report(sum(left), "terms selected")
     return chosen
 
@@ -134,7 +151,9 @@ def _fitted(
     part = runs if some is data else WindowRuns(some, preset)
     together = preset.grey_boxes == "together"
 
-    def fitted(name: str, terms: tuple[str, ...], report: Callable[[], None], nested: MotorFits | None) -> MotorFits:
+    def fitted(
+        name: str, terms: tuple[str, ...], report: Callable[[], None], nested: MotorFits | None
+    ) -> MotorFits:
         def arrays() -> Arrays:
             fit = motor_fit.fit_motors(runs, terms, together, seed, report, part, nested)
             return {"center": fit.center, "offsets": fit.offsets, "loss": fit.loss}
@@ -144,7 +163,9 @@ def _fitted(
 
     found = fitted("motors", preset.logged_terms, lambda: report(WORK, "constants"), None)
     if set(terms) - set(preset.logged_terms):
-        more = fitted("motors_with_terms", terms, lambda: report(0, f"with {', '.join(terms)}"), found)
+        more = fitted(
+            "motors_with_terms", terms, lambda: report(0, f"with {', '.join(terms)}"), found
+        )
         found = more if more.loss.mean() <= (1.0 - MIN_GAIN) * found.loss.mean() else found
     if not found.loss.max() < 1e6:
         raise MotorPriorError(
@@ -168,26 +189,41 @@ def _notes_on_terms(preset: Preset, tried: bool) -> list[str]:
 
 
 def _notes_on_identifiability(
-    model: GreyBox, z: np.ndarray, runs: WindowRuns, names: tuple[str, ...], metrics: dict[str, float]
+    model: GreyBox,
+    z: np.ndarray,
+    runs: WindowRuns,
+    names: tuple[str, ...],
+    metrics: dict[str, float],
 ) -> list[str]:
     """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
     def logs(hidden: np.ndarray) -> str:
-        named = f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
+        named = (
+            f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
+        )
         return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
     names_of = parameters_of(model.terms)
-    identified = motor_problem.identifiable_constants(model, runs, z, [name for name in names_of if name not in SIGNED])
-    metrics |= {f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED}
-    notes, free = [], ~motor_problem.fixed_constants(model.terms, runs)
+    identified = motor_problem.identifiable_constants(
+        model, runs, z, [name for name in names_of if name not in SIGNED]
+    )
+    metrics |= {
+        f"{IDENTIFIED}{name}": float(name in identified) for name in names_of if name not in SIGNED
+    }
+    notes = []
+    free = ~motor_problem.fixed_constants(model.terms, runs)
     reached = motor_problem.near_bounds(z, model.center) & free
     for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
-            notes.append(f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it")
+            notes.append(
+                f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it"
+            )
     for name, hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
         value = float(model.constants(z)[name][hidden].max())
         metrics[f"{UNIDENTIFIED}{name}"] = value
-        notes.append(f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it")
+        notes.append(
+            f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it"
+        )
     hidden = motor_problem.unknown_torque_scale(model, runs, z)
     if hidden.any():
         metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())

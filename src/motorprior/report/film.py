@@ -28,11 +28,14 @@ def film(
 ) -> Iterator[Image.Image]:
     """Pictures of the first control steps of walks by title, every ``stride`` steps; a robot that falls stays there.
 
-    A line states time, distance along the heading, and a fall. ``note`` gets the reason if stick figures are drawn for
-    lack of OpenGL.
+    A line states time, distance along the heading, and a fall. ``note`` gets the reason if stick
+    figures are drawn for lack of OpenGL.
     """
     traces = [until_end(episode.trace[:steps], steps) for episode in walks.values()]
-    distances = [np.append(0.0, np.cumsum(steps_along_heading(each[:, :2], headings(each)))) for each in traces]
+    distances = [
+        np.append(0.0, np.cumsum(steps_along_heading(each[:, :2], headings(each))))
+        for each in traces
+    ]
     with ExitStack() as stack:
         try:
             draw = stack.enter_context(renderer(robot))
@@ -42,18 +45,26 @@ def film(
         for step in range(0, steps, stride):
             whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))
             for row, (title, episode) in enumerate(walks.items()):
-                picture, fell = Image.fromarray(draw(traces[row][step])), "fell" if step >= episode.steps else ""
-                _label(picture, title, f"{step * robot.control_dt:.2f} s    {distances[row][step]:z.2f} m    {fell}")
+                picture = Image.fromarray(draw(traces[row][step]))
+                fell = "fell" if step >= episode.steps else ""
+                _label(
+                    picture,
+                    title,
+                    f"{step * robot.control_dt:.2f} s    {distances[row][step]:z.2f} m    {fell}",
+                )
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
 
 
-def write_film(folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: int, progress: Progress) -> Path:
+def write_film(
+    folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: int, progress: Progress
+) -> Path:
     """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path."""
     as_mp4 = can_write_mp4()
     path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
     stride = _stride(robot, rate)
-    count, seconds = len(range(0, steps, stride)), stride * robot.control_dt
+    count = len(range(0, steps, stride))
+    seconds = stride * robot.control_dt
     with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
         pictures = film(robot, walks, steps, stride, progress.note)
         counted = (picture for picture in pictures if task.advance() is None)
@@ -65,7 +76,11 @@ def write_film(folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: 
 
 
 def comparison_gif(
-    robot: Robot, walks: Mapping[str, Episode], steps: int, note: Callable[[str], None], rate: float = 5.0
+    robot: Robot,
+    walks: Mapping[str, Episode],
+    steps: int,
+    note: Callable[[str], None],
+    rate: float = 5.0,
 ) -> bytes:
     """A GIF of a `film` at a rate [Hz]."""
     stride = _stride(robot, rate)
@@ -104,7 +119,12 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
     rest = iter(pictures)
     first = next(rest)
     writer = imageio_ffmpeg.write_frames(
-        str(path), first.size, fps=1.0 / seconds, quality=7, macro_block_size=2, output_params=["-f", "mp4"]
+        str(path),
+        first.size,
+        fps=1.0 / seconds,
+        quality=7,
+        macro_block_size=2,
+        output_params=["-f", "mp4"],
     )  # the format is given, since a temporary file has another suffix
     writer.send(None)
     try:
@@ -116,18 +136,22 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
 
 def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     """A `renderer` of a side view from the right, without OpenGL; the camera follows the robot, a tick is 0.1 m."""
-    lines, scale = skeleton(robot), 146.0 / robot.standing_height  # [pixel/m]
+    # [pixel/m]
+    lines = skeleton(robot)
+    scale = 146.0 / robot.standing_height
 
     def draw(qpos: np.ndarray) -> np.ndarray:
         image = Image.new("RGB", (WIDTH, HEIGHT), "white")
-        pen, camera = ImageDraw.Draw(image), float(qpos[0])
+        pen = ImageDraw.Draw(image)
+        camera = float(qpos[0])
         reach = WIDTH / 2 / scale
         for tick in range(int((camera - reach) * 10) - 1, int((camera + reach) * 10) + 2):
             x = WIDTH / 2 + (tick / 10 - camera) * scale
             pen.line((x, _GROUND, x, _GROUND + (14 if tick % 5 == 0 else 8)), fill=MUTED)
         pen.line((0, _GROUND, WIDTH, _GROUND), fill=MUTED, width=2)
         found = lines(qpos)
-        for line in found[np.argsort(-found[:, 1, 1])]:  # the left of the robot first, since it is behind
+        # the left of the robot first, since it is behind
+        for line in found[np.argsort(-found[:, 1, 1])]:
             color = INK if line[1, 1] < qpos[1] else "#b4bac2"
             ends = [(WIDTH / 2 + (x - camera) * scale, _GROUND - z * scale) for x, _, z in line]
             pen.line(ends, fill=color, width=7)
@@ -138,9 +162,15 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _label(picture: Image.Image, title: str, note: str) -> None:
-    pen, path = ImageDraw.Draw(picture), Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    pen = ImageDraw.Draw(picture)
+    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     pen.rectangle((0, 0, picture.width, 58), fill="white")
     for text, top, size, color in ((title, 11, 18, INK), (note, 36, 15, MUTED)):
         font = ImageFont.truetype(str(path), size)
         width = font.getlength(text) / (picture.width - 32)
-        pen.text((16, top), text, fill=color, font=font if width <= 1 else font.font_variant(size=int(size / width)))
+        pen.text(
+            (16, top),
+            text,
+            fill=color,
+            font=font if width <= 1 else font.font_variant(size=int(size / width)),
+        )

@@ -52,17 +52,26 @@ def picture(figure: Figure, caption: str) -> Picture:
 
 
 def page(
-    title: str, sections: Sequence[Section], settings: Mapping[str, Any], command: str, complete: bool = True
+    title: str,
+    sections: Sequence[Section],
+    settings: Mapping[str, Any],
+    command: str,
+    complete: bool = True,
 ) -> str:
     """The page as HTML, with all pictures inside.
 
     ``command`` makes the same page; ``complete``: all stages of the run are finished.
     """
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(template).render(
         title=title,
-        sections=[(re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-"), section) for section in sections],
+        sections=[
+            (re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-"), section)
+            for section in sections
+        ],
         settings=[
             (name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
             for name, value in settings.items()

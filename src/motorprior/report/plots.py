@@ -48,11 +48,14 @@ def step_responses(motors: Actuator, title: str, period: float) -> Figure:
 
     ``period`` is the largest physics step of the motors [s].
     """
-    dt, count = period / max(1, round(period / 0.002)), motors.num_motors
+    dt = period / max(1, round(period / 0.002))
+    count = motors.num_motors
     time = dt * np.arange(round(1.2 / dt))
     target = np.where((time >= 0.1) & (time < 0.7), 0.3, 0.0)
     commands = np.repeat(target[:, None], count, axis=1)
-    angles = run(motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)).joint_pos
+    angles = run(
+        motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)
+    ).joint_pos
     low, median, high = np.percentile(angles, [5, 50, 95], axis=1)
     figure = style.new_figure(3.2)
     axes = style.panels(figure, 1)[0, 0]
@@ -79,7 +82,8 @@ def draw_traces(traces: Sequence[Trace]) -> Figure:
 
 def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
     rows = trace.time >= trace.time[-1] - SHOWN_SECONDS
-    time, measured = trace.time[rows], trace.measured[rows]
+    time = trace.time[rows]
+    measured = trace.measured[rows]
     style.target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
     style.model_line(angle, time, measured, "measured").set_linewidth(1.9)
     simulated = {model: values[rows] for model, values in trace.models.items()}
@@ -100,13 +104,18 @@ def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
     figure = style.new_figure(0.7 + 1.7 * len(found))
     for row, behaviour in zip(style.panels(figure, len(found), len(shown)), found, strict=True):
         for axes, name in zip(row, shown, strict=True):
-            x, values = behaviour.axes[name], behaviour.sampled[name]
+            x = behaviour.axes[name]
+            values = behaviour.sampled[name]
             low, high = np.percentile(values, [5, 95], axis=0)
             color = style.model_color("prior")
-            axes.fill_between(x, low, high, color=color, alpha=0.25, lw=0.0, label="90 % of samples")
+            axes.fill_between(
+                x, low, high, color=color, alpha=0.25, lw=0.0, label="90 % of samples"
+            )
             lines = axes.plot(x, behaviour.training_motors[name].T, color=style.INK, lw=0.6)
             lines[0].set_label("training motors")
-            style.describe(axes, y=columns[name], x="speed [rad/s]" if name == "friction" else style.TIME)
+            style.describe(
+                axes, y=columns[name], x="speed [rad/s]" if name == "friction" else style.TIME
+            )
         style.describe(row[0], title=behaviour.name or "all joints")
     style.legend_below(figure, figure.axes[:1])
     return figure
@@ -119,8 +128,16 @@ def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     figure = style.new_figure(1.1 + legend + 0.23 * len(joints))
     axes = style.panels(figure, 1)[0, 0]
     for number, (model, values) in enumerate(errors.items()):
-        rows, milli = [joints.index(joint) for joint in values], [1e3 * value for value in values.values()]
-        axes.plot(milli, rows, "osDx|^v*"[number % 8], color=style.model_color(model), label=model, markersize=5)
+        rows = [joints.index(joint) for joint in values]
+        milli = [1e3 * value for value in values.values()]
+        axes.plot(
+            milli,
+            rows,
+            "osDx|^v*"[number % 8],
+            color=style.model_color(model),
+            label=model,
+            markersize=5,
+        )
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -136,7 +153,10 @@ def read_curves(folders: Iterable[Path]) -> list[LearningCurve]:
     """Learning curves of trainings, from curve.json in their folders."""
     points = [read_json(folder / "curve.json") for folder in folders]
     return [
-        (np.array([each["iteration"] for each in curve]), np.array([each["mean_return"] for each in curve]))
+        (
+            np.array([each["iteration"] for each in curve]),
+            np.array([each["mean_return"] for each in curve]),
+        )
         for curve in points
     ]
 

@@ -1,6 +1,7 @@
 """Style of all pictures: a colour and a dash pattern per actuator model, axes, labels, legends.
 
-Styles are set on the artists, not in matplotlib's global settings, so that two threads may draw at once.
+Styles are set on the artists, not in matplotlib's global settings, so that two threads may draw at
+once.
 """
 
 from collections.abc import Iterable
@@ -12,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-# colour; label, if it is not the key with spaces in place of underscores; dashes in units of the line width
+# colour; label, if it is not the key with spaces in place of underscores; dashes in units of the
+# line width
 _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
     "physical": ("#15181d", "", ()),
     "measured": ("#15181d", "", ()),
@@ -39,7 +41,9 @@ _STYLES: dict[str, tuple[str, str, tuple[float, ...]]] = {
     "servo_limits": ("#2563c9", "", ()),
 }
 OTHER_COLOR = "#7d4fa8"
-INK, MUTED, FAINT = "#15181d", "#5b6470", "#e4e6e9"
+INK = "#15181d"
+MUTED = "#5b6470"
+FAINT = "#e4e6e9"
 TEXT = 8.5  # size of small text [pt]
 TIME = "time [s]"
 
@@ -68,7 +72,12 @@ def new_figure(height: float) -> Figure:
 
 
 def panels(
-    figure: Figure, rows: int, columns: int = 1, *, heights: tuple[float, ...] | None = None, **share: Any
+    figure: Figure,
+    rows: int,
+    columns: int = 1,
+    *,
+    heights: tuple[float, ...] | None = None,
+    **share: Any,
 ) -> np.ndarray:
     """(rows, columns) axes with a frame on two sides and a faint grid; ``share`` is sharex / sharey."""
     axes = figure.subplots(rows, columns, squeeze=False, height_ratios=heights, **share)
@@ -80,7 +89,9 @@ def panels(
     return axes
 
 
-def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str | None = None) -> None:
+def describe(
+    axes: Axes, x: str | None = None, y: str | None = None, title: str | None = None
+) -> None:
     """Axis labels (with their unit) and a title at the left."""
     if x is not None:
         axes.set_xlabel(x, fontsize=TEXT)
@@ -91,7 +102,12 @@ def describe(axes: Axes, x: str | None = None, y: str | None = None, title: str 
 
 
 def model_line(
-    axes: Axes, x: np.ndarray, y: np.ndarray, model: str, label: str | None = None, color: str | None = None
+    axes: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    model: str,
+    label: str | None = None,
+    color: str | None = None,
 ) -> Line2D:
     """The line of an actuator model, by default in its colour."""
     name = model_label(model) if label is None else label
@@ -103,16 +119,30 @@ def model_line(
 
 def target_line(axes: Axes, time: np.ndarray, position_target: np.ndarray) -> Line2D:
     """The commanded angle, held from one row to the next."""
-    return axes.plot(time, position_target, label="position target", color="#b9a24a", lw=1.0, drawstyle="steps-post")[0]
+    return axes.plot(
+        time,
+        position_target,
+        label="position target",
+        color="#b9a24a",
+        lw=1.0,
+        drawstyle="steps-post",
+    )[0]
 
 
 def legend_below(figure: Figure, axes: Axes | Iterable[Axes], columns: int = 4) -> None:
     """One legend of all labels below the figure, whose y labels are aligned."""
     figure.align_ylabels()
     every = [axes] if isinstance(axes, Axes) else axes
-    found = {text: mark for each in every for mark, text in zip(*each.get_legend_handles_labels(), strict=True)}
-    marks, texts = list(found.values()), list(found)
-    figure.legend(marks, texts, loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False)
+    found = {
+        text: mark
+        for each in every
+        for mark, text in zip(*each.get_legend_handles_labels(), strict=True)
+    }
+    marks = list(found.values())
+    texts = list(found)
+    figure.legend(
+        marks, texts, loc="outside lower left", ncols=columns, fontsize=TEXT, frameon=False
+    )
 
 
 def fit_y(axes: Axes, reference: np.ndarray, margin: float) -> None:

@@ -23,7 +23,8 @@ from motorprior.simulation.training import POLICY
 from motorprior.stage import PAGE
 from motorprior.studies.compare import DURATION_STEPS, TrainedPolicy, run_walks, straight_ahead
 
-_NOTES, _TRACES = "notes.json", "traces.png"
+_NOTES = "notes.json"
+_TRACES = "traces.png"
 
 
 def samples(prior: MotorPrior) -> Section:
@@ -44,12 +45,17 @@ def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ())
 
 def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
     """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
-    results, notes = read_results(folder), read_json(folder / _NOTES)
-    tables = [Table(*error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")]
+    results = read_results(folder)
+    notes = read_json(folder / _NOTES)
+    tables = [
+        Table(*error_table(results, {quantity: "whole log"}), "Joint RMSE [mrad], over joints.")
+    ]
     if notes["constants"]:
         tables.append(Table(*notes["constants"], caption="Constants of the motors."))
     for row in results.where(quantity="whole_run_coverage90"):
-        notes["lines"].append(f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands.")
+        notes["lines"].append(
+            f"{row.model}: {100 * row.value:.0f} % of the recorded angles are inside the 90 % bands."
+        )
     pictures = (
         picture(plots.draw_errors_by_joint(errors_by_joint(results, quantity)), "Errors by joint."),
         Picture("The joints with the median and maximum error.", (folder / _TRACES).read_bytes()),
@@ -74,7 +80,9 @@ def bench(folder: Path) -> Section:
 
 def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
     """Learning curves of trainings: name -> a folder with curve.json per seed."""
-    figure = plots.learning_curves({name: plots.read_curves(seeds) for name, seeds in folders.items()})
+    figure = plots.learning_curves(
+        {name: plots.read_curves(seeds) for name, seeds in folders.items()}
+    )
     text = (
         "Augmented random search. Each return is measured in the training simulation of the policy, so returns of "
         "different motors are not comparable."
@@ -85,18 +93,22 @@ def learning(folders: Mapping[str, Sequence[Path]]) -> Section:
 
 def gaits(robot: Robot, walks: Mapping[str, Episode]) -> Section:
     """Films of the first 2.5 s of a walk of each policy in its training simulation, 10 pictures per second."""
-    steps, films = round(2.5 / robot.control_dt), []
+    steps = round(2.5 / robot.control_dt)
+    films = []
     for label, walk in ((model_label(name), walk) for name, walk in walks.items()):
         film = comparison_gif(robot, {label: walk}, steps, lambda _: None, rate=10.0)
         films.append(Picture(f"Trained on {label}, in its training simulation.", film, "gif"))
-    return Section("Gaits", (f"Robot {robot.name} in the training simulation of each policy.",), tuple(films))
+    return Section(
+        "Gaits", (f"Robot {robot.name} in the training simulation of each policy.",), tuple(films)
+    )
 
 
 def write_training_page(run: Path, robot_name: str, command: str) -> Path:
     """Write report.html on the policies in ``run`` or one folder below it; returns its path.
 
-    Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one training; the page has
-    a film of the first seed. ``command`` makes the same page. ConfigError if there is no policy.
+    Folders with the same name except for a number, such as slow_0 and slow_1, are seeds of one
+    training; the page has a film of the first seed. ``command`` makes the same page. ConfigError if
+    there is no policy.
     """
     trainings: dict[str, list[Path]] = {}
     for policy in sorted((*run.glob(POLICY), *run.glob(f"*/{POLICY}"))):
@@ -104,10 +116,16 @@ def write_training_page(run: Path, robot_name: str, command: str) -> Path:
     if not trainings:
         remedy = "give a folder that `motorprior walk` wrote"
         raise ConfigError(f"no {POLICY} in it or one folder below", where=run, remedy=remedy)
-    robot, walks, learned = load_robot(robot_name), {}, {}
+    robot = load_robot(robot_name)
+    walks = {}
+    learned = {}
     for name, seeds in trainings.items():
         trained = TrainedPolicy.load(seeds[0] / POLICY, robot)
-        walk = WalkConfig(DURATION_STEPS, randomization=trained.randomization, commands=straight_ahead(trained.robot))
+        walk = WalkConfig(
+            DURATION_STEPS,
+            randomization=trained.randomization,
+            commands=straight_ahead(trained.robot),
+        )
         (walks[name],) = run_walks(trained.scene(walk), trained.policy.arrays, [0])
         if with_curve := [folder for folder in seeds if (folder / "curve.json").is_file()]:
             learned[name] = with_curve

@@ -18,7 +18,9 @@ def transfer_table(results: Results) -> ColumnsAndRows:
         cells = [name, str(len(results.where(quantity="speed", motors="twin", model=name)))]
         for motors in ("own", "twin"):
             found = results.where(motors=motors, model=name)
-            speed, upright, drift = (found.mean(quantity=quantity) for quantity in ("speed", "upright", "drift"))
+            speed, upright, drift = (
+                found.mean(quantity=quantity) for quantity in ("speed", "upright", "drift")
+            )
             cells += [f"{speed:.2f}", f"{100 * upright:.0f} %", f"{drift:.2f}"]
         rows.append(cells)
     return columns, rows
@@ -27,9 +29,12 @@ def transfer_table(results: Results) -> ColumnsAndRows:
 def replay_table(results: Results) -> ColumnsAndRows:
     """Joint RMSE [mrad] per log, mean over its joints and of each joint; samples as median and 90 % band."""
     errors = results.where(quantity="real_rmse")
-    models, rows = errors.distinct("model"), []
+    models = errors.distinct("model")
+    rows = []
     for log in errors.distinct("log"):
-        rows.append([log, "mean", *(_mean_cell(errors.where(log=log, model=model)) for model in models)])
+        rows.append(
+            [log, "mean", *(_mean_cell(errors.where(log=log, model=model)) for model in models)]
+        )
         joints = results.where(quantity="real_joint_rmse", log=log)
         for joint in joints.distinct("part"):
             values = (joints.value(part=joint, model=model) for model in models)
@@ -50,21 +55,30 @@ def fidelity_table(results: Results, columns: Sequence[str], motors: str) -> Col
     found = results.where(motors=motors, statistic="median")
     columns = [column for column in columns if found.where(quantity=column)]
     models = found.where(quantity=columns[0]).distinct("model") if columns else []
-    titles = [column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ") for column in columns]
-    return ["model", *titles], [[model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models]
+    titles = [
+        column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ")
+        for column in columns
+    ]
+    return ["model", *titles], [
+        [model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models
+    ]
 
 
 def _fidelity_cell(results: Results, quantity: str, model: str) -> str:
-    value, limit = results.value(quantity=quantity, model=model), MAX_ERROR if "rmse" in quantity else DIVERGED
+    value = results.value(quantity=quantity, model=model)
+    limit = MAX_ERROR if "rmse" in quantity else DIVERGED
     return f"{value:.4f}" if value < limit else "diverged"
 
 
 def calibration_errors(results: Results) -> ColumnsAndRows:
     """Joint RMSE [mrad] of each log and their mean, and share within the bands."""
     titles = {
-        "start": "starting fleet", "center": "fitted", "left_out": "without this log",
-        "per_motor": "a motor per joint", "per_motor_left_out": "without this log",
-    }  # fmt: skip
+        "start": "starting fleet",
+        "center": "fitted",
+        "left_out": "without this log",
+        "per_motor": "a motor per joint",
+        "per_motor_left_out": "without this log",
+    }
     errors = results.where(quantity="calibrate_rmse")
     models = [model for model in titles if model in errors.distinct("model")]
     covered = results.where(quantity="calibrate_coverage90")
@@ -78,14 +92,24 @@ def calibration_errors(results: Results) -> ColumnsAndRows:
 
 def calibrated_constants(results: Results) -> ColumnsAndRows:
     """Each constant of a calibration; errors of logarithms are in per cent."""
-    columns = ["constant", "unit", "starting fleet", "fitted", "standard error", "prior σ", "σ between motors",
-               "identified"]  # fmt: skip
+    columns = [
+        "constant",
+        "unit",
+        "starting fleet",
+        "fitted",
+        "standard error",
+        "prior σ",
+        "σ between motors",
+        "identified",
+    ]
     rows = []
     for part in results.where(quantity="calibrate_center").distinct("part"):
         of = results.where(part=part, model=None)
         unit = of.where(quantity="calibrate_center")[0].unit
         is_share = of.where(quantity="calibrate_error")[0].unit == "1" != unit
-        errors = (of.value(quantity=f"calibrate_{name}") for name in ("error", "prior_std", "spread"))
+        errors = (
+            of.value(quantity=f"calibrate_{name}") for name in ("error", "prior_std", "spread")
+        )
         cells = [f"{100 * error:.0f} %" if is_share else f"{error:.3g}" for error in errors]
         values = [f"{of.value(quantity=f'calibrate_{name}'):.3g}" for name in ("start", "center")]
         identified = "yes" if of.value(quantity="calibrate_identified") else "no"
@@ -95,8 +119,11 @@ def calibrated_constants(results: Results) -> ColumnsAndRows:
 
 def measure_table(results: Results) -> ColumnsAndRows:
     """Measures of walks, a column per policy."""
-    names, rows = results.distinct("model"), []
-    for quantity, unit, part in dict.fromkeys((row.quantity, row.unit, row.part) for row in results):
+    names = results.distinct("model")
+    rows = []
+    for quantity, unit, part in dict.fromkeys(
+        (row.quantity, row.unit, row.part) for row in results
+    ):
         title = " ".join(filter(None, (quantity, part))) + ("" if unit == "1" else f" [{unit}]")
         found = [results.where(quantity=quantity, part=part, model=name) for name in names]
         rows.append([title, *(f"{each[0].value:.3g}" if each else "-" for each in found)])

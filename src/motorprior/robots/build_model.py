@@ -1,7 +1,8 @@
 """MuJoCo model of a robot: on a flat floor, or with its base fixed.
 
-Explicit foot-floor pairs are the only contacts. The motors have armature, damping and dry friction, so those of the
-model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and lights of the model are removed.
+Explicit foot-floor pairs are the only contacts. The motors have armature, damping and dry friction,
+so those of the model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and
+lights of the model are removed.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -20,16 +21,24 @@ CONTACT_DT = 0.001  # [s] longest physics step at which a foot's contact is crit
 FLOOR = "floor of the simulation"  # name of its geom; a model may have a floor of its own
 
 
-def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool = False) -> mujoco.MjModel:
+def build_model(
+    robot: Robot, physics_dt: float | None = None, suspended: bool = False
+) -> mujoco.MjModel:
     """Compile the model, for steps of ``physics_dt`` [s] or the robot's own.
 
-    ``suspended`` welds a free base to the world, high enough that no foot reaches the floor. Raises ArtifactError if a
-    file of the model has changed since the robot was loaded, or it cannot be compiled with a floor.
+    ``suspended`` welds a free base to the world, high enough that no foot reaches the floor. Raises
+    ArtifactError if a file of the model has changed since the robot was loaded, or it cannot be
+    compiled with a floor.
     """
     physics_dt = robot.physics_dt if physics_dt is None else physics_dt
     source = robot.model
-    if not all(file.is_file() for file in source.files) or files_digest(source.files) != source.sha256:
-        raise ArtifactError("the model is missing or has changed", where=source.path, remedy="load the robot again")
+    if (
+        not all(file.is_file() for file in source.files)
+        or files_digest(source.files) != source.sha256
+    ):
+        raise ArtifactError(
+            "the model is missing or has changed", where=source.path, remedy="load the robot again"
+        )
     try:
         spec = read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
         _set_physics(spec, physics_dt)
@@ -46,15 +55,19 @@ def build_model(robot: Robot, physics_dt: float | None = None, suspended: bool =
 
 def _set_physics(spec: Any, physics_dt: float) -> None:
     option = spec.option
-    option.timestep, option.gravity = physics_dt, [0.0, 0.0, -GRAVITY]
-    # fastest for a robot of this size: Euler with implicit joint damping, dense Jacobian, no constraint islands
-    option.integrator, option.jacobian = mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtJacobian.mjJAC_DENSE
+    option.timestep = physics_dt
+    option.gravity = [0.0, 0.0, -GRAVITY]
+    # fastest for a robot of this size: Euler with implicit joint damping, dense Jacobian, no
+    # constraint islands
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
     for joint in spec.joints:
         joint.armature = joint.frictionloss = 0.0
-        joint.damping = 0.0 * joint.damping  # a number in MuJoCo 3, coefficients of a polynomial in 4
+        # a number in MuJoCo 3, coefficients of a polynomial in 4
+        joint.damping = 0.0 * joint.damping
     planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
     for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs, *spec.lights, *planes):
         spec.delete(element)
@@ -62,10 +75,19 @@ def _set_physics(spec: Any, physics_dt: float) -> None:
 
 def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
     plane = mujoco.mjtGeom.mjGEOM_PLANE
-    floor = spec.worldbody.add_geom(name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1])
+    floor = spec.worldbody.add_geom(
+        name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1]
+    )
     floor.contype = floor.conaffinity = 0
-    # With a longer step contacts bounce more. With this damping ratio the trots of the same motors agree at 1 and 2 ms.
+    # With a longer step contacts bounce more. With this damping ratio the trots of the same motors
+    # agree at 1 and 2 ms.
     damping = max(1.0, physics_dt / CONTACT_DT)
     friction = [robot.foot_friction, robot.foot_friction, 0.005, 0.0001, 0.0001]
     for leg in robot.legs:
-        spec.add_pair(geomname1=FLOOR, geomname2=leg.foot, condim=3, friction=friction, solref=[CONTACT_TIME, damping])
+        spec.add_pair(
+            geomname1=FLOOR,
+            geomname2=leg.foot,
+            condim=3,
+            friction=friction,
+            solref=[CONTACT_TIME, damping],
+        )

@@ -20,8 +20,8 @@ def kind_of(joint_name: str) -> str:
 def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
     """The class of each joint: `kind_of` its name.
 
-    If at least half of the joints have a kind of their own, or a joint has no kind, the names do not state kinds: all
-    joints then have the class "".
+    If at least half of the joints have a kind of their own, or a joint has no kind, the names do
+    not state kinds: all joints then have the class "".
     """
     found = tuple(map(kind_of, joint_names))
     alone = sum(found.count(kind) == 1 for kind in found)

@@ -31,13 +31,21 @@ def _is_new_name(value: Any) -> bool:
 
 def _per_joint_field(field: Field) -> Field:
     listed = many(field, 1)
-    return Field(f"{field.meaning}, or a list of such", lambda value: field.accepts(value) or listed.accepts(value))
+    return Field(
+        f"{field.meaning}, or a list of such",
+        lambda value: field.accepts(value) or listed.accepts(value),
+    )
 
 
 def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
     def accepts(value: Any) -> bool:
         pair = isinstance(value, list) and len(value) == 2
-        return pair and minimum.accepts(value[0]) and maximum.accepts(value[1]) and value[0] <= value[1]
+        return (
+            pair
+            and minimum.accepts(value[0])
+            and maximum.accepts(value[1])
+            and value[0] <= value[1]
+        )
 
     return Field(f"[min, max] {meaning}", accepts)
 
@@ -58,7 +66,13 @@ _OPTIONAL = {
     **dict.fromkeys(("legs", "gait"), TABLE),
 }
 _NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
-_REQUIRED = {"name": _NAME, "motor": _TEXT, "model": _TEXT, "base": one_of("free", "fixed"), **_PER_JOINT}
+_REQUIRED = {
+    "name": _NAME,
+    "motor": _TEXT,
+    "model": _TEXT,
+    "base": one_of("free", "fixed"),
+    **_PER_JOINT,
+}
 _ROBOT = Schema(_REQUIRED | _OPTIONAL, _SEE, frozenset(_OPTIONAL))
 _PHASE = Field("a number in [0, 1)", lambda value: is_number(value, 0.0, 1.0) and value < 1.0)
 _LEG = Schema({"joints": many(TEXT, 3), "foot": _TEXT, "phase": _PHASE}, _SEE)
@@ -66,7 +80,9 @@ _GAIT = Schema(
     {
         "frequency": number(0.2, 10.0),
         "swing_height": number(1e-3, 1.0),
-        "forward": _pair("speed in m/s with min <= 0 < max", number(-10.0, 0.0), number(above=0.0, maximum=10.0)),
+        "forward": _pair(
+            "speed in m/s with min <= 0 < max", number(-10.0, 0.0), number(above=0.0, maximum=10.0)
+        ),
         "yaw_rate": number(0.01, 10.0),
         "residual": number(0.0, 3.0),
     },
@@ -81,7 +97,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
 
     Raises ArtifactError, which names file, key and joint.
     """
-    path, shipped = Path(name_or_path), {robot.name: robot for robot in SHIPPED}
+    path = Path(name_or_path)
+    shipped = {robot.name: robot for robot in SHIPPED}
     if path.suffix == ".toml":
         return _from_table(read_toml(path, _SEE), path)
     if str(name_or_path) not in shipped:
@@ -99,29 +116,41 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     from motorprior.robots.user_model import UserModel  # a robot's own computer has no MuJoCo
 
     _ROBOT.check(table, path)
-    where, legs = str(path), table.get("legs", {})
+    where = str(path)
+    legs = table.get("legs", {})
     file = path.parent / table["model"]
     for name, leg in legs.items():
         _LEG.check(leg, f"{where}[legs.{name}]")
-    model = UserModel(file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()])
+    model = UserModel(
+        file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()]
+    )
     limits = model.limits()
     names = tuple(limits)
     per_leg = len(names) // max(1, len(legs))
     numbers = {key: _per_joint(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
     stated = table.get("joint_classes")
-    classes = () if stated is None else _per_joint("joint_classes", stated, len(names), per_leg, where)
-    pose, joints = dict(zip(names, numbers["nominal_pose"], strict=True)), []
+    classes = (
+        () if stated is None else _per_joint("joint_classes", stated, len(names), per_leg, where)
+    )
+    pose = dict(zip(names, numbers["nominal_pose"], strict=True))
+    joints = []
     for i, (name, angle) in enumerate(pose.items()):
         lower, upper = limits[name]
         if not lower <= angle <= upper:
             problem = f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits {lower:g} to {upper:g} rad"
-            raise ArtifactError(problem, where=where, remedy="give an angle within the limits of the model")
+            raise ArtifactError(
+                problem, where=where, remedy="give an angle within the limits of the model"
+            )
         gains = (numbers[key][i] for key in ("kp", "kd", "torque_limit"))
         joints.append(Joint(name, lower, upper, *gains))
-    made = tuple(_leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items())
+    made = tuple(
+        _leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items()
+    )
     used = [name for leg in legs.values() for name in (*leg["joints"], f"foot {leg['foot']}")]
     if shared := [name for name in used if used.count(name) > 1]:
-        raise ArtifactError(f"two legs share {shared[0]!r}", where=where, remedy="give every leg its own")
+        raise ArtifactError(
+            f"two legs share {shared[0]!r}", where=where, remedy="give every leg its own"
+        )
     height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
     source = ModelFile.of(file)
     low, high = table.get("load_inertia") or model.load_inertia(pose, len(made), height)
@@ -152,11 +181,20 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     )
 
 
-def _leg(name: str, table: Any, names: tuple[str, ...], pose: dict[str, float], model: "UserModel", where: str) -> Leg:
+def _leg(
+    name: str,
+    table: Any,
+    names: tuple[str, ...],
+    pose: dict[str, float],
+    model: "UserModel",
+    where: str,
+) -> Leg:
     joints = tuple(table["joints"])
     if len(joints) != 3 or len(set(joints) & set(names)) != 3:
         remedy = f"give abduction, hip and knee, of {', '.join(names)}"
-        raise ArtifactError(f"joints {list(joints)} are not three joints of the robot", where=where, remedy=remedy)
+        raise ArtifactError(
+            f"joints {list(joints)} are not three joints of the robot", where=where, remedy=remedy
+        )
     indices = (names.index(joints[0]), names.index(joints[1]), names.index(joints[2]))
     geometry = model.leg_geometry(joints, table["foot"], pose)
     return Leg(name, indices, table["foot"], float(table["phase"]), *geometry)
@@ -167,7 +205,9 @@ def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
     for key in ("physics_dt", "twin_physics_dt"):
         steps = clocks["control_dt"] / clocks[key]
         if abs(steps - round(steps)) > 1e-6:
-            problem = f"{key} {clocks[key]:g} s does not divide control_dt {clocks['control_dt']:g} s"
+            problem = (
+                f"{key} {clocks[key]:g} s does not divide control_dt {clocks['control_dt']:g} s"
+            )
             raise ArtifactError(problem, where=where, remedy="give a step that does")
     return clocks
 
@@ -177,7 +217,10 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
     if not legs:
         return None
     default = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
-    given = {key: tuple(map(float, value)) if key == "forward" else float(value) for key, value in table.items()}
+    given = {
+        key: tuple(map(float, value)) if key == "forward" else float(value)
+        for key, value in table.items()
+    }
     return replace(default, **given)
 
 
@@ -187,4 +230,6 @@ def _per_joint(key: str, value: Any, count: int, per_leg: int, where: str) -> tu
     if len(values) not in (forms := sorted({1, per_leg, count})):
         remedy = f"give {' or '.join(map(str, forms))} values"
         raise ArtifactError(f"{key} has {len(values)} values", where=where, remedy=remedy)
-    return tuple(float(each) if is_number(each) else each for each in values) * (count // len(values))
+    return tuple(float(each) if is_number(each) else each for each in values) * (
+        count // len(values)
+    )

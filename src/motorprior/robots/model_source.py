@@ -7,9 +7,10 @@ from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
-# Turns of a rotor body per turn of its joint, where PyBullet models reflected inertia by a geared rotor. The real ratio
-# of 36 would couple the rotor to the motion of its link, by armature/36, which MuJoCo's armature does not. The error of
-# a lightly damped PD is 0.3 mrad with 1e3 and 0.02 mrad with 1e5; 1e6 is no better.
+# Turns of a rotor body per turn of its joint, where PyBullet models reflected inertia by a geared
+# rotor. The real ratio of 36 would couple the rotor to the motion of its link, by armature/36,
+# which MuJoCo's armature does not. The error of a lightly damped PD is 0.3 mrad with 1e3 and 0.02
+# mrad with 1e5; 1e6 is no better.
 ROTOR_GEAR_RATIO = 1e5
 
 
@@ -19,7 +20,8 @@ class ModelFile:
 
     files: tuple[Path, ...]  # its own first, then included files and meshes
     sha256: str  # `files_digest` of these files when the robot was loaded
-    # returns URDF for engines without MJCF; gets reflected inertias [kg·m²] and a shift of the base's mass centre [m]
+    # returns URDF for engines without MJCF; gets reflected inertias [kg·m²] and a shift of the
+    # base's mass centre [m]
     urdf: Callable[..., str] | None = None
 
     @classmethod
@@ -57,7 +59,9 @@ def _named_files(file: Path, model: Path) -> Iterator[tuple[str, Path]]:
         root = ElementTree.parse(file).getroot()
     except (ElementTree.ParseError, OSError):  # MuJoCo's error is clearer
         return
-    folders = {""} | {each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")}
+    folders = {""} | {
+        each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")
+    }
     for element in root.iter():
         text = element.get("file") or element.get("filename") or ""
         for start, folder in product((file, model), sorted(folders)):

@@ -40,14 +40,17 @@ class Leg:
     thigh: float  # from hip to knee axis [m]
     shank: float  # from knee axis to the centre of the foot [m]
     foot_radius: float  # [m]
-    rest: tuple[float, float]  # foot's centre in the nominal pose, forward and left of the base's origin [m]
+    # foot's centre in the nominal pose, forward and left of the base's origin [m]
+    rest: tuple[float, float]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
         """Foot's centre forward of and below the hip axis, in the plane of the leg [m], at (joints,) angles [rad].
 
-        forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip + knee).
+        forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip
+        + knee).
         """
-        hip, both = float(joint_pos[self.joints[1]]), float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
+        hip = float(joint_pos[self.joints[1]])
+        both = float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
         forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(both))
         return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
 
@@ -56,7 +59,9 @@ class Leg:
 
         height = below·cos(abduction) + foot_radius, see `reach`.
         """
-        return self.reach(joint_pos)[1] * math.cos(float(joint_pos[self.joints[0]])) + self.foot_radius
+        return (
+            self.reach(joint_pos)[1] * math.cos(float(joint_pos[self.joints[0]])) + self.foot_radius
+        )
 
 
 @dataclass(frozen=True)
@@ -73,13 +78,18 @@ class Gait:
     def of_size(cls, hip_height: float) -> "Gait":
         """The gait of a robot of this size, by equal Froude number v²/(g·h).
 
-        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h), with height h of
-        the hip axes above the ground in the nominal pose [m].
+        frequency = max(3 Hz, 0.32 √(g/h)), swing_height = 0.24 h, forward = (-0.16, 0.5) √(g·h),
+        with height h of the hip axes above the ground in the nominal pose [m].
         """
         speed = math.sqrt(GRAVITY * hip_height)
-        # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite this
+        # position-controlled legs are springs: a Go2's body swings at 2 Hz, and slower steps excite
+        # this
         frequency = max(3.0, 0.32 * math.sqrt(GRAVITY / hip_height))
-        return cls(round(frequency, 2), round(0.24 * hip_height, 3), (round(-0.16 * speed, 2), round(0.5 * speed, 2)))
+        return cls(
+            round(frequency, 2),
+            round(0.24 * hip_height, 3),
+            (round(-0.16 * speed, 2), round(0.5 * speed, 2)),
+        )
 
 
 @dataclass(frozen=True)
@@ -87,19 +97,23 @@ class SafetyLimits:
     """Limits of the host's safety gate and fault detection."""
 
     # Maximum position targets, currents and gains
-    target_speed: float = 60.0  # [rad/s]; gaits reach 40 at the start of a swing; the motors' no-load speed is 52
+    # [rad/s]; gaits reach 40 at the start of a swing; the motors' no-load speed is 52
+    target_speed: float = 60.0
     slow_speed: float = 1.5  # [rad/s] while ramping and crouching
     max_current: float = 7.0  # [A] per motor; 2022 deployment
     max_kp: float = 60.0  # [A/rad]; above the gains of every known deployment
     max_kd: float = 6.0  # [A·s/rad]
-    # Falls: |roll| or |pitch| beyond max_tilt [rad] for tilt_time [s]; an IMU that repeats its reading for imu_time [s]
+    # Falls: |roll| or |pitch| beyond max_tilt [rad] for tilt_time [s]; an IMU that repeats its
+    # reading for imu_time [s]
     max_tilt: float = 0.7  # training episodes end at 0.4, walking stays below 0.15
     tilt_time: float = 0.03  # one damaged frame is not a fall
     imu_time: float = 0.3  # a working sensor has noise
-    # Error of a joint against its target with a first-order lag of kd/kp [rad], for tracking_time [s]
+    # Error of a joint against its target with a first-order lag of kd/kp [rad], for tracking_time
+    # [s]
     tracking_error: float = 0.6  # five policies on twelve twins exceeded 0.45 for at most 0.2 s
     tracking_time: float = 0.25
-    # Blocked, or a frozen encoder: moves less than stuck_motion while its lagged target moves by stuck_target [rad]
+    # Blocked, or a frozen encoder: moves less than stuck_motion while its lagged target moves by
+    # stuck_target [rad]
     stuck_motion: float = 0.004
     stuck_target: float = 0.2  # on these twins, targets led a static joint by at most 0.09 rad
     stuck_time: float = 0.25  # [s]
@@ -108,13 +122,17 @@ class SafetyLimits:
     implausible_frames: int = 3  # so many in a row are a fault
     joint_speed: float = 20.0  # maximum plausible [rad/s]; walking stays below 13
     body_rate: float = 35.0  # maximum plausible [rad/s]; range of the gyroscope, 2000 °/s
-    measured_current: float = 9.0  # [A], if reported, of any motor for current_time [s]; the firmware stops at 10
+    # [A], if reported, of any motor for current_time [s]; the firmware stops at 10
+    measured_current: float = 9.0
     current_time: float = 0.02  # one damaged frame is not an overcurrent
     # Late control steps; the motors hold the last target meanwhile
-    tick_delay: float = 0.1  # of one step [s]; walks of a policy of 150 iterations stayed upright with twice this pause
+    # of one step [s]; walks of a policy of 150 iterations stayed upright with twice this pause
+    tick_delay: float = 0.1
     late_ticks: int = 10  # steps of the last hundred that are late by more than half a period
-    stalled_time: float = 0.2  # their total lateness [s]; with 20 ms every tenth step no walk fell, with 50 ms 3 of 24
-    watchdog: float = 0.13  # the host is silent [s]: idle; a control period, tick_delay, and 20 ms for the host to send
+    # their total lateness [s]; with 20 ms every tenth step no walk fell, with 50 ms 3 of 24
+    stalled_time: float = 0.2
+    # the host is silent [s]: idle; a control period, tick_delay, and 20 ms for the host to send
+    watchdog: float = 0.13
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,12 +140,15 @@ class Wire:
     """Constants of a servo bus: current = clip(kp·(target - angle) - kd·velocity, ±max_current) on the robot."""
 
     kp: float  # default gain [A/rad]
-    kd: float  # default gain [A·s/rad]; it acts on the velocity, so a joint follows its target with a lag of kd/kp
+    # default gain [A·s/rad]; it acts on the velocity, so a joint follows its target with a lag of
+    # kd/kp
+    kd: float
     max_current: float  # [A] per motor
     torque_constant: float  # [N·m/A] at the joint
     joint_signs: np.ndarray  # (joints,) robot's own angle = sign × angle of the model
     encoder_counts: int  # per turn of the joint
-    crouch_pose: np.ndarray  # (joints,) angles in which the current can be switched off softly [rad]
+    # (joints,) angles in which the current can be switched off softly [rad]
+    crouch_pose: np.ndarray
     folded_pose: np.ndarray  # (joints,) angles on its belly, switched off [rad]
     safety: SafetyLimits
 
@@ -169,7 +190,8 @@ class Robot(Printable):
     model: ModelFile
     num_links: int  # moving bodies of the model, including a free base
     nominal: tuple[float, ...]  # joint angles of the standing or resting pose [rad]
-    encoder: Encoder = "joint"  # where angles and velocities are measured; the rotor is before the gear
+    # where angles and velocities are measured; the rotor is before the gear
+    encoder: Encoder = "joint"
     legs: tuple[Leg, ...] = ()  # none for an arm
     gait: Gait | None = None  # None without legs
     # how a leg differs from `Leg`'s conventions, so that the robot cannot walk; empty if none does
@@ -185,7 +207,8 @@ class Robot(Printable):
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
     given_classes: tuple[str, ...] = ()  # `joint_classes`; none: by the joints' names
     files: tuple[Path, ...] = ()  # description and model files of a user's robot
-    fleets: tuple[tuple[str, str], ...] = ()  # (name, path) of the shipped fleets of its motors, the default first
+    # (name, path) of the shipped fleets of its motors, the default first
+    fleets: tuple[tuple[str, str], ...] = ()
     physics_dt: float = 0.002  # MuJoCo's step in training [s]
     control_dt: float = 0.01  # period of the policy [s]
     twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
@@ -195,12 +218,14 @@ class Robot(Printable):
         """For people: motors, joints and size."""
         kp, kd = (sorted({getattr(joint, name) for joint in self.joints}) for name in ("kp", "kd"))
         facts = {
-            "motors": self.motor, "joints": listed(self.joint_names, 12), "legs": str(len(self.legs) or ""),
+            "motors": self.motor,
+            "joints": listed(self.joint_names, 12),
+            "legs": str(len(self.legs) or ""),
             "kp": f"{listed([f'{each:g}' for each in kp], 4)} N·m/rad",
             "kd": f"{listed([f'{each:g}' for each in kd], 4)} N·m·s/rad",
             "mass": f"{self.weight / GRAVITY:.2f} kg" if self.weight else "",
             "clocks": f"physics {1e3 * self.physics_dt:g} ms, control {1e3 * self.control_dt:g} ms",
-        }  # fmt: skip
+        }
         return Overview(f"robot {self.name}, {self.base} base", facts)
 
     @property
@@ -252,7 +277,8 @@ class Robot(Printable):
 
     def require_gait(self) -> Gait:
         """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
-        problem, remedy = self.leg_mismatch, "change axes and zeros in its model as in docs/your-robot.md"
+        problem = self.leg_mismatch
+        remedy = "change axes and zeros in its model as in docs/your-robot.md"
         if self.gait is None or self.base != "free":
             problem = f"it has {len(self.legs)} legs and a {self.base} base"
             remedy = "give a robot with a free base and tables [legs.…]"
@@ -267,5 +293,8 @@ class Robot(Printable):
     def require_wire(self) -> Wire:
         """The protocol constants of the real robot; raises ConfigError if they are unknown."""
         if self.wire is None:
-            raise ConfigError(f"the protocol of robot {self.name!r} is not supported", remedy="use a shipped robot")
+            raise ConfigError(
+                f"the protocol of robot {self.name!r} is not supported",
+                remedy="use a shipped robot",
+            )
         return self.wire

@@ -15,23 +15,27 @@ from motorprior.robots.robot import Leg
 
 _MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 
-# a link with a larger radius of gyration is an error: relative to the model's size, and its minimum [m]
-MAX_GYRATION, MIN_GYRATION = 10.0, 5.0
+# a link with a larger radius of gyration is an error: relative to the model's size, and its minimum
+# [m]
+MAX_GYRATION = 10.0
+MIN_GYRATION = 5.0
 
 
 def cannot_read(path: Path | None, reason: str) -> ArtifactError:
     """The error for a model that MuJoCo cannot compile."""
     reason = " ".join(reason.split())[:300]
-    return ArtifactError(f"MuJoCo cannot read it ({reason})", where=path, remedy="correct the model")
+    return ArtifactError(
+        f"MuJoCo cannot read it ({reason})", where=path, remedy="correct the model"
+    )
 
 
 def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
     """The ``MjSpec`` of a model, with what a URDF cannot state.
 
-    A URDF gets a free joint at its root link where the robot's base is free, and its meshes at their files; a mesh that
-    is not found, or has a format that MuJoCo does not read, is left out where the link states its inertia. A foot that
-    is the name of a link or body is its only sphere. Raises ArtifactError for a missing mesh that gives a link its
-    inertia.
+    A URDF gets a free joint at its root link where the robot's base is free, and its meshes at
+    their files; a mesh that is not found, or has a format that MuJoCo does not read, is left out
+    where the link states its inertia. A foot that is the name of a link or body is its only sphere.
+    Raises ArtifactError for a missing mesh that gives a link its inertia.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     if is_urdf(path):
@@ -42,8 +46,13 @@ def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
         if is_free and base is not None and base.first_joint() is None:
             base.add_freejoint()
     for foot in feet:
-        body, known = spec.body(foot), {geom.name for geom in spec.geoms}
-        spheres = [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE] if body else []
+        body = spec.body(foot)
+        known = {geom.name for geom in spec.geoms}
+        spheres = (
+            [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE]
+            if body
+            else []
+        )
         if foot not in known and len(spheres) == 1:
             spheres[0].name = foot
     return spec
@@ -67,11 +76,13 @@ def _place_meshes(spec: Any, path: Path) -> None:
 class UserModel:
     """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
-    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or a link whose mass
-    is spread wider than the robot, or does not fit ``is_free``.
+    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or
+    a link whose mass is spread wider than the robot, or does not fit ``is_free``.
     """
 
-    def __init__(self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()):
+    def __init__(
+        self, path: Path, is_free: bool, removes_actuators: bool, feet: Sequence[str] = ()
+    ):
         self._path = path
         try:
             self._model = read_spec(path, is_free, feet).compile()
@@ -81,19 +92,29 @@ class UserModel:
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
             problem = f"it has {self._model.nu} actuators of its own, the first is {self._model.actuator(0).name!r}"
-            remedy = 'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
+            remedy = (
+                'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
+            )
             raise self._error(f"{problem}: a joint would be driven twice", remedy)
         self.num_links = self._model.nbody - 1  # moving bodies
         self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
-        free = [i for i in range(self._model.njnt) if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE]
+        free = [
+            i
+            for i in range(self._model.njnt)
+            if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE
+        ]
         if free != ([0] if is_free else []):
-            problem = f"free joints {free}, but its base is " + ("free: it has one, the first" if is_free else "fixed")
+            problem = f"free joints {free}, but its base is " + (
+                "free: it has one, the first" if is_free else "fixed"
+            )
             remedy = 'change base in its file, or add or delete the free joint (<freejoint/>; URDF: type="floating")'
             raise self._error(problem, remedy)
         self._require_plausible()
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
         if roots != 1:
-            raise self._error(f"the world holds {roots} bodies", "leave the robot alone in its model")
+            raise self._error(
+                f"the world holds {roots} bodies", "leave the robot alone in its model"
+            )
 
     def _require_plausible(self) -> None:
         """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
@@ -102,16 +123,27 @@ class UserModel:
             if model.eq_type[0] != mujoco.mjtEq.mjEQ_JOINT:
                 remedy = "delete it: loops are not supported; give each leg as an open chain"
                 raise self._error("an equality constraint closes a loop", remedy)
-            joints = [model.joint(int(each[0])).name for each in (model.eq_obj1id, model.eq_obj2id) if each[0] >= 0]
-            problem = f"a <mimic> or equality constraint couples joint {' to '.join(map(repr, joints))}"
+            joints = [
+                model.joint(int(each[0])).name
+                for each in (model.eq_obj1id, model.eq_obj2id)
+                if each[0] >= 0
+            ]
+            problem = (
+                f"a <mimic> or equality constraint couples joint {' to '.join(map(repr, joints))}"
+            )
             remedy = f"it has no motor of its own: make {joints[0]!r} fixed, without <mimic> or constraint"
             raise self._error(problem, remedy)
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
-        body, bound = int(radius.argmax()), max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
+        body = int(radius.argmax())
+        bound = max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
         if radius[body] > bound:
-            name, mass, inertia = model.body(body).name, model.body_mass[body], model.body_inertia[body].max()
-            problem = f"link {name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+            name = model.body(body).name
+            mass = model.body_mass[body]
+            inertia = model.body_inertia[body].max()
+            problem = (
+                f"link {name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+            )
             problem += f"{radius[body]:.3g} m, above {bound:.3g} m"
             raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
@@ -125,12 +157,16 @@ class UserModel:
         """
         limits: dict[str, tuple[float, float]] = {}
         for index in range(self._model.njnt):
-            kind, name = self._model.jnt_type[index], self._model.joint(index).name
+            kind = self._model.jnt_type[index]
+            name = self._model.joint(index).name
             if kind == mujoco.mjtJoint.mjJNT_FREE:
                 continue
             if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
-                raise self._error(problem, 'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)')
+                raise self._error(
+                    problem,
+                    'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)',
+                )
             if not self._model.jnt_limited[index]:
                 remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
                 raise self._error(f"joint {name!r} has no limits", remedy)
@@ -155,16 +191,20 @@ class UserModel:
         data = self._at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
         centre = data.geom_xpos[geom]
-        thigh, shank = float(np.linalg.norm(knee - hip)), float(np.linalg.norm(centre - knee))
+        thigh = float(np.linalg.norm(knee - hip))
+        shank = float(np.linalg.norm(centre - knee))
         forward, left, _ = (centre - data.xpos[1]).tolist()
         return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
         """How a leg differs from `Leg` as its joints move by 0.1 rad from a pose, one at a time; empty if it does not.
 
-        Hip and knee must move the foot as in `Leg.reach`, a growing abduction must move it to the left.
+        Hip and knee must move the foot as in `Leg.reach`, a growing abduction must move it to the
+        left.
         """
-        step, tolerance = 0.1, 0.08 * (leg.thigh + leg.shank)  # above offsets of real legs, below a reversed joint
+        # above offsets of real legs, below a reversed joint
+        step = 0.1
+        tolerance = 0.08 * (leg.thigh + leg.shank)
         abduction, hip, knee = (names[joint] for joint in leg.joints)
         foot = self._model.geom(leg.foot).id
         for moved in (None, hip, knee):
@@ -183,17 +223,21 @@ class UserModel:
 
     def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
         """Height of the base at which the lowest foot touches the ground [m]."""
-        data, geoms = self._at(pose), [self._model.geom(name).id for name in feet]
+        data = self._at(pose)
+        geoms = [self._model.geom(name).id for name in feet]
         bottoms = [data.geom_xpos[geom, 2] - self._model.geom_size[geom, 0] for geom in geoms]
         return float(data.xpos[1, 2] - min(bottoms))  # body 1 is the base
 
     def load_inertia(self, pose: dict[str, float], legs: int, height: float) -> tuple[float, float]:
         """Range of the load inertia of a motor [kg·m²].
 
-        0.3 times the smallest diagonal element of the joints' mass matrix, to 1.5 times the largest or, with legs, the
-        share of the mass per leg at the height of the base; the factors are a margin.
+        0.3 times the smallest diagonal element of the joints' mass matrix, to 1.5 times the largest
+        or, with legs, the share of the mass per leg at the height of the base; the factors are a
+        margin.
         """
-        data, own, column = self._at(pose), [], np.zeros(self._model.nv)
+        data = self._at(pose)
+        own = []
+        column = np.zeros(self._model.nv)
         mujoco.mj_forward(self._model, data)
         for joint in range(self._model.nv - len(pose), self._model.nv):
             mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])

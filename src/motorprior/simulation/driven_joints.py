@@ -11,10 +11,12 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 
-# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer; forces on sites and bodies drive no joint
+# integers, since an enumeration of MuJoCo 4 does not equal a numpy integer; forces on sites and
+# bodies drive no joint
 _ON_BODIES = [int(getattr(mujoco.mjtTrn, f"mjTRN_{name}")) for name in ("SITE", "BODY")]
 _POSES = 3  # the initial one, and others near it: a tendon may cross a joint's axis in one of them
-_HINGE, _COUPLES_JOINTS = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtEq.mjEQ_JOINT)
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_COUPLES_JOINTS = int(mujoco.mjtEq.mjEQ_JOINT)
 _RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS", "VEL", "ACC")]
 
@@ -22,38 +24,53 @@ _BAD = [int(getattr(mujoco.mjtWarning, f"mjWARN_BADQ{name}")) for name in ("POS"
 class DrivenJoints:
     """Motors that drive some joints of a model.
 
-    They replace the joints' own armature, damping and dry friction. With the motors' torque and damping (`Motors`),
+    They replace the joints' own armature, damping and dry friction. With the motors' torque and
+    damping (`Motors`),
 
         data.qfrc_applied = torque - damping·joint_vel,    model.dof_armature = armature + timestep·damping,
 
-    which is the motors' implicit damping, also in the forces of contacts and equality constraints. The motors start at
-    rest at ``data.qpos``, also after ``mj_resetData``; after other changes of ``data.qpos`` call `reset`. The compiled
-    model is changed in place; ``joints`` names hinges, one per motor.
+    which is the motors' implicit damping, also in the forces of contacts and equality constraints.
+    The motors start at rest at ``data.qpos``, also after ``mj_resetData``; after other changes of
+    ``data.qpos`` call `reset`. The compiled model is changed in place; ``joints`` names hinges, one
+    per motor.
 
-    ConfigError for an unknown joint, one that is not a hinge or that an actuator of the model drives, two joints that
-    the model couples, another number of joints than motors, the integrator RK4, or a timestep that the motors do not
-    support.
+    ConfigError for an unknown joint, one that is not a hinge or that an actuator of the model
+    drives, two joints that the model couples, another number of joints than motors, the integrator
+    RK4, or a timestep that the motors do not support.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]):
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, actuator: Actuator, joints: Sequence[str]
+    ):
         if int(model.opt.integrator) == _RK4:
             remedy = 'use <option integrator="implicitfast"/>, "implicit" or "Euler"'
-            raise ConfigError("the model's integrator RK4 evaluates forces between the motors' steps", remedy=remedy)
+            raise ConfigError(
+                "the model's integrator RK4 evaluates forces between the motors' steps",
+                remedy=remedy,
+            )
         if len(joints) != actuator.num_motors:
             problem = f"{len(joints)} joints for {actuator.num_motors} motors"
             raise ConfigError(problem, remedy="sample one motor per joint")
         if len(set(joints)) < len(joints):
-            raise ConfigError(f"joints {', '.join(joints)} repeat", remedy="name each joint once", argument="joints")
+            raise ConfigError(
+                f"joints {', '.join(joints)} repeat",
+                remedy="name each joint once",
+                argument="joints",
+            )
         found = [hinge(model, name) for name in joints]
         _require_undriven(model, found)
         require_uncoupled(model, found)
-        self._model, self._data, self._time = model, data, -np.inf
-        self._pos, self._dof = model.jnt_qposadr[found], model.jnt_dofadr[found]
+        self._model = model
+        self._data = data
+        self._time = -np.inf
+        self._pos = model.jnt_qposadr[found]
+        self._dof = model.jnt_dofadr[found]
         self._motors = Motors(actuator, model.opt.timestep, data.qpos[self._pos])
         self._set_damping(actuator.damping)
         model.dof_frictionloss[self._dof] = 0.0
         model.dof_damping[self._dof] = 0.0
-        mujoco.mj_setConst(model, mujoco.MjData(model))  # update the constants that MuJoCo derives from inertias
+        # update the constants that MuJoCo derives from inertias
+        mujoco.mj_setConst(model, mujoco.MjData(model))
 
     def reset(self) -> None:
         """Restart the motors, at rest at the present joint positions."""
@@ -69,7 +86,9 @@ class DrivenJoints:
         """
         if self._data.warning.number[_BAD].any():
             remedy = "use a shorter timestep or softer constraints; mj_resetData starts again"
-            raise SimulationFault(f"MuJoCo reset a simulation that diverged, after {self._time:.4g} s", remedy=remedy)
+            raise SimulationFault(
+                f"MuJoCo reset a simulation that diverged, after {self._time:.4g} s", remedy=remedy
+            )
         if self._data.time <= self._time:
             self.reset()
         self._time = self._data.time
@@ -80,7 +99,9 @@ class DrivenJoints:
         return torque
 
     def _set_damping(self, damping: np.ndarray) -> None:
-        self._model.dof_armature[self._dof] = self._motors.armature + self._model.opt.timestep * damping
+        self._model.dof_armature[self._dof] = (
+            self._motors.armature + self._model.opt.timestep * damping
+        )
 
 
 def hinge(model: mujoco.MjModel, name: str) -> int:
@@ -97,17 +118,26 @@ def hinge(model: mujoco.MjModel, name: str) -> int:
 def _require_undriven(model: mujoco.MjModel, joints: Sequence[int]) -> None:
     for actuator, joint in np.argwhere(drives(model)[:, joints]).tolist():
         name = model.actuator(actuator).name or actuator
-        problem = f"joint {model.joint(joints[joint]).name!r} is driven by the model's actuator {name!r}"
-        raise ConfigError(problem, remedy="delete that actuator, or the joint would be driven twice")
+        problem = (
+            f"joint {model.joint(joints[joint]).name!r} is driven by the model's actuator {name!r}"
+        )
+        raise ConfigError(
+            problem, remedy="delete that actuator, or the joint would be driven twice"
+        )
 
 
 def drives(model: mujoco.MjModel) -> np.ndarray:
     """(actuators, joints) whether one on a joint or tendon has a moment arm on the joint, in some of _POSES."""
-    data, rng, count = mujoco.MjData(model), np.random.default_rng(0), len(model.actuator_trntype)
-    arms, found = np.zeros((count, model.nv)), np.zeros((count, model.nv), bool)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    count = len(model.actuator_trntype)
+    arms = np.zeros((count, model.nv))
+    found = np.zeros((count, model.nv), bool)
     for pose in range(_POSES if count else 0):
         mujoco.mj_resetData(model, data)
-        mujoco.mj_integratePos(model, data.qpos, 0.3 * rng.standard_normal(model.nv) * (pose > 0), 1.0)
+        mujoco.mj_integratePos(
+            model, data.qpos, 0.3 * rng.standard_normal(model.nv) * (pose > 0), 1.0
+        )
         mujoco.mj_fwdPosition(model, data)
         rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
         mujoco.mju_sparse2dense(arms, data.actuator_moment, *rows)
@@ -118,7 +148,9 @@ def drives(model: mujoco.MjModel) -> np.ndarray:
 
 def require_uncoupled(model: mujoco.MjModel, joints: Sequence[int]) -> None:
     """Raise ConfigError if an equality constraint couples two of the joints: one motor drives both."""
-    constraints = zip(model.eq_obj1id, model.eq_obj2id, model.eq_type, model.eq_active0, strict=True)
+    constraints = zip(
+        model.eq_obj1id, model.eq_obj2id, model.eq_type, model.eq_active0, strict=True
+    )
     for first, second, kind, is_active in constraints:
         if is_active and kind == _COUPLES_JOINTS and {int(first), int(second)} <= set(joints):
             names = model.joint(first).name, model.joint(second).name

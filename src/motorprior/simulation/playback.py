@@ -25,12 +25,15 @@ class Playback:
     joint_pos: np.ndarray  # (P, joints) [rad] after each physics step
     joint_torque: np.ndarray  # (P, joints) [N·m] during each physics step
     measured_joint_pos: np.ndarray  # (C, joints) [rad] at the encoders, before each control step
-    base: np.ndarray  # (C, 7) position [m] and quaternion before each control step; empty if it is fixed
+    # (C, 7) position [m] and quaternion before each control step; empty if it is fixed
+    base: np.ndarray
 
 
 @njit(cache=True, nogil=True)
 def _play(world, motors, targets, joint_pos, joint_torque, measured, base):
-    world, motors, targets = without_refcounts(world), without_refcounts(motors), without_refcounts(targets)
+    world = without_refcounts(world)
+    motors = without_refcounts(motors)
+    targets = without_refcounts(targets)
     n = targets.shape[1]
     row = 0
     for step in range(targets.shape[0]):
@@ -54,14 +57,18 @@ def replay(
 ) -> Playback:
     """Reset the world to rest at ``start``, and hold each row of ``targets`` (C, joints) [rad] for one control step.
 
-    ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in`` (L, joints) are held before the
-    recording begins; a diverged simulation is a SimulationFault unless ``tolerate_fault``.
+    ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in`` (L, joints)
+    are held before the recording begins; a diverged simulation is a SimulationFault unless
+    ``tolerate_fault``.
     """
     held = targets if lead_in is None else np.concatenate([lead_in, targets])
     held = np.ascontiguousarray(held, dtype=np.float64)
     steps, n = held.shape
-    physics, before = steps * world.substeps, steps - len(targets)
-    pos, torque, measured = np.zeros((physics, n)), np.zeros((physics, n)), np.zeros((steps, n))
+    physics = steps * world.substeps
+    before = steps - len(targets)
+    pos = np.zeros((physics, n))
+    torque = np.zeros((physics, n))
+    measured = np.zeros((steps, n))
     base = np.zeros((0 if world.is_fixed else steps, 7))
     motors = world.reset(actuator, start)
     _play(world.arrays, motors, held, pos, torque, measured, base)
@@ -83,14 +90,16 @@ def simulate(
     """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
 
     Args:
-        robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or without.
+        robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or
+            without.
         motors: one per joint, or a prior, posterior or fleet to sample.
         targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
         seed: of the sample of motors.
         suspended: suspend a free base in the air.
 
     Raises:
-        ConfigError, ArtifactError: motors or targets that do not fit the robot, or a robot that cannot be read.
+        ConfigError, ArtifactError: motors or targets that do not fit the robot, or a robot that
+        cannot be read.
         SimulationFault: NaN, a reset or a full buffer of the engine.
     """
     robot = as_robot(robot)
@@ -99,7 +108,9 @@ def simulate(
     return replay(World(robot, found.physics_dt, suspended), found.draw(generator_of(seed)), wanted)
 
 
-def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float, seed: int) -> np.ndarray:
+def excitation_targets(
+    robot: Robot, kind: str, seconds: float, amplitude: float, seed: int
+) -> np.ndarray:
     """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose."""
     excitation = excitation_of(kind)
     rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
@@ -110,10 +121,13 @@ def excitation_targets(robot: Robot, kind: str, seconds: float, amplitude: float
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 
-def simulated_log(robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float) -> MotorLog:
+def simulated_log(
+    robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float
+) -> MotorLog:
     """Log of the motors of a fixed or suspended robot, a row per physics step; velocities are differences of angles."""
     world = World(robot, physics_dt, suspended=robot.base == "free")
-    played, every = replay(world, motors, targets, targets[0]), round(robot.physics_dt / physics_dt)
+    played = replay(world, motors, targets, targets[0])
+    every = round(robot.physics_dt / physics_dt)
     rows = slice(every - 1, None, every)
     substeps = round(robot.control_dt / robot.physics_dt)
     joint_pos = np.concatenate([targets[:1], played.joint_pos[rows][:-1]])

@@ -18,7 +18,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import FLOOR, build_model
 from motorprior.robots.robot import Robot
 
-WIDTH, HEIGHT = 480, 288  # [pixel], multiples of 16 for video encoders
+# [pixel], multiples of 16 for video encoders
+WIDTH = 480
+HEIGHT = 288
 REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"
 
 
@@ -26,10 +28,12 @@ REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosme
 def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, for the calling thread only.
 
-    The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux if not set.
-    ConfigError if OpenGL does not work.
+    The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux
+    if not set. ConfigError if OpenGL does not work.
     """
-    model, option, camera = build_model(robot), mujoco.MjvOption(), mujoco.MjvCamera()
+    model = build_model(robot)
+    option = mujoco.MjvOption()
+    camera = mujoco.MjvCamera()
     set_view_and_light(model, option)
     _look_at(robot, camera)
     default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
@@ -40,10 +44,14 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         model.vis.quality.offsamples = 0  # antialiasing doubles the time without a GPU
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:  # of the loader, PyOpenGL or MuJoCo, depending on what is missing
-        raise ConfigError(f"MuJoCo cannot render with {library} ({error})", remedy=REMEDY) from error
+        raise ConfigError(
+            f"MuJoCo cannot render with {library} ({error})", remedy=REMEDY
+        ) from error
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
-    data, scene = mujoco.MjData(model), mujoco.MjvScene(model, maxgeom=10_000)
-    view, picture = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), np.empty((HEIGHT, WIDTH, 3), np.uint8)
+    data = mujoco.MjData(model)
+    scene = mujoco.MjvScene(model, maxgeom=10_000)
+    view = mujoco.MjrRect(0, 0, WIDTH, HEIGHT)
+    picture = np.empty((HEIGHT, WIDTH, 3), np.uint8)
 
     def draw(qpos: np.ndarray) -> np.ndarray:
         data.qpos[:] = qpos
@@ -65,28 +73,37 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
 
 def _look_at(robot: Robot, camera: Any) -> None:
     """Set an MjvCamera to the right of the robot, slightly in front and above."""
-    camera.distance, camera.azimuth, camera.elevation = 7.5 * robot.standing_height, 105.0, -20.0
+    camera.distance = 7.5 * robot.standing_height
+    camera.azimuth = 105.0
+    camera.elevation = -20.0
 
 
 def set_view_and_light(model: mujoco.MjModel, option: Any) -> None:
     """Set view and light of a model; show all geom groups if no geom were visible by default."""
     model.vis.global_.fovy = 30.0  # [deg]; keeps the horizon outside the picture
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (0.4, 0.5) if model.nlight else (0.6, 0.8)
+    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (
+        (0.4, 0.5) if model.nlight else (0.6, 0.8)
+    )
     robot_geoms = np.arange(model.ngeom) != model.geom(FLOOR).id
-    # MuJoCo shows groups 0 to 2; models often keep collision shapes in group 3, next to visible meshes
+    # MuJoCo shows groups 0 to 2; models often keep collision shapes in group 3, next to visible
+    # meshes
     if not (model.geom_group[robot_geoms] < 3).any():
         option.geomgroup[:] = 1
 
 
 def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -> None:
     """Draw lines across the floor every 0.1 m, every fifth dark, to make the motion visible."""
-    gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))  # 1 m for a ten times larger robot
-    reach, middle = 10.0 * robot.standing_height, round(x / gap)
+    # 1 m for a ten times larger robot
+    gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))
+    reach = 10.0 * robot.standing_height
+    middle = round(x / gap)
     count = round(reach / gap)
     for line in range(middle - count, middle + count + 1):
         shade, width = (0.45, 0.04) if line % 5 == 0 else (0.75, 0.02)
-        size, center = [width * gap, reach, 0.01 * gap], [line * gap, y, 0.0]
-        color, box = np.array([shade, shade, shade, 1.0], np.float32), mujoco.mjtGeom.mjGEOM_BOX
+        size = [width * gap, reach, 0.01 * gap]
+        center = [line * gap, y, 0.0]
+        color = np.array([shade, shade, shade, 1.0], np.float32)
+        box = mujoco.mjtGeom.mjGEOM_BOX
         mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
         scene.ngeom += 1
 
@@ -121,10 +138,15 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     try:
         opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     except Exception as error:  # of GLFW, MuJoCo or Python, depending on the system
-        remedy = "omit it: the film in the output folder shows the same; on macOS start it with mjpython"
-        raise ConfigError(f"viewer: no window ({error})", remedy=remedy, argument="viewer") from error
+        remedy = (
+            "omit it: the film in the output folder shows the same; on macOS start it with mjpython"
+        )
+        raise ConfigError(
+            f"viewer: no window ({error})", remedy=remedy, argument="viewer"
+        ) from error
     with opened as window:
-        window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 1
+        window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        window.cam.trackbodyid = 1
         _look_at(robot, window.cam)
         set_view_and_light(model, window.opt)
         for frame in cycle(chain.from_iterable(walks)):
@@ -141,15 +163,17 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
 def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(F, L) height [m] and horizontal speed [m/s] of the feet's lowest points, in F frames of L feet.
 
-    From qpos (F, 7 + joints) and qvel (F, 6 + joints). The lowest point of a foot of radius r moves with
-    v + ω × (0, 0, -r): a foot that rolls does not slide.
+    From qpos (F, 7 + joints) and qvel (F, 6 + joints). The lowest point of a foot of radius r moves
+    with v + ω × (0, 0, -r): a foot that rolls does not slide.
     """
     model = build_model(robot)
-    data, velocity = mujoco.MjData(model), np.zeros(6)
+    data = mujoco.MjData(model)
+    velocity = np.zeros(6)
     feet = [(model.geom(leg.foot).id, leg.foot_radius) for leg in robot.legs]
     clearance, sliding = np.zeros((2, len(qpos), len(feet)))
     for frame in range(len(qpos)):
-        data.qpos[:], data.qvel[:] = qpos[frame], qvel[frame]
+        data.qpos[:] = qpos[frame]
+        data.qvel[:] = qvel[frame]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)

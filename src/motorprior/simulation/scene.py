@@ -1,6 +1,7 @@
 """An episode: its settings and engine, as a Gymnasium environment, and as one compiled call.
 
-`WalkEnv` and that call have the same compiled functions in the same order, so the results are the same bit for bit.
+`WalkEnv` and that call have the same compiled functions in the same order, so the results are the
+same bit for bit.
 """
 
 from collections import Counter
@@ -51,7 +52,11 @@ class WalkConfig:
     def __post_init__(self) -> None:
         require_count("episode_steps", self.episode_steps)
         if self.engine not in ENGINES:
-            raise ConfigError(f"engine {self.engine!r} is unknown", remedy=f"use one of {ENGINES}", argument="engine")
+            raise ConfigError(
+                f"engine {self.engine!r} is unknown",
+                remedy=f"use one of {ENGINES}",
+                argument="engine",
+            )
 
     def inputs(self, robot: Robot, seed: int) -> tuple[SensorErrors, np.ndarray]:
         """Sensor errors and (steps, 2) commands [m/s], [rad/s] of the episode of this seed."""
@@ -64,13 +69,19 @@ class Scene:
     """Simulation of a walking episode."""
 
     robot: Robot  # with legs
-    draw_motors: DrawMotors  # the motors of an episode, from a generator seeded by the episode's seed
+    # the motors of an episode, from a generator seeded by the episode's seed
+    draw_motors: DrawMotors
     walk: WalkConfig = field(default_factory=WalkConfig)
-    physics_dt: float | None = None  # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
+    # MuJoCo's step [s]; the robot's own if not given. PyBullet's is always 1 ms
+    physics_dt: float | None = None
 
     def world(self) -> World | BulletWorld:
         """The robot in the engine of the episode; errors as `World` and `BulletWorld`."""
-        return World(self.robot, self.physics_dt) if self.walk.engine == "mujoco" else BulletWorld(self.robot)
+        return (
+            World(self.robot, self.physics_dt)
+            if self.walk.engine == "mujoco"
+            else BulletWorld(self.robot)
+        )
 
     def begin(self, world: World | BulletWorld, seed: int) -> ActuatorArrays:
         """Stand in the nominal pose on the motors and in the conditions of this seed; returns the motors' arrays."""
@@ -90,7 +101,8 @@ class Episode:
     mean: np.ndarray  # (observations,) mean of the observations, one per step
     m2: np.ndarray  # (observations,) Σ (x - mean)²
     trace: np.ndarray  # (steps, 7 + joints) qpos before every control step; empty if not requested
-    # (steps, 6 + 2 joints) qvel before every control step, torque in the physics step before it [N·m]; empty as trace
+    # (steps, 6 + 2 joints) qvel before every control step, torque in the physics step before it
+    # [N·m]; empty as trace
     motion: np.ndarray
 
 
@@ -105,14 +117,23 @@ def require_walks(episodes: Sequence[Episode], name: str) -> None:
 def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
     """Return total reward, steps and fault.
 
-    ``walker`` are the motors' arrays, the `SensorErrors`, the commands (steps, 2), the `GaitState`, and scratch: action
-    (actions,), encoder readings (joints,) [rad] and centres of the feet (legs, 3) [m].
+    ``walker`` are the motors' arrays, the `SensorErrors`, the commands (steps, 2), the `GaitState`,
+    and scratch: action (actions,), encoder readings (joints,) [rad] and centres of the feet (legs,
+    3) [m].
     """
-    body, world, walker = without_refcounts(body), without_refcounts(world), without_refcounts(walker)
-    policy, weights = without_refcounts(policy), without_refcounts(weights)
-    mean, m2 = without_refcounts(mean), without_refcounts(m2)
+    body = without_refcounts(body)
+    world = without_refcounts(world)
+    walker = without_refcounts(walker)
+    policy = without_refcounts(policy)
+    weights = without_refcounts(weights)
+    mean = without_refcounts(mean)
+    m2 = without_refcounts(m2)
     motors, sensors, schedule, gait, action, measured, feet = walker
-    total, steps, fault, nq, nv = 0.0, 0, 0, world.qpos.shape[0], world.qvel.shape[0]
+    total = 0.0
+    steps = 0
+    fault = 0
+    nq = world.qpos.shape[0]
+    nv = world.qvel.shape[0]
     control_step.begin_gait(body, gait)
     control_step.observe(body, read_state(world, motors, 0.0, measured, feet), gait.observation)
     for step in range(max_steps):
@@ -127,7 +148,9 @@ def _episode(body, world, walker, policy, weights, max_steps, mean, m2, trace):
         squared = hold_target(world, motors, gait.target)
         state = read_state(world, motors, squared, measured, feet)
         reward, ended = control_step.evaluate_step(body, gait, state, weights)
-        total, steps, fault = total + reward, step + 1, state.fault
+        total = total + reward
+        steps = step + 1
+        fault = state.fault
         if ended:
             break
     return total, steps, fault
@@ -137,23 +160,33 @@ class WalkSimulator:
     """Runs episodes of a scene in MuJoCo; one per thread."""
 
     def __init__(self, scene: Scene):
-        self._scene, self._body = scene, body_of(scene.robot)
-        self.world, self._weights = World(scene.robot, scene.physics_dt), scene.walk.task.array()
+        self._scene = scene
+        self._body = body_of(scene.robot)
+        self.world = World(scene.robot, scene.physics_dt)
+        self._weights = scene.walk.task.array()
 
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """One episode of a policy of the robot; ``seed`` draws motors, conditions and commands."""
-        world, steps = self.world, self._scene.walk.episode_steps
-        motors, gait = self._scene.begin(world, seed), control_step.new_gait(self._body)
+        world = self.world
+        steps = self._scene.walk.episode_steps
+        motors = self._scene.begin(world, seed)
+        gait = control_step.new_gait(self._body)
         inputs = self._scene.walk.inputs(self._scene.robot, seed)
-        measured, feet = np.zeros_like(gait.target), np.zeros((len(gait.feet), 3))
+        measured = np.zeros_like(gait.target)
+        feet = np.zeros((len(gait.feet), 3))
         walker = motors, *inputs, gait, np.zeros_like(gait.command), measured, feet
-        mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
-        qpos, qvel, torque = world.arrays.qpos, world.arrays.qvel, world.arrays.torque
+        mean = np.zeros_like(policy.mean)
+        m2 = np.zeros_like(policy.mean)
+        qpos = world.arrays.qpos
+        qvel = world.arrays.qvel
+        torque = world.arrays.torque
         rows = np.zeros((steps if trace else 0, len(qpos) + len(qvel) + len(torque)))
         arguments = world.arrays, walker, policy, self._weights, steps, mean, m2, rows
         total, done, fault = _episode(self._body, *arguments)
-        where, speed_error = np.zeros(2) if fault else qpos[:2].copy(), gait.speed_errors / done
-        poses, motion = np.ascontiguousarray(rows[:done, : len(qpos)]), rows[:done, len(qpos) :]
+        where = np.zeros(2) if fault else qpos[:2].copy()
+        speed_error = gait.speed_errors / done
+        poses = np.ascontiguousarray(rows[:done, : len(qpos)])
+        motion = rows[:done, len(qpos) :]
         return Episode(total, done, speed_error, where, fault, mean, m2, poses, motion)
 
     def close(self) -> None:
@@ -163,9 +196,10 @@ class WalkSimulator:
 class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Follow commands of speed and yaw rate; see `locomotion.control_step` for the order of a step.
 
-    Every episode has new motors and conditions. ``gait`` is the state of the gait, ``world`` the simulated robot, in
-    either engine. A real robot is not behind this interface: its control step is a deadline that depends on the age of
-    the telemetry, and a fault in it ends in a crouch or without current. `hardware.motions` plays the policy instead.
+    Every episode has new motors and conditions. ``gait`` is the state of the gait, ``world`` the
+    simulated robot, in either engine. A real robot is not behind this interface: its control step
+    is a deadline that depends on the age of the telemetry, and a fault in it ends in a crouch or
+    without current. `hardware.motions` plays the policy instead.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 - Gymnasium's own declaration
@@ -173,21 +207,26 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(self, scene: Scene):
         robot = scene.robot
         joints = [4.0 * np.pi] * robot.num_joints
-        # |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad], |commands|, phase
+        # |tilt| [rad], |rates| [rad/s], |joints| [rad], |drift| [m], |heading error| [rad],
+        # |commands|, phase
         bounds = np.array([np.pi, np.pi, 1e3, 1e3, 1e3, *joints, 10.0, 1.0, 10.0, 10.0, 1.0, 1.0])
         self.observation_space = Box(-bounds, bounds, dtype=np.float64)
         self.action_space = Box(-1.0, 1.0, (action_size(robot.num_joints),), np.float64)
-        self._scene, self.world = scene, scene.world()
-        self._body, self._weights = body_of(robot), scene.walk.task.array()
+        self._scene = scene
+        self.world = scene.world()
+        self._body = body_of(robot)
+        self._weights = scene.walk.task.array()
         self.gait = control_step.new_gait(self._body)
-        self._steps, self._running = 0, False
+        self._steps = 0
+        self._running = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin an episode; without a seed the env's own generator draws one. ``options`` is unused.
 
-        Returns the observation and the info that `step` describes; raises SimulationFault if the engine has a fault.
+        Returns the observation and the info that `step` describes; raises SimulationFault if the
+        engine has a fault.
         """
         super().reset(seed=seed)
         drawn = int(self.np_random.integers(2**31)) if seed is None else int(seed)
@@ -195,7 +234,8 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         state = self.world.state()
         if state.fault != 0:
             raise SimulationFault(f"{FAULTS[state.fault]} at reset", remedy=TOO_STIFF)
-        self._steps, self._running = 0, True
+        self._steps = 0
+        self._running = True
         self._sensors, self._schedule = self._scene.walk.inputs(self._scene.robot, drawn)
         control_step.begin_gait(self._body, self.gait)
         control_step.observe(self._body, state, self.gait.observation)
@@ -204,13 +244,15 @@ class WalkEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one control step with an (actions,) action, clipped to [-1, 1].
 
-        Returns observation, reward [m], terminated (fell or fault), truncated (time is up), and an info with fault,
-        phase, command in force (2,) [m/s, rad/s], position_target and measured_joint_pos (joints,) [rad], base_pos (3,)
-        [m] and base_quat (4,).
+        Returns observation, reward [m], terminated (fell or fault), truncated (time is up), and an
+        info with fault, phase, command in force (2,) [m/s, rad/s], position_target and
+        measured_joint_pos (joints,) [rad], base_pos (3,) [m] and base_quat (4,).
         """
         if not self._running:
             raise ConfigError("step() outside an episode", remedy="call reset() first")
-        control_step.command_step(self._body, self.gait, require_array("action", action, self.action_space.shape or ()))
+        control_step.command_step(
+            self._body, self.gait, require_array("action", action, self.action_space.shape or ())
+        )
         state = self.world.step(self.gait.target)
         earned, terminated = control_step.evaluate_step(self._body, self.gait, state, self._weights)
         self._steps += 1
@@ -255,19 +297,42 @@ class EnvSimulator:
     def run(self, policy: PolicyArrays, seed: int, trace: bool = False) -> Episode:
         """See `WalkSimulator.run`; the trace has base poses and measured joint angles, and there is no motion."""
         observation, info = self._env.reset(seed=seed)
-        mean, m2 = np.zeros_like(policy.mean), np.zeros_like(policy.mean)
+        mean = np.zeros_like(policy.mean)
+        m2 = np.zeros_like(policy.mean)
         joints = len(info["measured_joint_pos"])
-        action, total, steps, ended, rows = np.zeros(action_size(joints)), 0.0, 0, False, []
+        action = np.zeros(action_size(joints))
+        total = 0.0
+        steps = 0
+        ended = False
+        rows = []
         while not ended:
             if trace:
-                rows.append(np.concatenate([info["base_pos"], info["base_quat"], info["measured_joint_pos"]]))
+                rows.append(
+                    np.concatenate(
+                        [info["base_pos"], info["base_quat"], info["measured_joint_pos"]]
+                    )
+                )
             update_stats(observation, steps, mean, m2)
             act(policy, observation, action)
             observation, earned, terminated, truncated, info = self._env.step(action)
-            total, steps, ended = total + earned, steps + 1, terminated or truncated
-        fault, poses = info["fault"], np.array(rows).reshape(-1, 7 + joints)
-        where, no_motion = np.zeros(2) if fault else info["base_pos"][:2], np.zeros((0, 6 + 2 * joints))
-        return Episode(total, steps, self._env.gait.speed_errors / steps, where, fault, mean, m2, poses, no_motion)
+            total = total + earned
+            steps = steps + 1
+            ended = terminated or truncated
+        fault = info["fault"]
+        poses = np.array(rows).reshape(-1, 7 + joints)
+        where = np.zeros(2) if fault else info["base_pos"][:2]
+        no_motion = np.zeros((0, 6 + 2 * joints))
+        return Episode(
+            total,
+            steps,
+            self._env.gait.speed_errors / steps,
+            where,
+            fault,
+            mean,
+            m2,
+            poses,
+            no_motion,
+        )
 
     def close(self) -> None:
         """Close the engine."""

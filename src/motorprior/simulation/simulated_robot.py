@@ -16,9 +16,11 @@ from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
 
-# Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at 100 Hz
+# Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at
+# 100 Hz
 IMU_NOISE = (0.002, 0.01)
-_STREAM = 0x7710  # separates the motors of virtual robots from those of benches, training and transfer studies
+# separates the motors of virtual robots from those of benches, training and transfer studies
+_STREAM = 0x7710
 
 
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> PhysicalMotors:
@@ -35,17 +37,23 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 class SimulatedRobot:
     """A `hardware.virtual_robot.RobotBody`, on its belly with folded legs at first, or suspended.
 
-    Unlike in training, the chassis collides with the floor, so that a robot without current lies on it. The gains and
-    torque limits of ``motors`` are those at the wire's own gains and current limit; ``seed`` is of the IMU's noise.
+    Unlike in training, the chassis collides with the floor, so that a robot without current lies on
+    it. The gains and torque limits of ``motors`` are those at the wire's own gains and current
+    limit; ``seed`` is of the IMU's noise.
     """
 
     def __init__(self, robot: Robot, motors: PhysicalMotors, suspended: bool, seed: int):
-        self._wire, self._motors, self._suspended = robot.require_wire(), motors, suspended
-        self._signs, self._dt = self._wire.joint_signs, robot.twin_physics_dt
-        self._rng, self._command = np.random.default_rng([_STREAM, seed, 1]), None
+        self._wire = robot.require_wire()
+        self._motors = motors
+        self._suspended = suspended
+        self._signs = self._wire.joint_signs
+        self._dt = robot.twin_physics_dt
+        self._rng = np.random.default_rng([_STREAM, seed, 1])
+        self._command = None
         self._world = World(robot, self._dt, suspended)
         model = self._world.model
-        floor, base = model.geom(FLOOR).id, model.body(1)
+        floor = model.geom(FLOOR).id
+        base = model.body(1)
         model.geom_contype[floor] = model.body_contype[0] = 1
         model.geom_conaffinity[base.geomadr[0]] = model.body_conaffinity[base.id] = 1
         folded = self._wire.folded_pose
@@ -56,7 +64,8 @@ class SimulatedRobot:
 
     def advance(self, milliseconds: int, command: MotorCommand) -> None:
         """Simulate under a constant command; each motor keeps its torque per ampere."""
-        motors, wire = self._motors, self._wire
+        motors = self._motors
+        wire = self._wire
         scaled = replace(
             motors,
             kp=motors.kp * command.kp / wire.kp,
@@ -65,20 +74,31 @@ class SimulatedRobot:
         )
         self._arrays.parameters[:] = PhysicalActuator(scaled).arrays(self._dt).parameters
         self._command = command
-        _advance(self._world.arrays, self._arrays, np.ascontiguousarray(self._signs * command.target), milliseconds)
+        _advance(
+            self._world.arrays,
+            self._arrays,
+            np.ascontiguousarray(self._signs * command.target),
+            milliseconds,
+        )
 
     def sense(self) -> SensorReadings:
         """The present readings; the current is that of the control law at the present target."""
-        data, measured = self._world.data, np.zeros(len(self._signs))
+        data = self._world.data
+        measured = np.zeros(len(self._signs))
         read_joints(self._world.arrays, self._arrays, measured)
-        noise, attitude, rates = self._rng.standard_normal(6), np.zeros(3), np.zeros(3)
+        noise = self._rng.standard_normal(6)
+        attitude = np.zeros(3)
+        rates = np.zeros(3)
         if not self._suspended:
-            attitude, rates = np.array(roll_pitch_yaw(data.qpos[3:7])), data.qvel[3:6]
+            attitude = np.array(roll_pitch_yaw(data.qpos[3:7]))
+            rates = data.qvel[3:6]
         count = 2.0 * np.pi / self._wire.encoder_counts
         pos = self._signs * (count * np.round(measured / count))
         vel = self._signs * self._arrays.memory[FILTERED_VEL]
         current = np.zeros_like(pos) if self._command is None else self._command.current(pos, vel)
-        return SensorReadings(pos, vel, current, attitude + IMU_NOISE[0] * noise[:3], rates + IMU_NOISE[1] * noise[3:])
+        return SensorReadings(
+            pos, vel, current, attitude + IMU_NOISE[0] * noise[:3], rates + IMU_NOISE[1] * noise[3:]
+        )
 
     def position(self) -> np.ndarray:
         """(2,) horizontal position of the base [m]."""

@@ -82,15 +82,19 @@ def train_policy(
 
     Args:
         robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
-        motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior or a fleet to
-            sample from; fixed motors; or a function that samples them with a generator.
+        motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior
+            or a fleet to sample from; fixed motors; or a function that samples them with a
+            generator.
         settings: of the training.
-        start: a policy to continue from; the untrained gait if not given. The result is never worse on the same motors.
-        out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads; an interrupted
-            training continues there. It needs motors, and a start, of files: a text, and a path.
+        start: a policy to continue from; the untrained gait if not given. The result is never worse
+            on the same motors.
+        out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads;
+            an interrupted training continues there. It needs motors, and a start, of files: a text,
+            and a path.
         workers: episodes at a time, on which the result does not depend; up to two if not given.
         executor: threads of this process, or Ray processes, on which the result does not depend.
-        ray_address: a running Ray cluster for the executor ray; Ray starts on this machine if not given.
+        ray_address: a running Ray cluster for the executor ray; Ray starts on this machine if not
+            given.
         name: of the training, in its progress.
         progress: where to report to.
         changes: fields of `WalkSettings`, such as iterations; ``seed`` is that of the search.
@@ -99,25 +103,39 @@ def train_policy(
         The best policy of all evaluations.
 
     Raises:
-        ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start of another shape,
-            or symmetry of a robot that has none.
+        ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start
+            of another shape, or symmetry of a robot that has none.
         ArtifactError: a robot or a validation fleet that cannot be read.
         SimulationFault: most episodes had one.
     """
-    robot, settings, seed = as_robot(robot), settings or WalkSettings(), changes.pop("seed", None)
+    robot = as_robot(robot)
+    settings = settings or WalkSettings()
+    seed = changes.pop("seed", None)
     settings = replace(settings, **changes)
     if seed is not None:
         settings = replace(settings, search=replace(settings.search, seed=seed))
-    path, given = (Path(start), Policy.load(start)) if isinstance(start, str | Path) else (None, start)
+    path, given = (
+        (Path(start), Policy.load(start)) if isinstance(start, str | Path) else (None, start)
+    )
     training = Training(robot, motors, settings, given, path or "start")
-    run = partial(training.run, min(2, os.cpu_count() or 1) if workers is None else workers, progress, name, executor)
+    run = partial(
+        training.run,
+        min(2, os.cpu_count() or 1) if workers is None else workers,
+        progress,
+        name,
+        executor,
+    )
     if out is None:
         run(ray_address)
-        described = motors.overview().headline if isinstance(motors, Printable) else type(motors).__name__
+        described = (
+            motors.overview().headline if isinstance(motors, Printable) else type(motors).__name__
+        )
         return training.policy(motors=motors if isinstance(motors, str) else described)
     out = Path(out)
     if not isinstance(motors, str) or isinstance(start, Policy):
-        raise ConfigError("out needs motors and start of files", remedy="give a text and a path", argument="out")
+        raise ConfigError(
+            "out needs motors and start of files", remedy="give a text and a path", argument="out"
+        )
     if path is not None and path.resolve() == (out / POLICY).resolve():
         problem = f"start is {POLICY} of the folder out itself, which the training would overwrite"
         raise ConfigError(problem, where=path, remedy="give another folder as out", argument="out")
@@ -134,13 +152,19 @@ def train_policy(
         policy = training.policy(motors=motors_as_json(motors, out), start_sha256=start_sha256)
         policy.save(out / POLICY)
         write_json(out / CURVE, training.curve)
-    (out / CHECKPOINT).unlink(missing_ok=True)  # after the marker: a run killed before resumes from it
+    # after the marker: a run killed before resumes from it
+    (out / CHECKPOINT).unlink(missing_ok=True)
     return policy
 
 
-MAX_FAULTS, FIRST_ITERATIONS = 0.5, 5  # share of episodes with faults; iterations after which it is checked, too
-POLICY, CURVE = "policy.safetensors", "curve.json"  # files in the folder of a training
-CHECKPOINT, METRICS = "search.safetensors", "metrics.jsonl"
+# share of episodes with faults; iterations after which it is checked, too
+MAX_FAULTS = 0.5
+FIRST_ITERATIONS = 5
+# files in the folder of a training
+POLICY = "policy.safetensors"
+CURVE = "curve.json"
+CHECKPOINT = "search.safetensors"
+METRICS = "metrics.jsonl"
 
 
 def weight_warning(policy: Policy, robot: Robot) -> str:
@@ -157,18 +181,30 @@ class Training:
     """A training: call `run`, then `policy`. See `train_policy` for arguments and errors; ``where`` names ``start``."""
 
     def __init__(
-        self, robot: Robot, motors: MotorSource, settings: WalkSettings, start: Policy | None, where: str | Path
+        self,
+        robot: Robot,
+        motors: MotorSource,
+        settings: WalkSettings,
+        start: Policy | None,
+        where: str | Path,
     ):
         if start is not None:
             start.require_robot(robot, where)
             robot = robot.with_speed_range(start.forward)
-        self.robot, self.settings, self.curve = settings.commands.extend_range(robot), settings, list[Point]()
-        fleet = None if settings.validation is None else load_robot_fleet(robot, settings.validation)
+        self.robot = settings.commands.extend_range(robot)
+        self.settings = settings
+        self.curve = list[Point]()
+        fleet = (
+            None if settings.validation is None else load_robot_fleet(robot, settings.validation)
+        )
         self._validation = None if fleet is None else fleet.name
         self.motors = simulated_motors(motors, self.robot)
-        drawn = [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
+        drawn = (
+            [self.motors] if fleet is None else [self.motors, simulated_motors(fleet, self.robot)]
+        )
         scenes = [Scene(self.robot, each.draw, settings, each.physics_dt) for each in drawn]
-        self._simulators = [partial(simulator_of, scene) for scene in scenes]  # of training, and of a validation fleet
+        # of training, and of a validation fleet
+        self._simulators = [partial(simulator_of, scene) for scene in scenes]
         shape = PolicyShape.of(self.robot, settings.hidden_units, settings.symmetric)
         self.search = PolicySearch(settings.search, shape, None if start is None else start.arrays)
 
@@ -183,18 +219,23 @@ class Training:
     ) -> None:
         """Train ``workers`` episodes at a time, see `make_executor`.
 
-        With ``files``, the folder of the checkpoint and the `stage.description`, an interrupted training of this
-        description continues to the same bytes.
+        With ``files``, the folder of the checkpoint and the `stage.description`, an interrupted
+        training of this description continues to the same bytes.
         """
         require_count("workers", workers)
         for line in [] if self.motors.prior is None else prior_notes(self.motors.prior, self.robot):
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
-            progress.note("note: results on the twin are biased: validation uses its fleet; evaluate on another fleet")
+            progress.note(
+                "note: results on the twin are biased: validation uses its fleet; evaluate on another fleet"
+            )
         workers = workers if ray_address is not None else usable_threads(workers, progress)
-        search, settings = self.search, self.settings
+        search = self.search
+        settings = self.settings
         with ExitStack() as stack:
-            executors = (make_executor(each, workers, executor, ray_address) for each in self._simulators)
+            executors = (
+                make_executor(each, workers, executor, ray_address) for each in self._simulators
+            )
             train, *evaluate = (stack.enter_context(closing(each)) for each in executors)
             if files is not None:
                 self._resume(*files)
@@ -211,14 +252,19 @@ class Training:
                     self._save(*files)
                 upright = 100 * point["mean_steps"] / settings.episode_steps
                 speed_error = f"speed error {point['mean_speed_error']:.2f} m/s"
-                task.advance(1, f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {speed_error}")
+                task.advance(
+                    1,
+                    f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {speed_error}",
+                )
                 if len(self.curve) == FIRST_ITERATIONS:
                     self._faults()
 
             search.train(train, total, evaluate[0] if evaluate else None, settings.patience, report)
         if search.ars.iteration < total:
             ended = f"{name}: ended after {search.ars.iteration} iterations"
-            progress.note(f"{ended}: the training return does not increase; best policy of {search.best_iteration}")
+            progress.note(
+                f"{ended}: the training return does not increase; best policy of {search.best_iteration}"
+            )
         faults, episodes = self._faults()
         for fault, count in faults.items():
             progress.note(f"{count} of {episodes} episodes ended early: {fault}")
@@ -232,15 +278,24 @@ class Training:
                 if header.get("wanted") == wanted:
                     self.search.restore(state)
                     self.curve = header["curve"]
-                    self.search.mean_returns = np.array([point["mean_return"] for point in self.curve])
+                    self.search.mean_returns = np.array(
+                        [point["mean_return"] for point in self.curve]
+                    )
             except (ArtifactError, KeyError) as error:
                 problem = error.problem if isinstance(error, ArtifactError) else f"no {error}"
-                raise ArtifactError(problem, where=path, remedy="delete it to train from the start") from error
+                raise ArtifactError(
+                    problem, where=path, remedy="delete it to train from the start"
+                ) from error
 
     def _save(self, folder: Path, wanted: Mapping[str, Any]) -> None:
         # metrics first: after a crash in between, the iteration runs again and writes both again
-        write_text(folder / METRICS, "".join(json.dumps(point, sort_keys=True) + "\n" for point in self.curve))
-        write_tensors(folder / CHECKPOINT, self.search.state(), {"wanted": wanted, "curve": self.curve})
+        write_text(
+            folder / METRICS,
+            "".join(json.dumps(point, sort_keys=True) + "\n" for point in self.curve),
+        )
+        write_tensors(
+            folder / CHECKPOINT, self.search.state(), {"wanted": wanted, "curve": self.curve}
+        )
 
     def _faults(self) -> tuple[Counter[str], int]:
         """Episodes by fault, and all episodes; SimulationFault if the share with one, no fall, exceeds MAX_FAULTS."""
@@ -253,7 +308,15 @@ class Training:
 
     def policy(self, **provenance: Any) -> Policy:
         """The best policy; ``provenance`` joins the settings."""
-        search, settings, nominal = self.search, asdict(self.settings), self.motors.nominal
-        found = {"validation": self._validation, "iteration": search.best_iteration, "best_return": search.best_return}
+        search = self.search
+        settings = asdict(self.settings)
+        nominal = self.motors.nominal
+        found = {
+            "validation": self._validation,
+            "iteration": search.best_iteration,
+            "best_return": search.best_return,
+        }
         found |= {ROBOT_WEIGHT: self.robot.weight}
-        return Policy.of(self.robot, search.best, nominal.kp, nominal.kd, **(settings | found | provenance))
+        return Policy.of(
+            self.robot, search.best, nominal.kp, nominal.kd, **(settings | found | provenance)
+        )

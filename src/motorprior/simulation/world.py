@@ -37,15 +37,22 @@ def substeps_of(control_dt: float, physics_dt: float) -> int:
 class World:
     """A simulated robot. Use one per thread.
 
-    The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a position target is held
-    [s], are the robot's own if not given; otherwise ConfigError. ``suspended`` fixes a free base in the air.
+    The steps ``physics_dt``, which must divide ``control_dt``, and ``control_dt``, for which a
+    position target is held [s], are the robot's own if not given; otherwise ConfigError.
+    ``suspended`` fixes a free base in the air.
     """
 
     def __init__(
-        self, robot: Robot, physics_dt: float | None = None, suspended: bool = False, control_dt: float | None = None
+        self,
+        robot: Robot,
+        physics_dt: float | None = None,
+        suspended: bool = False,
+        control_dt: float | None = None,
     ):
-        self.robot, self.is_fixed = robot, suspended or robot.base == "fixed"
-        self.physics_dt, self.control_dt = physics_dt or robot.physics_dt, control_dt or robot.control_dt
+        self.robot = robot
+        self.is_fixed = suspended or robot.base == "fixed"
+        self.physics_dt = physics_dt or robot.physics_dt
+        self.control_dt = control_dt or robot.control_dt
         self.substeps = substeps_of(self.control_dt, self.physics_dt)
         self._step = prepare_mujoco()
         self.model = build_model(robot, self.physics_dt, suspended)
@@ -58,7 +65,10 @@ class World:
         self._nominal = {name: getattr(self.model, name).copy() for name in _RANDOMIZED}
 
     def reset(
-        self, actuator: Actuator, joint_pos: np.ndarray | None = None, conditions: EpisodeConditions | None = None
+        self,
+        actuator: Actuator,
+        joint_pos: np.ndarray | None = None,
+        conditions: EpisodeConditions | None = None,
     ) -> ActuatorArrays:
         """Stand at ``joint_pos`` (joints,) [rad], at rest, on these motors; returns the motors' arrays.
 
@@ -98,24 +108,32 @@ class World:
         )
         self.data.qpos[self.first_joint :] = joint_pos
         self._motors = actuator.arrays(self.physics_dt)
-        reset_actuator(self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos))
+        reset_actuator(
+            self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos)
+        )
         return self._motors
 
     def _apply(self, conditions: EpisodeConditions) -> None:
         """Write masses, friction and gravity of these conditions into the model, without compiling it again."""
         names = "mass", "com", "gravity", "friction"
-        if all(np.array_equal(getattr(conditions, name), getattr(self._applied, name)) for name in names):
+        if all(
+            np.array_equal(getattr(conditions, name), getattr(self._applied, name))
+            for name in names
+        ):
             return
         self._applied = conditions
         for name, value in self._nominal.items():
             getattr(self.model, name)[:] = value
-        model, links = self.model, slice(1, None)  # body 0 is the world
+        # body 0 is the world
+        model = self.model
+        links = slice(1, None)
         model.body_mass[links] *= conditions.mass
         model.body_inertia[links] *= conditions.mass[:, None]
         model.body_ipos[1] += conditions.com
         model.pair_friction[:, :2] *= conditions.friction
         model.opt.gravity[:] = conditions.gravity
-        model.dof_armature[:] = 0.0  # as when the model was compiled: the result must not depend on earlier motors
+        # as when the model was compiled: the result must not depend on earlier motors
+        model.dof_armature[:] = 0.0
         mujoco.mj_setConst(model, self.data)  # update the constants that MuJoCo derives from masses
 
     def step(self, target: np.ndarray) -> RobotState:
@@ -124,9 +142,15 @@ class World:
 
     def state(self, torque_squared_sum: float = 0.0) -> RobotState:
         """State of a free robot, a copy; see `read_state`."""
-        measured, feet = np.zeros(self.robot.num_joints), np.zeros((len(self.robot.legs), 3))
+        measured = np.zeros(self.robot.num_joints)
+        feet = np.zeros((len(self.robot.legs), 3))
         found = read_state(self.arrays, self._motors, torque_squared_sum, measured, feet)
-        base = found.base_pos.copy(), found.base_quat.copy(), found.base_lin_vel.copy(), found.base_ang_vel.copy()
+        base = (
+            found.base_pos.copy(),
+            found.base_quat.copy(),
+            found.base_lin_vel.copy(),
+            found.base_ang_vel.copy(),
+        )
         return RobotState(*base, measured, feet, torque_squared_sum, found.fault)
 
     def close(self) -> None:
@@ -138,9 +162,13 @@ FAULTS = {
     2: "MuJoCo ran out of contact or constraint memory",
     3: "the robot's mass matrix is singular: a link without inertia",
 }  # by fault number of `RobotState`
-TOO_STIFF = "the motors are too stiff or too strong for the physics step: use smaller gains"  # remedy of a fault
-# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains exceeds them by far.
-MAX_POSITION, MAX_SPEED, MAX_ANGULAR_SPEED = 1e3, 1e2, 1e3  # of the base [m], [m/s]; of base and joints [rad/s]
+# remedy of a fault
+TOO_STIFF = "the motors are too stiff or too strong for the physics step: use smaller gains"
+# Beyond these a simulation counts as diverged; a physics step too long for the motors' gains
+# exceeds them by far. of the base [m], [m/s]; of base and joints [rad/s]
+MAX_POSITION = 1e3
+MAX_SPEED = 1e2
+MAX_ANGULAR_SPEED = 1e3
 _WARNING = mujoco.mjtWarning
 _FULL = (int(_WARNING.mjWARN_CONTACTFULL), int(_WARNING.mjWARN_CNSTRFULL))
 _SINGULAR = int(_WARNING.mjWARN_INERTIA)
@@ -161,13 +189,16 @@ class WorldArrays(NamedTuple):
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
     torque: np.ndarray  # (joints,) of the last physics step [N·m]
     encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]
-    commands: np.ndarray  # (rows, joints) delay line of position targets, in true angles [rad]; state
+    # (rows, joints) delay line of position targets, in true angles [rad]; state
+    commands: np.ndarray
     clock: np.ndarray  # (1,) int64: control steps since reset; state
-    delays: np.ndarray  # (steps,) or (1,) int64: age of the targets in each control step [physics steps]
+    # (steps,) or (1,) int64: age of the targets in each control step [physics steps]
+    delays: np.ndarray
     geoms: np.ndarray  # (geoms, 3) positions at the beginning of the last physics step [m], a view
     feet: np.ndarray  # (legs,) int64: indices of the feet's geoms
     warnings: np.ndarray  # (kinds of warning,) int32: number of MuJoCo's warnings since the reset
-    push: np.ndarray  # (steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)
+    # (steps, 2) horizontal force on the chassis in each control step [N], or (0, 2)
+    push: np.ndarray
     physics_dt: float
     substeps: int
 
@@ -176,10 +207,13 @@ class WorldArrays(NamedTuple):
 def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
 
-    Writes the motors' torque on the joints, including the damping that the engine integrates, to ``world.torque``.
+    Writes the motors' torque on the joints, including the damping that the engine integrates, to
+    ``world.torque``.
     """
-    total, n = 0.0, target.shape[0]
-    q, dq = world.qpos[world.qpos.shape[0] - n :], world.qvel[world.qvel.shape[0] - n :]
+    total = 0.0
+    n = target.shape[0]
+    q = world.qpos[world.qpos.shape[0] - n :]
+    dq = world.qvel[world.qvel.shape[0] - n :]
     applied = world.applied[world.applied.shape[0] - n :]
     step_actuator(motors, world.physics_dt, target, q, dq, world.torque)
     for joint in range(n):
@@ -209,8 +243,8 @@ def control_steps_late(delays: np.ndarray, step: int, substep: int, substeps: in
 def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) -> float:
     """Hold (joints,) targets for one control step; returns Σ torque², mean over the physics steps [(N·m)²].
 
-    The motors get the targets after ``world.delays``, in the angles of their encoders; a push acts on the origin of the
-    chassis.
+    The motors get the targets after ``world.delays``, in the angles of their encoders; a push acts
+    on the origin of the chassis.
     """
     step = world.clock[0]
     newest = write_line(world.commands, 0, step, target)
@@ -222,7 +256,9 @@ def hold_target(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray) 
     total = 0.0
     for k in range(world.substeps):
         late = control_steps_late(world.delays, step, k, world.substeps)
-        total += physics_step(world, motors, world.commands[row_of_age(world.commands, 0, newest, late)])
+        total += physics_step(
+            world, motors, world.commands[row_of_age(world.commands, 0, newest, late)]
+        )
     world.clock[0] = step + 1
     return total / world.substeps
 
@@ -264,32 +300,42 @@ def read_joints(world: WorldArrays, motors: ActuatorArrays, out: np.ndarray) -> 
 
 @njit(cache=True, nogil=True, inline="always")
 def read_state(
-    world: WorldArrays, motors: ActuatorArrays, torque_squared_sum: float, measured: np.ndarray, feet: np.ndarray
+    world: WorldArrays,
+    motors: ActuatorArrays,
+    torque_squared_sum: float,
+    measured: np.ndarray,
+    feet: np.ndarray,
 ) -> RobotState:
     """State of a free robot: views of the engine's memory, and the scratch ``measured`` (joints,), ``feet`` (legs, 3).
 
     ``torque_squared_sum`` is that of `hold_target`.
     """
-    qpos, qvel = world.qpos, world.qvel
+    qpos = world.qpos
+    qvel = world.qvel
     read_joints(world, motors, measured)
     for leg in range(feet.shape[0]):
         feet[leg] = world.geoms[world.feet[leg]]
     fault = find_fault(world)
-    return RobotState(qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault)
+    return RobotState(
+        qpos[:3], qpos[3:7], qvel[:3], qvel[3:6], measured, feet, torque_squared_sum, fault
+    )
 
 
-_LIBRARY = ctypes.CDLL(mujoco._functions.__file__)  # links libmujoco, whose symbols resolve through it
+# links libmujoco, whose symbols resolve through it
+_LIBRARY = ctypes.CDLL(mujoco._functions.__file__)
 
 
 def prepare_mujoco() -> int:
     """Address of libmujoco's ``mj_step``; changes MuJoCo in the whole process.
 
-    Warnings are only counted (``mjData.warning``). Profiling timers stop: the Python bindings set a clock whose
-    readings are a tenth of the time of ``mj_step`` (docs/engines.md), and ``mujoco.set_mjcb_time`` cannot remove it. A
-    fatal error ends the process with one line: called by address, MuJoCo cannot raise an exception, and ``mju_error``
-    must not return, as MuJoCo would continue with an invalid state.
+    Warnings are only counted (``mjData.warning``). Profiling timers stop: the Python bindings set a
+    clock whose readings are a tenth of the time of ``mj_step`` (docs/engines.md), and
+    ``mujoco.set_mjcb_time`` cannot remove it. A fatal error ends the process with one line: called
+    by address, MuJoCo cannot raise an exception, and ``mju_error`` must not return, as MuJoCo would
+    continue with an invalid state.
     """
-    mujoco.set_mju_user_warning(lambda _: None)  # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
+    # or MuJoCo writes MUJOCO_LOG.TXT; the state shows faults
+    mujoco.set_mju_user_warning(lambda _: None)
     ctypes.c_void_p.in_dll(_LIBRARY, "mjcb_time").value = None
     ending = ctypes.cast(_end_process, ctypes.c_void_p).value
     ctypes.c_void_p.in_dll(_LIBRARY, "mju_user_error").value = ending
@@ -299,7 +345,9 @@ def prepare_mujoco() -> int:
 @ctypes.CFUNCTYPE(None, ctypes.c_char_p)
 def _end_process(message: bytes) -> None:
     problem = " ".join(message.decode(errors="replace").split())
-    sys.stderr.write(f"\nerror: MuJoCo stopped: {problem} -> run again: training resumes from its checkpoint\n")
+    sys.stderr.write(
+        f"\nerror: MuJoCo stopped: {problem} -> run again: training resumes from its checkpoint\n"
+    )
     sys.stderr.flush()
     os._exit(2)
 

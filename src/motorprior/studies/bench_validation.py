@@ -13,7 +13,13 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.evaluation.bench_truth import ModelOfMotors
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import RESTARTS, WITH_ROTOR, fit_pd
-from motorprior.priors.held_out import adapt_all, adaptation, adapted_models, distribution, held_out_motors
+from motorprior.priors.held_out import (
+    adapt_all,
+    adaptation,
+    adapted_models,
+    distribution,
+    held_out_motors,
+)
 from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results, read_results, write_results
@@ -41,15 +47,17 @@ def validate_on_bench(
         priors: prior files of different presets, all from benches of the same motors.
         out: folder for results.json and figures.json; a repeated call reads them.
         seed: of the held-out excitation.
-        adapt_seconds: lengths of log [s] to which the prior with physics is adapted for held-out motors.
+        adapt_seconds: lengths of log [s] to which the prior with physics is adapted for held-out
+            motors.
         robot: a name, or the path of a .toml file.
         progress: where to report to.
 
     Returns:
-        `FIDELITY_METRICS` of priors, of the robot's nominal PD (ideal_pd) and of one PD tuned to the bench log
-        (tuned_pd), on the motors of the bench (train) and on held-out motors (held_out), to 10 s of whose logs the
-        priors are adapted; `held_out.adaptation` and `held_out.distribution` of the prior of preset rollout, or of the
-        first one with physics if there is none.
+        `FIDELITY_METRICS` of priors, of the robot's nominal PD (ideal_pd) and of one PD tuned to
+        the bench log (tuned_pd), on the motors of the bench (train) and on held-out motors
+        (held_out), to 10 s of whose logs the priors are adapted; `held_out.adaptation` and
+        `held_out.distribution` of the prior of preset rollout, or of the first one with physics if
+        there is none.
 
     Raises:
         ConfigError: a number out of range, or priors that do not fit together or to the robot.
@@ -68,23 +76,31 @@ def validate_on_bench(
     return read_results(out)
 
 
-def _load_priors(robot: Robot, paths: Sequence[Path]) -> tuple[dict[str, MotorPrior], BenchSettings]:
+def _load_priors(
+    robot: Robot, paths: Sequence[Path]
+) -> tuple[dict[str, MotorPrior], BenchSettings]:
     """The priors by preset, and the bench whose motors they learned; ConfigError if they do not fit together."""
     priors: dict[str, MotorPrior] = {}
     benches: list[BenchSettings] = []
     for path in paths:
         prior = load_prior(path, robot)
         if prior.preset in priors:
-            raise ConfigError(f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each")
+            raise ConfigError(
+                f"two priors of preset {prior.preset!r}", where=path, remedy="give one of each"
+            )
         priors[prior.preset] = prior
         benches.append(bench_from_json(prior.provenance.get("bench"), str(path)))
-        first, own = benches[0], benches[-1]
+        first = benches[0]
+        own = benches[-1]
         if (own.fleet, own.motors, own.seed) != (first.fleet, first.motors, first.seed):
-            problem, remedy = f"its bench is not that of {paths[0]}", "give priors of the same motors"
+            problem = f"its bench is not that of {paths[0]}"
+            remedy = "give priors of the same motors"
             raise ConfigError(problem, where=path, remedy=remedy)
     if robot.legs and benches[0].motors < robot.num_joints:
         problem = f"its bench has {benches[0].motors} motors, the robot needs {robot.num_joints}"
-        raise ConfigError(problem, where=paths[0], remedy="record a bench of as many motors or more")
+        raise ConfigError(
+            problem, where=paths[0], remedy="record a bench of as many motors or more"
+        )
     return priors, benches[0]
 
 
@@ -98,7 +114,9 @@ def _measure(
 ) -> Results:
     motors = bench.physical_motors()
     with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        log = record(motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet)
+        log = record(
+            motors, bench_preset("rollout").for_robot(robot), bench.steps, bench.seed, bench.fleet
+        )
         tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
     baselines: dict[str, ModelOfMotors] = {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),
@@ -110,14 +128,24 @@ def _measure(
         task.advance()
     title = "held-out motors: adapt, bench, standing robot, suspended robot"
     with progress.start(title, 4 + len(adapt_seconds)) as task:
-        motors, adapted = held_out_motors(bench), adapt_all(robot, priors, bench)
+        motors = held_out_motors(bench)
+        adapted = adapt_all(robot, priors, bench)
         models = baselines | adapted_models(priors, adapted, len(motors))
         task.advance()
-        results += fidelity(robot, motors, models, "held_out", seed, task).where(quantity=FIDELITY_METRICS)
-        of_physics = [name for name, prior in priors.items() if name in adapted and isinstance(prior.model, GreyBox)]
+        results += fidelity(robot, motors, models, "held_out", seed, task).where(
+            quantity=FIDELITY_METRICS
+        )
+        of_physics = [
+            name
+            for name, prior in priors.items()
+            if name in adapted and isinstance(prior.model, GreyBox)
+        ]
         if of_physics:
             name = "rollout" if "rollout" in of_physics else of_physics[0]
-            prior, posterior = priors[name], adapted[name]
-            results += adaptation(robot, prior, bench, tuple(adapt_seconds), posterior, seed, task.advance)
+            prior = priors[name]
+            posterior = adapted[name]
+            results += adaptation(
+                robot, prior, bench, tuple(adapt_seconds), posterior, seed, task.advance
+            )
             results += distribution(prior, bench)
     return results

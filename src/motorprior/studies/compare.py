@@ -19,10 +19,28 @@ from motorprior.progress import WARNED, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
-from motorprior.simulation.motors import MotorSource, SimulatedMotors, motors_from_json, simulated_motors
+from motorprior.simulation.motors import (
+    MotorSource,
+    SimulatedMotors,
+    motors_from_json,
+    simulated_motors,
+)
 from motorprior.simulation.randomization import Randomization
-from motorprior.simulation.scene import Engine, Episode, Scene, WalkConfig, require_walks, simulator_of
-from motorprior.studies.environments import ENCODER_NOISE, NOISY, motors_of_walk, twin_scene, walk_seed
+from motorprior.simulation.scene import (
+    Engine,
+    Episode,
+    Scene,
+    WalkConfig,
+    require_walks,
+    simulator_of,
+)
+from motorprior.studies.environments import (
+    ENCODER_NOISE,
+    NOISY,
+    motors_of_walk,
+    twin_scene,
+    walk_seed,
+)
 from motorprior.studies.gait_quality import share_upright
 
 DURATION_STEPS = 500  # control steps of a walk of 5 s
@@ -46,8 +64,8 @@ def run_walks(
 ) -> list[Episode]:
     """Episodes of a policy in a scene, with their traces, one per number; those of one number differ by policy only.
 
-    ``seed_of`` gives the seed of a number's motors, sensors, ground and pushes, ``motors`` its motors instead of the
-    scene's. For Ray, all arguments must be picklable.
+    ``seed_of`` gives the seed of a number's motors, sensors, ground and pushes, ``motors`` its
+    motors instead of the scene's. For Ray, all arguments must be picklable.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:
@@ -57,8 +75,11 @@ def run_walks(
 
 
 class _Walks:
-    def __init__(self, scene: Scene, seed_of: Callable[[int], int], motors: Callable[[int], Actuator] | None):
-        self._number, self._seed_of = 0, seed_of
+    def __init__(
+        self, scene: Scene, seed_of: Callable[[int], int], motors: Callable[[int], Actuator] | None
+    ):
+        self._number = 0
+        self._seed_of = seed_of
         if motors is not None:
             scene = replace(scene, draw_motors=lambda _: motors(self._number))
         self._simulator = simulator_of(scene)
@@ -74,9 +95,9 @@ class _Walks:
 def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int) -> list[Result]:
     """Walk NUM_WALKS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
 
-    Returns rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]), upright
-    (share of the time before a fall) and drift (|final lateral displacement| [m]). Raises SimulationFault if a walk
-    diverged.
+    Returns rows of the means of speed (forward displacement over the whole time, also after a fall
+    [m/s]), upright (share of the time before a fall) and drift (|final lateral displacement| [m]).
+    Raises SimulationFault if a walk diverged.
     """
     rows = []
     for name, scene in scenes.items():
@@ -85,10 +106,16 @@ def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int)
         forward = np.array([episode.displacement[0] for episode in episodes])
         values = {
             "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),
-            "upright": ("1", np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])),
+            "upright": (
+                "1",
+                np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]),
+            ),
             "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
         }
-        rows += [Result(key, unit, float(value), model, name, seed=seed) for key, (unit, value) in values.items()]
+        rows += [
+            Result(key, unit, float(value), model, name, seed=seed)
+            for key, (unit, value) in values.items()
+        ]
     return rows
 
 
@@ -115,7 +142,9 @@ class TrainedPolicy:
             return simulated_motors(text, self.robot)
         except (ArtifactError, ConfigError) as error:
             where = self.path if error.where is None else f"{self.path}: {error.where}"
-            raise type(error)(f"motors of its training: {error.problem}", where=where, remedy=error.remedy) from error
+            raise type(error)(
+                f"motors of its training: {error.problem}", where=where, remedy=error.remedy
+            ) from error
 
     @property
     def randomization(self) -> Randomization:
@@ -127,7 +156,8 @@ class TrainedPolicy:
 
         Raises ArtifactError or ConfigError for missing motors, or an engine that is not installed.
         """
-        motors, engine = self.motors, engine or self.policy.provenance.get("engine", "mujoco")
+        motors = self.motors
+        engine = engine or self.policy.provenance.get("engine", "mujoco")
         walk = replace(walk, engine=engine)
         return Scene(self.robot, motors.draw, walk, motors.physics_dt)
 
@@ -148,7 +178,9 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     robot = robot.with_speed_range(policy.forward)
     walk = WalkConfig(DURATION_STEPS, commands=commands)
     if isinstance(motors, Fleet):
-        return twin_scene(robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE)))
+        return twin_scene(
+            robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE))
+        )
     simulated = simulated_motors(motors, robot)
     return Scene(robot, simulated.draw, walk, simulated.physics_dt)
 
@@ -165,16 +197,17 @@ def compare(
     Args:
         robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
         policies: by training condition; several of one condition are its seeds.
-        motors: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors, physics at the robot's
-            ``twin_physics_dt``, encoder noise; other motors as in training.
+        motors: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors,
+            physics at the robot's ``twin_physics_dt``, encoder noise; other motors as in training.
         progress: reports to the user.
 
     Returns:
-        Rows of speed [m/s], upright (share of the time before a fall) and drift (final, lateral) [m]: means over the
-        samples, one row per quantity, policy and set.
+        Rows of speed [m/s], upright (share of the time before a fall) and drift (final, lateral)
+        [m]: means over the samples, one row per quantity, policy and set.
 
     Raises:
-        ConfigError: no policy, no motors, a robot without legs, or policies or motors that do not fit it.
+        ConfigError: no policy, no motors, a robot without legs, or policies or motors that do not
+            fit it.
         ArtifactError: a robot that cannot be read.
     """
     robot = as_robot(robot)
@@ -182,7 +215,9 @@ def compare(
     for name, value in (("policies", policies), ("motors", motors)):
         if not value:
             raise ConfigError(f"no {name} given", remedy="give at least one by name", argument=name)
-    seeds = {name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()}
+    seeds = {
+        name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()
+    }
     every = [policy for each in seeds.values() for policy in each]
     for name, each in seeds.items():
         for policy in each:
@@ -193,13 +228,18 @@ def compare(
     with progress.start(f"compare: {count} x {NUM_WALKS} walks", count) as task:
         for model, each in seeds.items():
             for seed, policy in enumerate(each):
-                scenes = {name: motors_scene(robot, policy, chosen, commands) for name, chosen in motors.items()}
+                scenes = {
+                    name: motors_scene(robot, policy, chosen, commands)
+                    for name, chosen in motors.items()
+                }
                 rows += evaluate(policy, scenes, model, seed)
                 task.advance(len(motors))
     return Results(rows)
 
 
-def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int) -> np.ndarray:
+def robustness_map(
+    policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int
+) -> np.ndarray:
     """(pushes, frictions) mean time upright [-] of policies in walks of 5 s, each on the same robots of a fleet.
 
     ``study`` is the seed of the study, which numbers the robots, see `motors_of_robot`.
@@ -212,6 +252,10 @@ def robustness_map(policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Co
             for column, friction in enumerate(FRICTIONS):
                 around = replace(NOISY, push=push, friction=(friction, friction))
                 scene = twin_scene(trained.robot, fleet, replace(walk, randomization=around))
-                episodes = run_walks(scene, trained.policy.arrays, range(4), partial(walk_seed, study), motors)
-                found[row, column] += np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes])
+                episodes = run_walks(
+                    scene, trained.policy.arrays, range(4), partial(walk_seed, study), motors
+                )
+                found[row, column] += np.mean(
+                    [share_upright(episode, DURATION_STEPS) for episode in episodes]
+                )
     return found / len(policies)

@@ -1,8 +1,8 @@
 """Environments in which policies are evaluated; no policy was trained in them.
 
-The *twin* is a held-out virtual robot: unseen motors of a fleet, 1 kHz physics, sensor noise. The test environments of
-a study are twins, too, with numbered robots: a robot's motors depend on its fleet's name, the study's seed and its
-number alone.
+The *twin* is a held-out virtual robot: unseen motors of a fleet, 1 kHz physics, sensor noise. The
+test environments of a study are twins, too, with numbered robots: a robot's motors depend on its
+fleet's name, the study's seed and its number alone.
 
     fleet     motors of the bench's fleet, with one offset of all its motors per robot
     out_of_family   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
@@ -30,13 +30,17 @@ TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and
 ROBOT_STREAM = 0x20B0  # random stream of a numbered robot's motors, likewise
 WALK_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
 ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
-IN_FAMILY, OUT_OF_FAMILY = "fleet", "out_of_family"  # populations of motors
+# populations of motors
+IN_FAMILY = "fleet"
+OUT_OF_FAMILY = "out_of_family"
 
-# Assumed sensors of the twin: white noise of a MEMS sensor at 100 Hz; bias of a gyroscope averaged at rest, 0.1 °/s.
+# Assumed sensors of the twin: white noise of a MEMS sensor at 100 Hz; bias of a gyroscope averaged
+# at rest, 0.1 °/s.
 NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.01, gyro_bias=0.002)
-# Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning Agile Locomotion
-# For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms. Assumptions: friction, an off-centre
-# load, sloping floors, jitter of a busy computer, and pushes that change the speed of 2.1 kg by up to 0.14 m/s.
+# Unknown ground and load. Masses and delays are within Tan et al. 2018 (RSS, "Sim-to-Real: Learning
+# Agile Locomotion For Quadruped Robots", table of randomised parameters): ×0.8-1.2 and 0-40 ms.
+# Assumptions: friction, an off-centre load, sloping floors, jitter of a busy computer, and pushes
+# that change the speed of 2.1 kg by up to 0.14 m/s.
 HARD = replace(
     NOISY, friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.01, gravity_tilt=0.03, sensor_delay=(0.0, 0.02),
     sensor_jitter=0.005, command_jitter=0.005, dropped=0.02, push=0.3, push_interval=2.0,
@@ -77,7 +81,9 @@ def motors_of_robot(robot: Robot, fleet: Fleet, study_seed: int, number: int) ->
     return fleet.sample(robot.num_joints, np.random.default_rng(stream), of_one_robot=True)
 
 
-def motors_of_walk(robot: Robot, fleet: Fleet, study_seed: int, only: int | None, number: int) -> Actuator:
+def motors_of_walk(
+    robot: Robot, fleet: Fleet, study_seed: int, only: int | None, number: int
+) -> Actuator:
     """Motors of walk ``number`` of a study: of robot ``only``, or if that is None, of the robot of this number."""
     return motors_of_robot(robot, fleet, study_seed, number if only is None else only).actuator()
 

@@ -16,11 +16,13 @@ WARM_UP = 1.0  # [s] from standing to a steady gait, not measured
 FALL_TIME = 0.5  # [s] before a fall, not measured
 CONTACT_HEIGHT = 0.0005  # [m] a foot whose lowest point is below is on the ground
 LIFTED = 4.0 * CONTACT_HEIGHT  # [m] a swing that stays below does not count
-MIN_COMMAND = 0.1  # share of the maximum speed below which measures relative to speed or distance are NaN
+# share of the maximum speed below which measures relative to speed or distance are NaN
+MIN_COMMAND = 0.1
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
-UNITS = {  # of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
+# of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
+UNITS = {
     "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
     "foot_lift_mm": "mm", "slip": "m/m", "body_rate": "rad/s", "cost_of_transport": "1", "drift": "m",
 }  # fmt: skip
@@ -37,34 +39,44 @@ def share_upright(episode: Episode, steps: int) -> float:
     return (episode.steps - (not completed(episode, steps))) / steps
 
 
-def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int) -> dict[str, float]:
+def gait_quality(
+    robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int
+) -> dict[str, float]:
     """Measure a walk with a constant command after its first second and, if it fell, before the last half second.
 
-    Undefined measures are NaN. If less than a second remains, there is only ``upright``, and a speed of 0 after a fall.
-    Without velocities from the engine, differences of the poses are used, and measures of torques are NaN. Measures per
-    metre need 5 cm of distance and a command of at least a tenth of the robot's maximum speed.
+    Undefined measures are NaN. If less than a second remains, there is only ``upright``, and a
+    speed of 0 after a fall. Without velocities from the engine, differences of the poses are used,
+    and measures of torques are NaN. Measures per metre need 5 cm of distance and a command of at
+    least a tenth of the robot's maximum speed.
 
-    upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time [m/s]; speed_error:
-    |speed - command| / |command|; heading_deg_per_m: final |heading - commanded heading| over the distance [°/m];
-    lateral_share: final lateral distance from the commanded path at the walk's own speed, over the distance;
-    foot_lift_mm/LEG: median over the swings of the maximum clearance of the foot [mm], of swings above 2 mm; slip:
-    distance that a foot's lowest point slides within 0.5 mm of the ground, mean over the feet, over the distance [m/m];
-    body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; cost_of_transport: mean of
-    Σ |torque · joint velocity| over weight · |speed|.
+    upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time
+    [m/s]; speed_error: |speed - command| / |command|; heading_deg_per_m: final |heading - commanded
+    heading| over the distance [°/m]; lateral_share: final lateral distance from the commanded path
+    at the walk's own speed, over the distance; foot_lift_mm/LEG: median over the swings of the
+    maximum clearance of the foot [mm], of swings above 2 mm; slip: distance that a foot's lowest
+    point slides within 0.5 mm of the ground, mean over the feet, over the distance [m/m];
+    body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; cost_of_transport:
+    mean of Σ |torque · joint velocity| over weight · |speed|.
 
-    ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this many control steps.
+    ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this
+    many control steps.
     """
-    dt, begin = robot.control_dt, round(WARM_UP / robot.control_dt)
+    dt = robot.control_dt
+    begin = round(WARM_UP / robot.control_dt)
     upright = float(completed(episode, steps))
     end = len(episode.trace) - (0 if upright else round(FALL_TIME / dt))
     walks = abs(forward) >= MIN_COMMAND * robot.require_gait().forward[1]
     if end < begin + round(_MIN_TIME / dt):
-        return {"upright": upright} | ({} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan})
+        return {"upright": upright} | (
+            {} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan}
+        )
     heading = headings(episode.trace[:end])
     goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     motion = episode.motion if len(episode.motion) else _motion_of(robot, episode.trace)
-    qpos, moved = episode.trace[begin:end], motion[begin:end]
-    qvel, torque = moved[:, : 6 + robot.num_joints], moved[:, 6 + robot.num_joints :]
+    qpos = episode.trace[begin:end]
+    moved = motion[begin:end]
+    qvel = moved[:, : 6 + robot.num_joints]
+    torque = moved[:, 6 + robot.num_joints :]
     time = dt * (len(qpos) - 1)
     along = float(np.sum(steps_along_heading(qpos[:, :2], heading[begin:])))
     speed = along / time
@@ -78,8 +90,13 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
         "speed_error": abs(speed - forward) / abs(forward) if walks else math.nan,
         "heading_deg_per_m": math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
         "lateral_share": abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
-        **{f"foot_lift_mm/{leg.name}": 1e3 * _lift(each) for leg, each in zip(robot.legs, clearance.T, strict=True)},
-        "slip": float(np.mean(np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0))) * dt / distance,
+        **{
+            f"foot_lift_mm/{leg.name}": 1e3 * _lift(each)
+            for leg, each in zip(robot.legs, clearance.T, strict=True)
+        },
+        "slip": float(np.mean(np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0)))
+        * dt
+        / distance,
         "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
         "cost_of_transport": power / (robot.weight * pace),
     }
@@ -88,13 +105,15 @@ def gait_quality(robot: Robot, episode: Episode, forward: float, yaw_rate: float
 def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) -> dict[str, float]:
     """Measures of one walk straight ahead in a study, also of a short one.
 
-    speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the time before a fall;
-    drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm: mean over the legs. Others: see
-    `gait_quality`, with the same arguments. All are NaN if the simulation diverged, which is no fall.
+    speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the
+    time before a fall; drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm:
+    mean over the legs. Others: see `gait_quality`, with the same arguments. All are NaN if the
+    simulation diverged, which is no fall.
     """
     if episode.fault:
         return dict.fromkeys(("speed", "upright", "drift", *_OF_STUDY, "foot_lift_mm"), math.nan)
-    quality, upright = gait_quality(robot, episode, forward, 0.0, steps), share_upright(episode, steps)
+    quality = gait_quality(robot, episode, forward, 0.0, steps)
+    upright = share_upright(episode, steps)
     lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
     return {
         "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
@@ -109,10 +128,13 @@ def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
     """(steps, 6 + 2 joints) velocities as differences of a trace, and NaN for the torques."""
     motion = np.full((len(trace), 6 + 2 * robot.num_joints), np.nan)
     rate = np.gradient(trace, robot.control_dt, axis=0)
-    motion[:, :3], motion[:, 6 : 6 + robot.num_joints] = rate[:, :3], rate[:, 7:]
+    motion[:, :3] = rate[:, :3]
+    motion[:, 6 : 6 + robot.num_joints] = rate[:, 7:]
     # angular velocity in the body's frame: 2·(conj(q)·dq/dt), its vector part
-    w, v = trace[:, 3:4], trace[:, 4:7]
-    dw, dv = rate[:, 3:4], rate[:, 4:7]
+    w = trace[:, 3:4]
+    v = trace[:, 4:7]
+    dw = rate[:, 3:4]
+    dv = rate[:, 4:7]
     motion[:, 3:6] = 2.0 * (w * dv - v * dw - np.cross(v, dv))
     return motion
 
@@ -137,7 +159,11 @@ def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
 
 def _lateral_distance(position: np.ndarray, goal: np.ndarray, step: float) -> float:
     """Final distance to the left [m] of the path with commanded headings ``goal`` (F,) [rad] and ``step`` [m]."""
-    off = position[-1] - position[0] - step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
+    off = (
+        position[-1]
+        - position[0]
+        - step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
+    )
     return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
 
 

@@ -22,8 +22,10 @@ from motorprior.simulation.world import World
 COMMAND_PERIOD = 0.002  # [s] grid on which commands are held; the rows of logs are 1.5-10 ms apart
 FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
 FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
-SUSPENDED_ERROR_RATIO = 0.7  # a log is classified as suspended if error suspended / error standing is below this
-_SETTLING_TIME = 1.0  # [s] before the first command, from rest at the first measured angles, see `initial_targets`
+# a log is classified as suspended if error suspended / error standing is below this
+SUSPENDED_ERROR_RATIO = 0.7
+# [s] before the first command, from rest at the first measured angles, see `initial_targets`
+_SETTLING_TIME = 1.0
 _FALLEN = POSTURES.index("fallen")
 
 MotorsT = TypeVar("MotorsT", TrueMotors, IdealPd)
@@ -54,7 +56,8 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
     codes = np.full(log.num_rows, POSTURES.index(name))
     if log.base_orientation is not None and name == "standing":
         for segment in log.segment_slices():
-            time, tilt = log.time[segment], np.abs(log.base_orientation[segment]).max(axis=1)
+            time = log.time[segment]
+            tilt = np.abs(log.base_orientation[segment]).max(axis=1)
             for first, after in runs_of_true(tilt > FALLEN_TILT):
                 if time[after - 1] - time[first] >= FALLEN_TIME:
                     codes[segment][first:after] = _FALLEN
@@ -64,8 +67,9 @@ def with_posture(log: MotorLog, name: str) -> MotorLog:
 class Replayer:
     """Replays one log on many sets of motors. Use one per thread.
 
-    A log without postures counts as standing. The rows of a segment after a fall are not compared. LogError for the
-    joints of another robot, no excited joint, gains that change, and a segment with two postures or without posture.
+    A log without postures counts as standing. The rows of a segment after a fall are not compared.
+    LogError for the joints of another robot, no excited joint, gains that change, and a segment
+    with two postures or without posture.
     """
 
     def __init__(self, log: MotorLog, robot: Robot):
@@ -76,15 +80,25 @@ class Replayer:
         if gains and np.ptp(np.array(gains), axis=0).any():
             remedy = "split it into a log per set of gains"
             raise LogError("its segments have different gains", where=log.source, remedy=remedy)
-        # The rows without repeated measurements, to compare with, and the indices of the compared joints
-        self.log, self.excited = drop_repeats(log), excited_joints(log)
+        # The rows without repeated measurements, to compare with, and the indices of the compared
+        # joints
+        self.log = drop_repeats(log)
+        self.excited = excited_joints(log)
         if not self.excited.size:
-            raise LogError("no joint is excited", where=log.source, remedy="record with a moving command")
+            raise LogError(
+                "no joint is excited", where=log.source, remedy="record with a moving command"
+            )
         self._robot = robot
-        self._world = cache(lambda physics_dt, suspended: World(robot, physics_dt, suspended, COMMAND_PERIOD))
-        self._grids, self._segments = list(resample(log, COMMAND_PERIOD).segments()), list(self.log.segments())
+        self._world = cache(
+            lambda physics_dt, suspended: World(robot, physics_dt, suspended, COMMAND_PERIOD)
+        )
+        self._grids, self._segments = (
+            list(resample(log, COMMAND_PERIOD).segments()),
+            list(self.log.segments()),
+        )
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
-        self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])  # (rows,) mask
+        # (rows,) mask
+        self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])
 
     def joint_pos(self, actuator: Actuator) -> np.ndarray:
         """(rows, joints) simulated angles [rad] at the times of the log, within ±2π if the simulation diverges.
@@ -104,20 +118,26 @@ class Replayer:
         found[self.excited] = rms(self.error(joint_pos), axis=0)
         return found
 
-    def _segment(self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool) -> np.ndarray:
+    def _segment(
+        self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool
+    ) -> np.ndarray:
         rest = initial_targets(part.joint_pos[0], grid.position_target[0], self._robot)
         lead_in = np.tile(rest, (round(_SETTLING_TIME / COMMAND_PERIOD), 1))
         world = self._world(self._robot.physics_step(actuator.kind.max_step), suspended)
-        recorded = replay(world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True)
-        measured = np.clip(np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi)
+        recorded = replay(
+            world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True
+        )
+        measured = np.clip(
+            np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi
+        )
         return np.stack([np.interp(part.time, grid.time, column) for column in measured.T], axis=1)
 
 
 def initial_targets(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
     """(joints,) targets before a segment [rad]: the first ones, or a free robot's nominal pose if that is nearer.
 
-    Some logs start in the nominal pose and jump to the first targets, others held the first targets for long. All
-    angles are (joints,) [rad].
+    Some logs start in the nominal pose and jump to the first targets, others held the first targets
+    for long. All angles are (joints,) [rad].
     """
     pose = np.asarray(robot.nominal_pose)
     nominal = robot.base == "free" and rms(joint_pos - pose) <= rms(joint_pos - targets)
@@ -136,7 +156,9 @@ def _is_suspended(part: MotorLog, robot: Robot) -> bool:
         return False
     postures = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]
     if not postures:
-        raise LogError("a segment starts with a fallen robot", where=part.source, remedy="exclude the segment")
+        raise LogError(
+            "a segment starts with a fallen robot", where=part.source, remedy="exclude the segment"
+        )
     if "standing" in postures and len(postures) > 1:
         remedy = "split it at the change of posture"
         raise LogError(f"a segment with the postures {postures}", where=part.source, remedy=remedy)
@@ -144,29 +166,42 @@ def _is_suspended(part: MotorLog, robot: Robot) -> bool:
 
 
 def replayers_of(
-    logs: Mapping[str, MotorLog], robot: Robot, fleet: Fleet, posture: PostureName, note: Callable[[str], None]
+    logs: Mapping[str, MotorLog],
+    robot: Robot,
+    fleet: Fleet,
+    posture: PostureName,
+    note: Callable[[str], None],
 ) -> dict[str, Replayer]:
     """Every log with its posture, ready to replay; notes state posture and logged gains.
 
-    The posture ``auto`` is the logged one. If there is none, it is the one in which the fleet's central motor has the
-    lower replay error by a margin, or standing. ConfigError for a posture of a robot with a fixed base.
+    The posture ``auto`` is the logged one. If there is none, it is the one in which the fleet's
+    central motor has the lower replay error by a margin, or standing. ConfigError for a posture of
+    a robot with a fixed base.
     """
     if posture != "auto" and robot.base == "fixed":
         problem = f"posture {posture!r}, but the base of {robot.name!r} is fixed"
         raise ConfigError(problem, remedy="leave it out", argument="posture")
-    center, found = fleet.center(robot.num_joints), {}
+    center = fleet.center(robot.num_joints)
+    found = {}
     for name, log in logs.items():
         if posture == "auto":
             posed, evidence = with_found_posture(log, robot, center)
         else:
-            posed, evidence = with_posture(log, posture), f"{posture}, as given"
+            posed = with_posture(log, posture)
+            evidence = f"{posture}, as given"
         found[name] = Replayer(posed, robot)
         excluded = int((~found[name].compared).sum())
-        note(f"log {name}: {evidence}" + (f"; {excluded} rows after a fall are excluded" if excluded else ""))
+        note(
+            f"log {name}: {evidence}"
+            + (f"; {excluded} rows after a fall are excluded" if excluded else "")
+        )
         if gains := " and ".join(gain_texts(log)):
             used = "motors use these instead of the fleet's"
             unused = "in firmware units: motors use the fleet's gains"
-            note(f"log {name}: logged gains {gains}" + (f": {used}" if logged_constants(log) else f", {unused}"))
+            note(
+                f"log {name}: logged gains {gains}"
+                + (f": {used}" if logged_constants(log) else f", {unused}")
+            )
     return found
 
 
@@ -179,7 +214,13 @@ def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple
     both = {name: Replayer(with_posture(log, name), robot) for name in ("standing", "suspended")}
     both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
     actuator = motors_with_logged_gains(motors, log).actuator()
-    errors = {name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()}
-    name = "suspended" if errors["suspended"] < SUSPENDED_ERROR_RATIO * errors["standing"] else "standing"
+    errors = {
+        name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()
+    }
+    name = (
+        "suspended"
+        if errors["suspended"] < SUSPENDED_ERROR_RATIO * errors["standing"]
+        else "standing"
+    )
     texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())
     return with_posture(log, name), f"{name}, from replay errors: {texts}"

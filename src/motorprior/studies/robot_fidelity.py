@@ -1,7 +1,8 @@
 """Closed-loop fidelity of models of motors, on the bench and inside the robot, compared with the physical motors.
 
-Inside the robot all follow the same trot targets, held at 100 Hz for 2 s, standing and suspended. The physical motors
-run at the twin's physics step; the floor ("physical") is a second simulation of them that starts 4 mrad away.
+Inside the robot all follow the same trot targets, held at 100 Hz for 2 s, standing and suspended.
+The physical motors run at the twin's physics step; the floor ("physical") is a second simulation of
+them that starts 4 mrad away.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,7 +11,13 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
-from motorprior.evaluation.bench_truth import FLOOR_OFFSET, HELD_OUT, HELD_OUT_SEED, ModelOfMotors, bench_errors
+from motorprior.evaluation.bench_truth import (
+    FLOOR_OFFSET,
+    HELD_OUT,
+    HELD_OUT_SEED,
+    ModelOfMotors,
+    bench_errors,
+)
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.body import body_of, open_loop_gait
@@ -29,9 +36,12 @@ BENCH_METRICS = {
     "bench_chirp_rmse": "chirp",
 }
 ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspended_torque_hf")
-# joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have only the bench's
+# joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have
+# only the bench's
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
-DIVERGED = 1e3  # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is MAX_ERROR
+# torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is
+# MAX_ERROR
+DIVERGED = 1e3
 NUM_SAMPLES = 12  # samples of one motor per joint
 ROBOT_STREAM = 19  # tag of a random stream
 STEPS = 200
@@ -39,7 +49,12 @@ CUTOFF = 20.0  # [Hz] torque above counts as chatter
 
 
 def fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], motor_set: str, seed: int, task: Task
+    robot: Robot,
+    motors: TrueMotors,
+    models: Mapping[str, ModelOfMotors],
+    motor_set: str,
+    seed: int,
+    task: Task,
 ) -> Results:
     """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
@@ -47,34 +62,47 @@ def fidelity(
     task.advance()
     for posture, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
         found = robot_fidelity(robot, motors, models, suspended, seed)
-        units = {"rmse": "rad", "torque_hf": "N·m"} | ({} if suspended else {"displacement_error": "m"})
+        units = {"rmse": "rad", "torque_hf": "N·m"} | (
+            {} if suspended else {"displacement_error": "m"}
+        )
         for row, (quantity, unit) in enumerate(units.items()):
-            measured[f"{posture}_{quantity}", unit] = {name: each[row] for name, each in found.items()}
+            measured[f"{posture}_{quantity}", unit] = {
+                name: each[row] for name, each in found.items()
+            }
         task.advance()
-    statistics: dict[str, Callable[[np.ndarray], np.floating]] = {"median": np.median, "mean": np.mean}
+    statistics: dict[str, Callable[[np.ndarray], np.floating]] = {
+        "median": np.median,
+        "mean": np.mean,
+    }
     return Results(
         Result(quantity, unit, float(function(values)), model, motor_set, statistic)
         for (quantity, unit), by_model in measured.items()
         for model, values in by_model.items()
         for statistic, function in statistics.items()
         if unit != "m" or statistic == "median"
-    )  # fmt: skip
+    )
 
 
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
     """(steps, joints) targets [rad] of a random trot.
 
-    Frequency 0.4-0.7 of the usual, speed 0.4-0.8 of the maximum, height raised by up to a quarter of the swing height:
-    within these bounds the robot does not roll over in open loop.
+    Frequency 0.4-0.7 of the usual, speed 0.4-0.8 of the maximum, height raised by up to a quarter
+    of the swing height: within these bounds the robot does not roll over in open loop.
     """
     body = body_of(robot)
-    frequency, forward = rng.uniform(0.4, 0.7) * body.frequency, rng.uniform(0.4, 0.8) * body.max_speed
-    height, ratio = rng.uniform(0.0, 0.25) * body.swing_height, float(np.exp(rng.uniform(-0.3, 0.3)))
+    frequency = rng.uniform(0.4, 0.7) * body.frequency
+    forward = rng.uniform(0.4, 0.8) * body.max_speed
+    height = rng.uniform(0.0, 0.25) * body.swing_height
+    ratio = float(np.exp(rng.uniform(-0.3, 0.3)))
     return open_loop_gait(body, steps, forward, frequency, height, ratio)
 
 
 def robot_fidelity(
-    robot: Robot, motors: TrueMotors, models: Mapping[str, ModelOfMotors], suspended: bool, seed: int
+    robot: Robot,
+    motors: TrueMotors,
+    models: Mapping[str, ModelOfMotors],
+    suspended: bool,
+    seed: int,
 ) -> dict[str, np.ndarray]:
     """(3, samples) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
     fast = World(robot, suspended=suspended)
@@ -83,7 +111,8 @@ def robot_fidelity(
     for draw in range(NUM_SAMPLES):
         rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
         index = rng.permutation(len(motors))[: robot.num_joints]
-        targets, physical = trot_targets(robot, rng, STEPS), motors.take(index).actuator()
+        targets = trot_targets(robot, rng, STEPS)
+        physical = motors.take(index).actuator()
         truth = replay(fine, physical, targets)
         start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
         floor = replay(fine, physical, targets, start)
@@ -94,14 +123,18 @@ def robot_fidelity(
     return {name: capped(np.array(values).T, limits) for name, values in rows.items()}
 
 
-def _try(world: World, model: Actuator, targets: np.ndarray, truth: Playback) -> tuple[float, float, float]:
+def _try(
+    world: World, model: Actuator, targets: np.ndarray, truth: Playback
+) -> tuple[float, float, float]:
     try:
         return compare_playbacks(replay(world, model, targets), truth, world.control_dt)
     except SimulationFault:
         return np.inf, np.inf, np.inf
 
 
-def compare_playbacks(model: Playback, truth: Playback, control_dt: float) -> tuple[float, float, float]:
+def compare_playbacks(
+    model: Playback, truth: Playback, control_dt: float
+) -> tuple[float, float, float]:
     """RMSE at the ends of control steps [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)

@@ -22,9 +22,10 @@ from motorprior.studies.environments import ENVIRONMENTS, NOISY, OUT_OF_FAMILY
 
 VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
-PDS = {"gains": GAINS, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}  # kinds of PD -> their fitted constants
-# sensor noise of the environments, and pushes: without any disturbance policies overfit one deterministic walk, and
-# fall more often on held-out robots
+# kinds of PD -> their fitted constants
+PDS = {"gains": GAINS, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}
+# sensor noise of the environments, and pushes: without any disturbance policies overfit one
+# deterministic walk, and fall more often on held-out robots
 TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
 
 
@@ -60,9 +61,12 @@ CONDITIONS = {  # in the order of every table, see docs/transfer.md
     "oracle": Condition(),
 }
 STANDARD = tuple(CONDITIONS)
-OTHER_MOTORS = Condition(prior="given")  # of a condition that is a text as of `walk`; the same for both populations
+# of a condition that is a text as of `walk`; the same for both populations
+OTHER_MOTORS = Condition(prior="given")
 # the sampled prior with the mean motor's values of these constants, and with fewer iterations
-CONDITIONS |= {f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN}
+CONDITIONS |= {
+    f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN
+}
 CONDITIONS["short_training"] = Condition(prior="rollout", iterations=40)
 
 
@@ -104,8 +108,8 @@ class Study:
     """Directions per iteration; the better half of them is used."""
     validation: str | None = None
     """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
-    the share of the adapted prior are selected; no test environment uses it. The first of the robot's other fleets if
-    not given."""
+    the share of the adapted prior are selected; no test environment uses it. The first of the
+    robot's other fleets if not given."""
     pd_range: float | None = None
     """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
     prior_share: float | None = None
@@ -131,7 +135,11 @@ class Study:
     @property
     def commanded(self) -> float:
         """Commanded speed [m/s]. The maximum is that of the robot, not of a policy, which has its own range."""
-        return 1.5 * load_robot(self.robot).require_gait().forward[1] if self.speed is None else self.speed
+        return (
+            1.5 * load_robot(self.robot).require_gait().forward[1]
+            if self.speed is None
+            else self.speed
+        )
 
     @property
     def commands(self) -> Commands:
@@ -162,14 +170,20 @@ class Study:
     def of_benches(self) -> list[Self]:
         """The settings of every bench, with its folder and its seed."""
         seeds = range(self.seed, self.seed + self.benches)
-        return [replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds]
+        return [
+            replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds
+        ]
 
     def validation_fleet(self, robot: Robot) -> str | None:
         """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
         if self.validation is not None:
             return self.validation
         used = self._test_fleets(robot)
-        others = (name for name in _VALIDATION_FLEETS if name not in used and load_fleet(name).robot == robot.name)
+        others = (
+            name
+            for name in _VALIDATION_FLEETS
+            if name not in used and load_fleet(name).robot == robot.name
+        )
         return next(others, None)
 
     def _test_fleets(self, robot: Robot) -> set[str]:
@@ -189,14 +203,30 @@ class Study:
                 simulated_motors(name, robot)
             except ConfigError as error:
                 remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
-                raise ConfigError(f"no condition {name!r}", argument="conditions", remedy=remedy) from error
+                raise ConfigError(
+                    f"no condition {name!r}", argument="conditions", remedy=remedy
+                ) from error
         if unknown := set(self.environments) - set(ENVIRONMENTS):
             remedy = f"use some of {', '.join(ENVIRONMENTS)}"
-            raise ConfigError(f"no environments {sorted(unknown)}", argument="environments", remedy=remedy)
+            raise ConfigError(
+                f"no environments {sorted(unknown)}", argument="environments", remedy=remedy
+            )
         robot.require_gait()
-        for name in ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers"):
+        for name in (
+            "benches",
+            "seeds",
+            "walks",
+            "iterations",
+            "directions",
+            "bench_steps",
+            "workers",
+        ):
             require_count(name, getattr(self, name))
-        for name in (name for name in ("oracle_seeds", "robots", "patience") if getattr(self, name) is not None):
+        for name in (
+            name
+            for name in ("oracle_seeds", "robots", "patience")
+            if getattr(self, name) is not None
+        ):
             require_count(name, getattr(self, name))
         require_number("seconds", self.seconds, robot.control_dt)
         for name, maximum in {"pd_range": 0.9, "prior_share": 1.0}.items():
@@ -206,15 +236,21 @@ class Study:
         require_executor(self.executor, self.ray_address)
         validation = self.validation_fleet(robot)
         used = self._test_fleets(robot)
-        if len(used) < 2 or (validation and load_robot_fleet(robot, validation, "validation").name in used):
+        if len(used) < 2 or (
+            validation and load_robot_fleet(robot, validation, "validation").name in used
+        ):
             problem = "fleet, out_of_family and validation must be three different fleets"
             raise ConfigError(problem, argument="out_of_family", remedy="change one of them")
         if validation is None and self.to_select():
             problem = f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on"
-            raise ConfigError(problem, argument="validation", remedy="give a validation fleet, or these numbers")
+            raise ConfigError(
+                problem, argument="validation", remedy="give a validation fleet, or these numbers"
+            )
 
     def to_select(self) -> dict[str, str]:
         """Setting that is selected on the validation fleet -> its condition."""
         conditions = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
-        unset = {setting: name for setting, name in conditions.items() if getattr(self, setting) is None}
+        unset = {
+            setting: name for setting, name in conditions.items() if getattr(self, setting) is None
+        }
         return {setting: name for setting, name in unset.items() if name in self.conditions}

@@ -14,7 +14,14 @@ from motorprior.identification.baselines.pd_fit import WITH_FRICTION, WITH_ROTOR
 from motorprior.logs.motor_log import MotorLog
 
 MOTORS = 2
-WITH_ALL = {"kp": 7.0, "kd": 0.7, "torque_limit": 1.2, "armature": 0.004, "delay": 0.004, "coulomb": 0.15}
+WITH_ALL = {
+    "kp": 7.0,
+    "kd": 0.7,
+    "torque_limit": 1.2,
+    "armature": 0.004,
+    "delay": 0.004,
+    "coulomb": 0.15,
+}
 SLOW = {"kp": 12.0, "kd": 0.6, "torque_limit": 1.4, "armature": 0.018, "delay": 0.04}
 
 
@@ -30,8 +37,12 @@ def made_by(bench: MotorLog, motors: Actuator) -> MotorLog:
     return replace(bench, joint_pos=np.concatenate(moved))
 
 
-@pytest.mark.parametrize(("true", "free"), [(WITH_ALL, WITH_FRICTION), (SLOW, WITH_ROTOR)], ids=["friction", "slow"])
-def test_the_pd_that_made_a_log_is_found(bench: MotorLog, true: dict[str, float], free: tuple[str, ...]):
+@pytest.mark.parametrize(
+    ("true", "free"), [(WITH_ALL, WITH_FRICTION), (SLOW, WITH_ROTOR)], ids=["friction", "slow"]
+)
+def test_the_pd_that_made_a_log_is_found(
+    bench: MotorLog, true: dict[str, float], free: tuple[str, ...]
+):
     fit = fit_pd(made_by(bench, IdealPd.uniform(MOTORS, **true)), free)
     assert fit.error < 2e-3
     for name in set(true) - {"armature"}:

@@ -8,7 +8,11 @@ import pytest
 from series import complete
 
 from motorprior.evaluation.free_runs import free_run_errors
-from motorprior.identification.baselines.response_fit import RESPONSE_CONSTANTS, ResponseMotors, fit_responses
+from motorprior.identification.baselines.response_fit import (
+    RESPONSE_CONSTANTS,
+    ResponseMotors,
+    fit_responses,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import (
@@ -22,7 +26,8 @@ from motorprior.identification.windows import (
     TrainingData,
 )
 
-DT, ROWS = 0.002, 3000
+DT = 0.002
+ROWS = 3000
 PRESET = PRESETS["rollout"]
 LINEAR = {"delay": 0.012, "rate": 30.0, "damping": 0.8, "offset": 0.03}
 SERVO = LINEAR | {
@@ -36,17 +41,24 @@ def constants(**known: float) -> np.ndarray:
 
 def command(seed: int, rows: int = ROWS) -> np.ndarray:
     """(rows,) a chirp with steps on it [rad]."""
-    rng, time = np.random.default_rng(seed), DT * np.arange(rows)
+    rng = np.random.default_rng(seed)
+    time = DT * np.arange(rows)
     steps = np.repeat(rng.uniform(-0.4, 0.4, rows // 300), 300)
     return 0.3 * np.sin(2 * np.pi * (0.3 + 0.2 * time) * time) + steps
 
 
-def runs_of(target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history) -> WindowRuns:
+def runs_of(
+    target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history
+) -> WindowRuns:
     """One joint's motion as a free run of all that follows the warm-up."""
     rows = len(target)
     series = complete(np.zeros((1, rows, 1), np.float32))
-    series[0, :, TARGET], series[0, :, POS], series[0, :, EXTERNAL] = target, pos, external
-    series[0, 1:, VEL], series[0, :, INERTIA], series[0, :, READING] = np.diff(pos) / DT, 0.01, pos
+    series[0, :, TARGET] = target
+    series[0, :, POS] = pos
+    series[0, :, EXTERNAL] = external
+    series[0, 1:, VEL] = np.diff(pos) / DT
+    series[0, :, INERTIA] = 0.01
+    series[0, :, READING] = pos
     data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, False)
     return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
 
@@ -61,7 +73,8 @@ def pendulum_moved_by_hand(seed: int) -> WindowRuns:
 
 def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
     """The motion of a joint with these constants, from rest."""
-    target, external = command(seed), 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
+    target = command(seed)
+    external = 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
     pos = np.zeros(ROWS)
     pos[1:] = ResponseMotors(truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
     return [runs_of(target, pos, external)]
@@ -70,7 +83,9 @@ def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
 def test_limits_of_speed_and_acceleration_and_a_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
-    limited = constants(rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, compliance=-0.2)
+    limited = constants(
+        rate=40.0, damping=1.0, speed=1.5, acceleration=10.0, band=0.1, compliance=-0.2
+    )
     answer = ResponseMotors(limited).errors(runs)[0, 0]
     speed = np.diff(answer) / DT
     assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)
@@ -81,7 +96,8 @@ def test_limits_of_speed_and_acceleration_and_a_dead_band():
 
 @pytest.mark.parametrize("known", [LINEAR, SERVO], ids=["second_order", "servo_limits"])
 def test_known_constants_are_recovered(known: dict[str, float], request: pytest.FixtureRequest):
-    truth, name = constants(**known), request.node.callspec.id
+    truth = constants(**known)
+    name = request.node.callspec.id
     training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]
     models = fit_responses(training, "torque")
     found = dict(zip(RESPONSE_CONSTANTS, models[name].constants[0], strict=True))
@@ -94,6 +110,8 @@ def test_known_constants_are_recovered(known: dict[str, float], request: pytest.
 
 
 def test_the_load_along_a_recorded_motion_does_not_reveal_this_motion():
-    found = fit_responses([pendulum_moved_by_hand(1), pendulum_moved_by_hand(2)], "torque")["servo_limits"]
+    found = fit_responses([pendulum_moved_by_hand(1), pendulum_moved_by_hand(2)], "torque")[
+        "servo_limits"
+    ]
     test = pendulum_moved_by_hand(3)
     assert free_run_errors([test], {"": found})[""][0] > 0.8 * np.std(test.recorded(POS))

@@ -21,11 +21,14 @@ PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
 def test_bands_on_a_log_have_their_nominal_coverage(
     grey_box: Callable[..., GreyBox], decoder_data: Callable[..., TrainingData]
 ):
-    box, rng = grey_box(spread=0.3), np.random.default_rng(4)
+    box = grey_box(spread=0.3)
+    rng = np.random.default_rng(4)
     covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
     true = 0.5 * rng.standard_normal((24, 3))
     runs = WindowRuns(decoder_data(box, true, segments=3), PRESET)
-    speeds = {f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS}
+    speeds = {
+        f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS
+    }
     prior: Any = SimpleNamespace(model=box, metrics=speeds)
     central = LatentPosterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
     found = log_coverage(prior, central, [runs])

@@ -35,7 +35,8 @@ def test_area_under_the_curve_counts_pairs_and_halves_ties():
     assert area_under_curve(np.array([2.0, 3.0]), np.array([1.0, 2.0])) == 3.5 / 4
     assert area_under_curve(np.zeros(5), np.zeros(3)) == 0.5
     rng = np.random.default_rng(0)
-    one, other = rng.integers(0, 5, 30).astype(float), rng.integers(1, 6, 20).astype(float)
+    one = rng.integers(0, 5, 30).astype(float)
+    other = rng.integers(1, 6, 20).astype(float)
     pairs = np.mean((one[:, None] > other) + 0.5 * (one[:, None] == other))
     assert area_under_curve(one, other) == pytest.approx(pairs)
 
@@ -49,14 +50,19 @@ def test_one_fleet_against_itself_is_at_chance(fleet):
 
 def test_a_fifth_more_kp_is_detected():
     source = load_fleet("pupper_v2")
-    ours, theirs = (require_geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2))
+    ours, theirs = (
+        require_geared(source.sample(2 * COUNT, np.random.default_rng(seed))) for seed in (1, 2)
+    )
     stiff = replace(theirs, kp=1.2 * theirs.kp)
     a, b = (behaviours(PhysicalActuator(motors)) for motors in (ours, stiff))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(2 * COUNT, 2 * COUNT)
 
 
 def test_a_difference_of_spread_alone_is_detected():
-    a, b = (size * np.random.default_rng(seed).standard_normal((2 * COUNT, 4)) for seed, size in ((3, 1.0), (4, 2.0)))
+    a, b = (
+        size * np.random.default_rng(seed).standard_normal((2 * COUNT, 4))
+        for seed, size in ((3, 1.0), (4, 2.0))
+    )
     alone = np.array([area_under_curve(*columns) for columns in zip(a.T, b.T, strict=True)])
     assert np.abs(alone - 0.5).max() < 3 * auc_spread(len(a), len(b))
     assert two_sample_auc(a, b, 0) > 0.5 + 4 * auc_spread(len(a), len(b))

@@ -55,7 +55,8 @@ def replayed(motors: MotorsOnLoads, log: MotorLog) -> np.ndarray:
 
 
 def test_a_whole_segment_is_one_free_run_and_errors_are_pooled(log: MotorLog):
-    log = log.rows(slice(0, 1030))  # a segment of 1000 rows, and one that is shorter than the warm-up
+    # a segment of 1000 rows, and one that is shorter than the warm-up
+    log = log.rows(slice(0, 1030))
     runs = free_runs(log, PRESET)
     (whole,) = runs[WHOLE_RUN]
     assert whole.windows == 1 and whole.preset.window == 1000 - 1 - 60
@@ -71,9 +72,15 @@ def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log
     assert capped(np.array([[np.nan, 2.0]]), np.array([[1.0, 5.0]])).tolist() == [[1.0, 2.0]]
     unstable = IdealPd.uniform(MOTORS, -50.0, 0.0, 1e9)
     found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
-    rows = error_results(LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e")
-    assert error_table(rows, {"e": "all"})[1] == [["unstable", "diverged", "diverged", "diverged (motor_000)"]]
-    bench = bench_errors(load_fleet("mixed").sample(MOTORS, 4), {"unstable": lambda _: unstable}, 0)["impacts"]
+    rows = error_results(
+        LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e"
+    )
+    assert error_table(rows, {"e": "all"})[1] == [
+        ["unstable", "diverged", "diverged", "diverged (motor_000)"]
+    ]
+    bench = bench_errors(
+        load_fleet("mixed").sample(MOTORS, 4), {"unstable": lambda _: unstable}, 0
+    )["impacts"]
     assert np.all(bench["unstable"] == MAX_ERROR) and np.all(bench["physical"] < 0.1)
 
 
@@ -83,8 +90,12 @@ def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
 
 
 def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
-    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(MOTORS)
-    logged = replace(log, segment=(gains[:, 0] > 2.0).astype(int), logged_kp=3.0 * gains, logged_kd=0.1 * gains)
+    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(
+        MOTORS
+    )
+    logged = replace(
+        log, segment=(gains[:, 0] > 2.0).astype(int), logged_kp=3.0 * gains, logged_kd=0.1 * gains
+    )
     made = [
         run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
         for gain, case in zip((1.0, 6.0), map(trial_of, logged.segments()), strict=True)
@@ -102,7 +113,9 @@ RECIPE = with_logged_settings(PRESETS["long_runs"], KNOWN)
 
 
 def at(*volts: float) -> MotorLog:
-    return swinging_load(800, segment=TWO, supply_voltage=np.repeat(volts, 800 // len(volts))[:, None])
+    return swinging_load(
+        800, segment=TWO, supply_voltage=np.repeat(volts, 800 // len(volts))[:, None]
+    )
 
 
 @pytest.mark.parametrize(("terms", "effect"), [((), "not modelled"), (("supply",), "extrapolated")])
@@ -118,10 +131,14 @@ def a_log(moving: list[bool]) -> MotorLog:
 
 def test_joints_that_are_not_excited_do_not_count():
     logs = {"a": a_log([True, False]), "b": a_log([True, True])}
-    errors = log_errors(logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}])
+    errors = log_errors(
+        logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}]
+    )
     rows = error_results(errors, "e")
     assert rows.value(part=None, log=None) == pytest.approx(0.005)
-    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(0.002)
+    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(
+        0.002
+    )
     assert median_and_max(errors.models["prior"]) == [(1, 0), (1, 1)]
     assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
 
@@ -129,7 +146,9 @@ def test_joints_that_are_not_excited_do_not_count():
 def test_joints_with_more_than_a_third_of_the_tuned_pds_error_are_named():
     models = {"prior": np.array([[0.002, 0.004]]), "tuned_pd": np.array([[0.001, 0.01]])}
     errors = LogErrors(("log",), ("hip", "knee"), models)
-    np.testing.assert_allclose(errors.unexplained("prior"), [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01])
+    np.testing.assert_allclose(
+        errors.unexplained("prior"), [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01]
+    )
     assert errors.warnings("prior") == []
     worse = LogErrors(("log",), ("hip", "knee"), models | {"prior": np.array([[0.002, 0.005]])})
     (line,) = worse.warnings("prior")

@@ -18,7 +18,8 @@ def losses_of(rng: np.random.Generator, motors: int, seconds: int) -> np.ndarray
 
 
 def test_false_alarms_are_as_frequent_as_stated_on_logs_of_any_length():
-    rng, counts = np.random.default_rng(1), (2, 5, 10, 20, 30)
+    rng = np.random.default_rng(1)
+    counts = (2, 5, 10, 20, 30)
     alarms = {(count, level): [] for count in counts for level in (0.01, 0.05)}
     as_if_long = []
     for _ in range(100):  # priors, each trained on motors of its own

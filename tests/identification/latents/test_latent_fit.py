@@ -26,8 +26,11 @@ def network() -> LatentNetwork:
 
 def log_of(network: LatentNetwork, rows: int) -> TrainingData:
     """Random motion of motors with latents Z, and the torque that the network gives."""
-    series = complete(np.random.default_rng(1).normal(0.0, 0.4, (len(Z), rows, 7)).astype(np.float32))
-    error, velocity = (series[..., TARGET] - series[..., POS]) / 0.4, series[..., VEL] / 0.4
+    series = complete(
+        np.random.default_rng(1).normal(0.0, 0.4, (len(Z), rows, 7)).astype(np.float32)
+    )
+    error = (series[..., TARGET] - series[..., POS]) / 0.4
+    velocity = series[..., VEL] / 0.4
     for row in range(1, rows):
         past = [error[:, row], error[:, row - 1], velocity[:, row], velocity[:, row - 1]]
         series[:, row, TORQUE] = network.torque(np.stack(past, axis=1), Z)
@@ -45,5 +48,7 @@ def test_more_log_leaves_less_variance_and_none_leaves_the_prior(network: Latent
         fit_posterior(network, log_of(network, rows), RECIPE, temperature, start=Z).covariance
         for rows, temperature in ((50, 0.1), (400, 0.1), (50, 1e9))
     )
-    assert np.all(np.linalg.det(long) < 0.3 * np.linalg.det(short)) and np.all(np.linalg.det(short) < 1.0)
+    assert np.all(np.linalg.det(long) < 0.3 * np.linalg.det(short)) and np.all(
+        np.linalg.det(short) < 1.0
+    )
     np.testing.assert_allclose(hot, np.tile(np.eye(2), (2, 1, 1)), atol=1e-4)

@@ -4,21 +4,31 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.identification.latents.standardise import shrunk_correlation, standardised, with_scaled_spread
+from motorprior.identification.latents.standardise import (
+    shrunk_correlation,
+    standardised,
+    with_scaled_spread,
+)
 
 
 def boxed(motors: int, seed: int = 0) -> np.ndarray:
     """(motors, 3) latents of an awkward fleet: a box, a long tail, and a narrow bell far off."""
     rng = np.random.default_rng(seed)
-    parts = rng.uniform(-1, 3, motors), np.exp(rng.standard_normal(motors)), 5 + 0.1 * rng.standard_normal(motors)
+    parts = (
+        rng.uniform(-1, 3, motors),
+        np.exp(rng.standard_normal(motors)),
+        5 + 0.1 * rng.standard_normal(motors),
+    )
     return np.stack(parts, axis=1)
 
 
 def test_every_motor_stays_what_it_is(grey_box):
-    box, mean = grey_box(), boxed(24) / 5
+    box = grey_box()
+    mean = boxed(24) / 5
     new_box, new_mean, _ = standardised(box, mean)
     assert isinstance(new_box, GreyBox)
-    before, after = box.constants(mean), new_box.constants(new_mean)
+    before = box.constants(mean)
+    after = new_box.constants(new_mean)
     for name, values in before.items():
         np.testing.assert_allclose(after[name], values, rtol=1e-9, atol=1e-12)
 
@@ -29,7 +39,8 @@ def test_correlation_is_kept_where_the_motors_show_it_and_not_where_it_is_chance
     many = shrunk_correlation(rng.standard_normal((500, 3)) @ factor.T)
     np.testing.assert_allclose(many, factor @ factor.T, atol=0.12)
     few = rng.standard_normal((24, 14))
-    shrunk, chance = shrunk_correlation(few) - np.eye(14), np.asarray(np.corrcoef(few.T)) - np.eye(14)
+    shrunk = shrunk_correlation(few) - np.eye(14)
+    chance = np.asarray(np.corrcoef(few.T)) - np.eye(14)
     assert np.abs(shrunk).max() < 0.35 * np.abs(chance).max()
     assert np.linalg.eigvalsh(shrunk + np.eye(14)).min() > 0
 
@@ -52,7 +63,8 @@ def test_units_of_a_class_resemble_its_motors_and_not_those_of_others(grey_box):
     own = outputs[2::3]
     np.testing.assert_allclose(draws.mean(axis=0), own.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(np.cov(draws.T), np.cov(own.T), atol=0.01)
-    std, noise = classes.mean_and_std(("tail",) * 4000)[1], np.random.default_rng(2).standard_normal((4000, 3))
+    std = classes.mean_and_std(("tail",) * 4000)[1]
+    noise = np.random.default_rng(2).standard_normal((4000, 3))
     unseen = box.decoder_latents(std * noise)
     assert unseen[:, 0].std() > 3.0 * draws[:, 0].std()
 
@@ -63,16 +75,21 @@ def test_equal_classes_share_their_mean(grey_box):
     box, _, classes = standardised(grey_box(latents=3), outputs, np.full(3, 0.2), names)
     means = box.decoder_latents(classes.mean)
     raw = np.stack([outputs[each::3].mean(axis=0) for each in range(3)])
-    assert np.ptp(means[:, 0]) < 0.5 * np.ptp(raw[:, 0]) and np.ptp(means[:, 2]) > 0.5 * np.ptp(raw[:, 2])
+    assert np.ptp(means[:, 0]) < 0.5 * np.ptp(raw[:, 0]) and np.ptp(means[:, 2]) > 0.5 * np.ptp(
+        raw[:, 2]
+    )
 
 
 @pytest.mark.parametrize("motors", [4, 40])
 def test_a_limit_that_no_log_shows_is_wide_in_samples(grey_box, motors: int):
     rng = np.random.default_rng(0)
-    outputs, least = rng.standard_normal((motors, 3)), np.array([0.0, 0.7, 0.0])
+    outputs = rng.standard_normal((motors, 3))
+    least = np.array([0.0, 0.7, 0.0])
     outputs[:, 1] = 2.0
     box, mean, _ = standardised(grey_box(latents=3), outputs, np.full(3, 0.1), least_std=least)
-    assert np.std(box.decoder_latents(rng.standard_normal((4000, 3)))[:, 1]) == pytest.approx(0.7, rel=0.05)
+    assert np.std(box.decoder_latents(rng.standard_normal((4000, 3)))[:, 1]) == pytest.approx(
+        0.7, rel=0.05
+    )
     np.testing.assert_allclose(box.decoder_latents(mean), outputs)
 
 

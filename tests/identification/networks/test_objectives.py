@@ -38,7 +38,8 @@ def parameters(preset=NETWORK) -> Parameters:
 
 def recorded(given: Parameters, preset=NETWORK):
     """(MOTORS, rows, 6) log of the very motors that ``given`` describes, on a dynamometer."""
-    rng, steps = np.random.default_rng(1), preset.history + preset.window
+    rng = np.random.default_rng(1)
+    steps = preset.history + preset.window
     trial = Trial(
         np.cumsum(rng.normal(0.0, 0.05, (steps, MOTORS)), axis=0),
         rng.normal(0.0, 0.5, (steps, MOTORS)),
@@ -48,9 +49,13 @@ def recorded(given: Parameters, preset=NETWORK):
     response = run(NetworkActuator(latent_network(given, preset, SCALES), Z), trial)
     load = np.broadcast_to(trial.load_inertia, trial.position_target.shape)
     channels = (
-        trial.position_target, response.joint_pos, response.joint_vel, response.joint_torque,
-        trial.external_torque, load,
-    )  # fmt: skip
+        trial.position_target,
+        response.joint_pos,
+        response.joint_vel,
+        response.joint_torque,
+        trial.external_torque,
+        load,
+    )
     return complete(np.stack(channels, axis=-1).transpose(1, 0, 2))
 
 
@@ -68,9 +73,11 @@ def loss(given: Parameters, windows, preset=NETWORK, has_torque=False) -> float:
 def test_a_perfect_model_rolls_out_its_own_recording(has_torque):
     given = parameters()
     windows = recorded(given)
-    # float32 against float64 over 40 steps: 1e-6 rad of 0.01, 1e-4 rad/s of 0.3; squared, halved: below 1e-6
+    # float32 against float64 over 40 steps: 1e-6 rad of 0.01, 1e-4 rad/s of 0.3; squared, halved:
+    # below 1e-6
     assert loss(given, windows, has_torque=has_torque) < 1e-6
-    assert np.max(np.abs(windows[..., 3])) == pytest.approx(0.08)  # the limit is reached, and so is its clip
+    # the limit is reached, and so is its clip
+    assert np.max(np.abs(windows[..., 3])) == pytest.approx(0.08)
 
 
 def test_torque_regression_is_the_mean_square_of_the_newest_row():

@@ -32,7 +32,9 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
     series = data.series.copy()
     noise = np.random.default_rng(0).standard_normal((*series.shape[:2], 2)) * [3e-4, 0.02]
     series[..., [POS, VEL]] += noise.astype(np.float32)
-    found = identifiable_constants(box, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1])
+    found = identifiable_constants(
+        box, WindowRuns(replace(data, series=series), PRESET), z, PARAMETERS[:-1]
+    )
     assert {"kp", "kd_over_kp", "delay", "armature", "coulomb"} <= found
     assert not {"torque_limit", "backlash"} & found
     runs = WindowRuns(replace(data, series=series), PRESET)
@@ -46,16 +48,24 @@ def test_of_one_motor_with_wide_limits_and_no_play(decoder_data: Callable[..., T
 def test_the_scale_of_torques_is_unknown_where_noise_hides_the_effect_of_the_load(
     decoder_data: Callable[..., TrainingData], size: float, noise: float, hidden: bool
 ):
-    motor = INITIAL_MOTOR | {name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR}
+    motor = INITIAL_MOTOR | {
+        name: size * INITIAL_MOTOR[name] for name in TORQUES if name in INITIAL_MOTOR
+    }
     box = grey_box(encoded(motor, ()), (), PRESET)
     z = np.zeros((1, len(PARAMETERS)))
     data = replace(decoder_data(box, z, segments=5, rows=400), has_torque=False)
     series = data.series.copy()
-    series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(np.float32)
+    series[..., POS] += (noise * np.random.default_rng(0).standard_normal(series.shape[:2])).astype(
+        np.float32
+    )
     data = replace(data, series=series)
     assert unknown_torque_scale(box, WindowRuns(data, PRESET), z).tolist() == [hidden]
     stated = WindowRuns(data, replace(PRESET, gain_unit=PHYSICAL_GAINS))
-    assert not unknown_torque_scale(replace(box, gain_unit=PHYSICAL_GAINS), stated, z).any(), "gains set the scale"
+    assert not unknown_torque_scale(replace(box, gain_unit=PHYSICAL_GAINS), stated, z).any(), (
+        "gains set the scale"
+    )
     apart = np.concatenate([z, z + 2.0 * np.isin(PARAMETERS, "kp")])
     both = WindowRuns(decoder_data(box, apart, segments=5, rows=400), PRESET)
-    assert unknown_torque_scale(box, both, apart + 0.01).all(), "kp of one class differs by a factor of seven"
+    assert unknown_torque_scale(box, both, apart + 0.01).all(), (
+        "kp of one class differs by a factor of seven"
+    )

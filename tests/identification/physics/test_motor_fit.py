@@ -20,13 +20,21 @@ from motorprior.identification.windows import TrainingData
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
 MOTORS = 4
-SPREAD = {"kp": 0.3, "kd_over_kp": 0.2, "delay": 0.4, "backlash": 0.4, "load_friction": 0.3, "armature": 0.3}
+SPREAD = {
+    "kp": 0.3,
+    "kd_over_kp": 0.2,
+    "delay": 0.4,
+    "backlash": 0.4,
+    "load_friction": 0.3,
+    "armature": 0.3,
+}
 """Standard deviations of the logarithms."""
 
 
 def truth() -> np.ndarray:
     """(MOTORS, P) decoder outputs relative to the initial motor's."""
-    rng, raw = np.random.default_rng(2), np.zeros((MOTORS, len(PARAMETERS)))
+    rng = np.random.default_rng(2)
+    raw = np.zeros((MOTORS, len(PARAMETERS)))
     for name, spread in SPREAD.items():
         raw[:, PARAMETERS.index(name)] = spread * rng.standard_normal(MOTORS) + 0.2
     return raw
@@ -56,23 +64,40 @@ def found(runs: WindowRuns) -> MotorFits:
 def test_the_constants_of_four_motors_are_found(found: MotorFits):
     assert found.loss.max() < 3e-3, found.loss
     error = np.abs(found.center + found.offsets - true_center() - truth())
-    within = {"kp": 0.03, "kd_over_kp": 0.05, "delay": 0.03, "backlash": 0.08, "load_friction": 0.1, "armature": 0.1}
+    within = {
+        "kp": 0.03,
+        "kd_over_kp": 0.05,
+        "delay": 0.03,
+        "backlash": 0.08,
+        "load_friction": 0.1,
+        "armature": 0.1,
+    }
     for name, bound in within.items():
-        assert error[:, PARAMETERS.index(name)].max() < bound, (name, error[:, PARAMETERS.index(name)])
+        assert error[:, PARAMETERS.index(name)].max() < bound, (
+            name,
+            error[:, PARAMETERS.index(name)],
+        )
 
 
 def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
-    center, kp = true_center(), PARAMETERS.index("kp")
+    center = true_center()
+    kp = PARAMETERS.index("kp")
     center[kp] += np.log(0.04)
-    runs = WindowRuns(decoder_data(grey_box(center, (), PRESET), truth(), segments=5, rows=400), PRESET)
+    runs = WindowRuns(
+        decoder_data(grey_box(center, (), PRESET), truth(), segments=5, rows=400), PRESET
+    )
     found = fit_motors(runs, (), True, 0)
-    expected = center[kp] + truth()[:, kp]  # a factor of 25 away; fits on other processors differ by 0.2
+    # a factor of 25 away; fits on other processors differ by 0.2
+    expected = center[kp] + truth()[:, kp]
     np.testing.assert_allclose((found.center + found.offsets)[:, kp], expected, atol=0.25)
 
 
 @pytest.mark.parametrize(("limit", "identifiable"), [(60.0, False), (1.5, True)])
-def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, limit: float, identifiable: bool):
-    column, motors = PARAMETERS.index("torque_limit"), truth()
+def test_a_torque_limit_that_is_not_identifiable_is_large(
+    decoder_data: Data, limit: float, identifiable: bool
+):
+    column = PARAMETERS.index("torque_limit")
+    motors = truth()
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(true_box(), motors, segments=5, rows=400), PRESET)
     asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.max_request
@@ -84,7 +109,9 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(decoder_data: Data, li
         assert np.all(found > 3.0 * asked)
 
 
-def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: WindowRuns, monkeypatch: pytest.MonkeyPatch):
+def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(
+    runs: WindowRuns, monkeypatch: pytest.MonkeyPatch
+):
     results = []
     for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
         monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
@@ -98,14 +125,17 @@ def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(runs: Windo
 class _TwoOptima:
     """Five motors with two constants; the loss is the same at -2 and 2 of the first one."""
 
-    count, weight, observations = 5, 1.0, 10
+    count = 5
+    weight = 1.0
+    observations = 10
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         return np.stack([x[:, 0] ** 2 - 4.0, x[:, 1] - 0.1 * which, np.full(len(x), 0.5)], axis=1)
 
 
 def test_of_two_optima_that_fit_alike_the_motor_gets_that_of_the_others():
-    search, wide = Search(_TwoOptima()), np.zeros(2)
+    search = Search(_TwoOptima())
+    wide = np.zeros(2)
     x = np.stack([[2.0, 2.0, 2.0, 2.0, -2.0], 0.1 * np.arange(5)], axis=1)
     found = search.at(x, GaussianPrior(wide, wide))
     changed, same = (

@@ -14,16 +14,20 @@ from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData
 
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
-KP, LOAD_FRICTION = PARAMETERS.index("kp"), PARAMETERS.index("load_friction")
+KP = PARAMETERS.index("kp")
+LOAD_FRICTION = PARAMETERS.index("load_friction")
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_constants_that_were_off_are_found(decoder_data: Callable[..., TrainingData], together: bool):
+def test_constants_that_were_off_are_found(
+    decoder_data: Callable[..., TrainingData], together: bool
+):
     center = initial_center(())
     center[PARAMETERS.index("velocity_filter")] = np.log(3e-3)
     box = grey_box(center, (), PRESET)
     truth = np.zeros((2, box.num_latents))
-    truth[:, KP], truth[:, LOAD_FRICTION] = (0.2, -0.1), (-0.3, 0.4)
+    truth[:, KP] = (0.2, -0.1)
+    truth[:, LOAD_FRICTION] = (-0.3, 0.4)
     data = decoder_data(box, truth, segments=6, rows=700)
     longer = longer_runs(data, PRESET, WindowRuns(data, PRESET))
     began = truth.copy()
@@ -32,4 +36,7 @@ def test_constants_that_were_off_are_found(decoder_data: Callable[..., TrainingD
     found = refined(box, began, longer, together)
     before, after = (motor_search(box, longer).losses(z) for z in (began, found))
     assert (after < 0.2 * before).all()
-    assert np.abs(found - truth)[:, KP].max() < 0.02 and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
+    assert (
+        np.abs(found - truth)[:, KP].max() < 0.02
+        and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
+    )

@@ -16,7 +16,8 @@ from motorprior.identification.windows import TrainingData
 
 PRESET = replace(PRESETS["rollout"], window=100)
 SCALES = {"error_scale": 0.2, "velocity_scale": 3.0, "torque_scale": 1.0, "torque_limit": 3.0}
-MOTORS, DT = 3, PRESET.period
+MOTORS = 3
+DT = PRESET.period
 INERTIA = np.array([0.0008, 0.002, 0.004])
 PLAY, ZERO, KP = (PARAMETERS.index(name) for name in ("backlash", "encoder_zero", "kp"))
 HIDDEN = ("backlash", "encoder_zero")
@@ -39,13 +40,17 @@ def z() -> np.ndarray:
 @pytest.fixture(scope="module")
 def series(box: GreyBox, z: np.ndarray) -> np.ndarray:
     """(MOTORS, rows, channels) readings of the rotors' encoders, each motor under a load."""
-    rng, rows = np.random.default_rng(1), PRESET.history + PRESET.window + 1
+    rng = np.random.default_rng(1)
+    rows = PRESET.history + PRESET.window + 1
     targets = np.cumsum(rng.normal(0.0, 0.02, (rows, MOTORS)), axis=0)
     external = np.cumsum(rng.normal(0.0, 0.01, (rows, MOTORS)), axis=0)
     arrays = GreyBoxActuator(box, z).arrays(DT)
     zero = box.constants(z)["encoder_zero"]
     assert np.abs(zero).max() > 0.005, "zeros that would be seen"
-    q, dq, torque, seen = targets[0] - zero, np.zeros(MOTORS), np.zeros(MOTORS), []
+    q = targets[0] - zero
+    dq = np.zeros(MOTORS)
+    torque = np.zeros(MOTORS)
+    seen = []
     reset_actuator(arrays, targets[0], q)
     for row in range(rows):
         seen.append((arrays.memory[ROTOR_POS] + zero, arrays.memory[ROTOR_VEL].copy()))
@@ -53,7 +58,14 @@ def series(box: GreyBox, z: np.ndarray) -> np.ndarray:
         dq = (dq + DT * (torque + external[row]) / INERTIA) / (1.0 + DT * arrays.damping / INERTIA)
         q = q + DT * dq
     pos, vel = np.array(seen).transpose(1, 0, 2)
-    channels = (targets, pos, vel, np.zeros_like(pos), external, np.broadcast_to(INERTIA, pos.shape))
+    channels = (
+        targets,
+        pos,
+        vel,
+        np.zeros_like(pos),
+        external,
+        np.broadcast_to(INERTIA, pos.shape),
+    )
     return complete(np.stack(channels, axis=-1).transpose(1, 0, 2)).astype(np.float32)
 
 

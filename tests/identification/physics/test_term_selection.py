@@ -19,13 +19,24 @@ MOTORS = 5
 
 
 def logs(
-    decoder_data: Data, terms: tuple[str, ...], segments: int = 6, rows: int = 300, motors: int = MOTORS
+    decoder_data: Data,
+    terms: tuple[str, ...],
+    segments: int = 6,
+    rows: int = 300,
+    motors: int = MOTORS,
 ) -> WindowRuns:
     """Logs of motors that have these terms."""
-    constants = INITIAL | {"profile_speed": 1.5, "profile_acceleration": 25.0, "output_damping": 0.03}
-    center = initial_center(()).tolist() + encoded(constants, terms)[len(initial_center(())) :].tolist()
+    constants = INITIAL | {
+        "profile_speed": 1.5,
+        "profile_acceleration": 25.0,
+        "output_damping": 0.03,
+    }
+    center = (
+        initial_center(()).tolist() + encoded(constants, terms)[len(initial_center(())) :].tolist()
+    )
     box = grey_box(np.array(center), terms, PRESET)
-    z, rng = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center))), np.random.default_rng(5)
+    z = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center)))
+    rng = np.random.default_rng(5)
     data = decoder_data(box, z, segments=segments, rows=rows)
     noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
     series = data.series.copy()
@@ -39,7 +50,9 @@ CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "no
 def assert_found(decoder_data: Data, terms: tuple[str, ...], others: int) -> None:
     """The terms are selected; for motors with a term, some others may be, by the test at 20 %."""
     found = select_terms(logs(decoder_data, terms), 0)
-    assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others * len(terms), found.saved
+    assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others * len(
+        terms
+    ), found.saved
     assert all(found.saved[name] > 0.0 for name in terms)
 
 
@@ -51,7 +64,9 @@ def test_a_term_is_selected_if_motors_have_it(
     assert_found(decoder_data, terms, 1)
 
 
-def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data, small_search: Callable[..., None]):
+def test_a_term_is_selected_with_one_motor_and_four_segments(
+    decoder_data: Data, small_search: Callable[..., None]
+):
     small_search("profile")
     assert select_terms(logs(decoder_data, ("profile",), 4, 700, 1), 0).terms == ("profile",)
 
@@ -63,5 +78,7 @@ def test_few_segments_are_all_trained_and_tested_on(decoder_data: Data):
 
 @pytest.mark.slow
 @CASES
-def test_the_terms_that_motors_have_are_found_and_no_others(decoder_data: Data, terms: tuple[str, ...]):
+def test_the_terms_that_motors_have_are_found_and_no_others(
+    decoder_data: Data, terms: tuple[str, ...]
+):
     assert_found(decoder_data, terms, 2)

@@ -16,13 +16,17 @@ from motorprior.logs.operations import drop_repeats
 from motorprior.logs.read_log import read_log, read_log_folder
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-ROBOT: Any = SimpleNamespace(name="two", joint_names=(), limits_of=lambda names: np.array([[-1.0, 1.0]] * 2))
+ROBOT: Any = SimpleNamespace(
+    name="two", joint_names=(), limits_of=lambda names: np.array([[-1.0, 1.0]] * 2)
+)
 Change = Callable[[np.ndarray], np.ndarray]
 
 
 def changed(**changes: Change) -> Callable[[MotorLog], MotorLog]:
     """The log with other channels: each a function of the old one."""
-    return lambda log: replace(log, **{name: change(getattr(log, name)) for name, change in changes.items()})
+    return lambda log: replace(
+        log, **{name: change(getattr(log, name)) for name, change in changes.items()}
+    )
 
 
 def rows(first: int, last: int, value: float) -> Change:
@@ -117,6 +121,13 @@ def test_the_real_logs_have_no_errors(shared_data: Path, folder: str, columns: s
     assert reports
     for path, report in reports.items():
         assert report.usable, (path, report.errors)
-        assert not any(of_check(report, check) for check in ("repeats", "dead", "unsigned_torque", "torque_sign")), path
+        assert not any(
+            of_check(report, check)
+            for check in ("repeats", "dead", "unsigned_torque", "torque_sign")
+        ), path
     if folder == "go2":
-        assert all(0.06 < found.value < 0.08 for report in reports.values() for found in of_check(report, "tracking"))
+        assert all(
+            0.06 < found.value < 0.08
+            for report in reports.values()
+            for found in of_check(report, "tracking")
+        )

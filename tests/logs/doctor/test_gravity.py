@@ -19,7 +19,9 @@ def arm(tmp_path: Path) -> str:
 
 
 def turned(log: MotorLog, *signs: float) -> MotorLog:
-    return replace(log, position_target=log.position_target * signs, joint_pos=log.joint_pos * signs)
+    return replace(
+        log, position_target=log.position_target * signs, joint_pos=log.joint_pos * signs
+    )
 
 
 def found(log: MotorLog, robot: str) -> list[Finding]:
@@ -32,7 +34,9 @@ def test_signs_of_the_model_are_no_finding(arm: str):
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
-    (finding,) = found(turned(slow_motion(arm), *(-1.0 if each == joint else 1.0 for each in JOINTS)), arm)
+    (finding,) = found(
+        turned(slow_motion(arm), *(-1.0 if each == joint else 1.0 for each in JOINTS)), arm
+    )
     assert (finding.severity, finding.joint) == ("warning", joint)
     assert finding.value > 0.99 and f"0.0 mrad with {joint} reversed" in finding.message
 
@@ -41,7 +45,8 @@ def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
     "change",
     [
         lambda log: replace(log, time=0.1 * log.time),  # ten times as fast: not steady
-        lambda log: replace(log, joint_pos=log.position_target),  # an integral in the servo leaves no error
+        # an integral in the servo leaves no error
+        lambda log: replace(log, joint_pos=log.position_target),
         lambda log: log.rows(slice(0, 25)),
     ],
 )

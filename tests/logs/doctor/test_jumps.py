@@ -11,10 +11,14 @@ from motorprior.logs.doctor.findings import Finding
 from motorprior.logs.motor_log import MotorLog
 
 
-def of_angle(angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None) -> MotorLog:
+def of_angle(
+    angle: np.ndarray, period: float = 0.01, command: np.ndarray | None = None
+) -> MotorLog:
     """One joint, slowly commanded by default."""
     time = period * np.arange(len(angle))
-    return log_of(time, 0.1 * np.sin(time) if command is None else command, angle, joint_names=("knee",))
+    return log_of(
+        time, 0.1 * np.sin(time) if command is None else command, angle, joint_names=("knee",)
+    )
 
 
 def swing(rows: int = 1500, period: float = 0.01, size: float = 1.0) -> np.ndarray:
@@ -27,10 +31,15 @@ def jumps(log: MotorLog) -> list[Finding]:
     return of_check(check_log(log), "jumps")
 
 
-def joint(command: np.ndarray, period: float, rate: float = 6.0, kicks: dict[int, float] | None = None) -> np.ndarray:
+def joint(
+    command: np.ndarray, period: float, rate: float = 6.0, kicks: dict[int, float] | None = None
+) -> np.ndarray:
     """A joint that oscillates at ``rate`` [Hz] about its command, damped by a tenth; kicks add to its speed [rad/s]."""
-    parts, natural = 20, 2 * np.pi * rate
-    angle, speed, found = float(command[0]), 0.0, []
+    parts = 20
+    natural = 2 * np.pi * rate
+    angle = float(command[0])
+    speed = 0.0
+    found = []
     for row, target in enumerate(command.tolist()):
         found.append(angle)
         speed += (kicks or {}).get(row, 0.0)
@@ -46,7 +55,10 @@ def test_reads_that_fail_are_named_and_counted(rows: slice, value: float):
     angle[rows] = value
     (found,) = jumps(of_angle(angle))
     assert (found.severity, found.joint, found.row) == ("error", "knee", rows.start)
-    assert f"{value:.4g} rad" in found.message and f"{rows.stop - rows.start} such rows" in found.message
+    assert (
+        f"{value:.4g} rad" in found.message
+        and f"{rows.stop - rows.start} such rows" in found.message
+    )
     assert found.remedy
 
 
@@ -71,7 +83,10 @@ def test_an_angle_that_jumps_and_stays_is_an_error():
 def shoved(period: float) -> MotorLog:
     """By hand, 2 rad there within 0.1 s, and a second later back; nothing was commanded."""
     time = period * np.arange(round(10.0 / period))
-    return of_angle(2.0 * (np.clip((time - 4.0) / 0.1, 0.0, 1.0) - np.clip((time - 5.0) / 0.1, 0.0, 1.0)), period)
+    return of_angle(
+        2.0 * (np.clip((time - 4.0) / 0.1, 0.0, 1.0) - np.clip((time - 5.0) / 0.1, 0.0, 1.0)),
+        period,
+    )
 
 
 def flicked(period: float) -> MotorLog:
@@ -82,14 +97,24 @@ def flicked(period: float) -> MotorLog:
 
 
 MOTIONS: dict[str, Callable[[float], MotorLog]] = {
-    "steps of the command": lambda dt: with_command(np.repeat([0.0, 1.5, 0.2, -1.0], round(2.0 / dt)), dt),
-    "a telegraph": lambda dt: with_command(np.repeat(np.random.default_rng(0).choice([-0.5, 0.5], 300), 2), dt),
-    "an impact": lambda dt: of_angle(joint(np.zeros(round(3 / dt)), dt, kicks={round(1 / dt): 20.0}), dt),
-    "one fast move": lambda dt: with_command(np.where(np.arange(round(20 / dt)) < round(10 / dt), 0.0, 2.0), dt),
+    "steps of the command": lambda dt: with_command(
+        np.repeat([0.0, 1.5, 0.2, -1.0], round(2.0 / dt)), dt
+    ),
+    "a telegraph": lambda dt: with_command(
+        np.repeat(np.random.default_rng(0).choice([-0.5, 0.5], 300), 2), dt
+    ),
+    "an impact": lambda dt: of_angle(
+        joint(np.zeros(round(3 / dt)), dt, kicks={round(1 / dt): 20.0}), dt
+    ),
+    "one fast move": lambda dt: with_command(
+        np.where(np.arange(round(20 / dt)) < round(10 / dt), 0.0, 2.0), dt
+    ),
     "fast motion": lambda dt: of_angle(swing(round(10 / dt), dt, size=4.0), dt),
     "noise": lambda dt: of_angle(0.2 * np.random.default_rng(1).normal(size=1000), dt),
     "a coarse encoder": lambda dt: of_angle(0.05 * np.rint(swing(round(10 / dt), dt) / 0.05), dt),
-    "a coarse encoder that toggles": lambda dt: of_angle(0.05 * (np.random.default_rng(2).random(1000) < 0.02), dt),
+    "a coarse encoder that toggles": lambda dt: of_angle(
+        0.05 * (np.random.default_rng(2).random(1000) < 0.02), dt
+    ),
     "a shove": shoved,
     "a flick": flicked,
     "rows that are lost": lambda dt: lossy(of_angle(swing(round(10 / dt), dt), dt)),
@@ -111,4 +136,6 @@ def lossy(log: MotorLog) -> MotorLog:
 def test_true_motion_is_no_jump(name: str, rate: float):
     log = MOTIONS[name](1.0 / rate)
     report = check_log(log)
-    assert of_check(report, "angles") and not {"jumps", "units"} & {found.check for found in report.errors}
+    assert of_check(report, "angles") and not {"jumps", "units"} & {
+        found.check for found in report.errors
+    }

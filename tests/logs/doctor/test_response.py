@@ -29,8 +29,10 @@ def stopped(share: float) -> Change:
     """End stops on both sides, at this share of the motion."""
 
     def clip(angle: np.ndarray) -> np.ndarray:
-        low, high = angle.min(axis=0), angle.max(axis=0)
-        middle, reach = 0.5 * (low + high), 0.5 * share * (high - low)
+        low = angle.min(axis=0)
+        high = angle.max(axis=0)
+        middle = 0.5 * (low + high)
+        reach = 0.5 * share * (high - low)
         return np.clip(angle, middle - reach, middle + reach)
 
     return clip
@@ -39,7 +41,9 @@ def stopped(share: float) -> Change:
 @pytest.mark.parametrize("share", [0.2, 0.6])
 def test_end_stops_show_though_a_chirp_is_far_behind_its_command(share: float):
     log = of(chirp(), stopped(share)(chirp(0.1)))
-    high, low = (log.joint_pos[finding.row, 0] for finding in of_check(check_log(log), "saturation"))
+    high, low = (
+        log.joint_pos[finding.row, 0] for finding in of_check(check_log(log), "saturation")
+    )
     assert (high, low) == pytest.approx((0.3 * share, -0.3 * share), abs=2 * STEP)
 
 
@@ -72,7 +76,9 @@ def test_reversals_dead_bands_and_weights_are_no_end_stop():
 
 def sines(rates: tuple[float, ...], lag: float, sign: float = 1.0) -> MotorLog:
     times = 0.005 * np.arange(2000) - np.array([[0.0], [lag]])
-    command, angle = sum((0.2 * np.sin(2 * np.pi * rate * times) for rate in rates), start=0.0 * times)
+    command, angle = sum(
+        (0.2 * np.sin(2 * np.pi * rate * times) for rate in rates), start=0.0 * times
+    )
     return of(command, sign * angle, 0.005)
 
 

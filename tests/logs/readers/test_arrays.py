@@ -20,15 +20,14 @@ ANGLE = np.roll(TARGET, 2, axis=0)
 
 @pytest.fixture
 def columns(tmp_path: Path) -> ColumnMap:
-    lines = (
-        'motor = "m"\nrate = 50\nposition_target = "q_des[{joint}]"\njoint_pos = "q[{joint}]"\n[joints.0]\n[joints.1]\n'
-    )
+    lines = 'motor = "m"\nrate = 50\nposition_target = "q_des[{joint}]"\njoint_pos = "q[{joint}]"\n[joints.0]\n[joints.1]\n'
     (tmp_path / "map.toml").write_text(lines)
     return load_column_map(tmp_path / "map.toml")
 
 
 def written(folder: Path, ending: str) -> Path:
-    arrays, path = {"q": ANGLE, "q_des": TARGET}, folder / f"log{ending}"
+    arrays = {"q": ANGLE, "q_des": TARGET}
+    path = folder / f"log{ending}"
     steps = [{"q": ANGLE[row], "q_des": TARGET[row]} for row in range(ROWS)]
     if ending == ".npz":
         np.savez(path, note=np.array("text"), **arrays)  # pyright: ignore[reportArgumentType]
@@ -51,7 +50,9 @@ def test_arrays_of_any_container_become_a_log(tmp_path: Path, columns: ColumnMap
 
 
 def test_a_single_array_is_called_data(tmp_path: Path):
-    lines = 'motor = "m"\nrate = 50\nposition_target = "data[3]"\njoint_pos = "data[1]"\n[joints.0]\n'
+    lines = (
+        'motor = "m"\nrate = 50\nposition_target = "data[3]"\njoint_pos = "data[1]"\n[joints.0]\n'
+    )
     (tmp_path / "map.toml").write_text(lines)
     log = read_log(written(tmp_path, ".npy"), columns=tmp_path / "map.toml")
     np.testing.assert_array_equal(log.joint_pos[:, 0], ANGLE[:, 1])
@@ -67,7 +68,9 @@ def test_a_wrong_name_or_length_is_named(tmp_path: Path, columns: ColumnMap):
 
 
 @pytest.mark.parametrize("name", ["log.npz", "log.pt"])
-def test_an_archive_that_unpacks_to_more_than_the_bound_is_not_read(tmp_path: Path, columns: ColumnMap, name: str):
+def test_an_archive_that_unpacks_to_more_than_the_bound_is_not_read(
+    tmp_path: Path, columns: ColumnMap, name: str
+):
     with zipfile.ZipFile(tmp_path / name, "w") as archive:
         archive.writestr("log/data.pkl", b"")
         archive.infolist()[0].file_size = MAX_BYTES + 1

@@ -46,8 +46,11 @@ zero = 0.5
 RNG = np.random.default_rng(0)
 NAMES = [f"{kind}_{joint}" for kind in ("goal", "pos", "vel", "load") for joint in ("1", "2")]
 COLUMNS = {"stamp": 20.0 * np.arange(ROWS), "episode": np.repeat([3, 4], ROWS // 2)}
-COLUMNS |= {name: np.rint(1000 * RNG.standard_normal(ROWS)) for name in NAMES} | {"unused": np.zeros(ROWS)}
-TICK, RPM = TURN / 4096, TURN / 60
+COLUMNS |= {name: np.rint(1000 * RNG.standard_normal(ROWS)) for name in NAMES} | {
+    "unused": np.zeros(ROWS)
+}
+TICK = TURN / 4096
+RPM = TURN / 60
 
 
 def write(path: Path, columns: dict[str, np.ndarray] = COLUMNS) -> Path:
@@ -71,7 +74,12 @@ def a_map(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
 @pytest.mark.parametrize("name", ["log.csv", "log.csv.gz", "log.parquet"])
 def test_units_signs_and_zeros_are_those_of_the_map(tmp_path: Path, name: str):
     log = read_log(write(tmp_path / name), columns=a_map(tmp_path, TICKS))
-    assert (log.joint_names, log.robot, log.motor, log.encoder) == (("pan", "lift"), "arm", "servo", "rotor")
+    assert (log.joint_names, log.robot, log.motor, log.encoder) == (
+        ("pan", "lift"),
+        "arm",
+        "servo",
+        "rotor",
+    )
     np.testing.assert_allclose(log.time, 0.02 * np.arange(ROWS))
     np.testing.assert_allclose(log.joint_pos[:, 0], TICK * COLUMNS["pos_1"])
     np.testing.assert_allclose(log.joint_pos[:, 1], 0.5 - TICK * COLUMNS["pos_2"])
@@ -100,30 +108,44 @@ def test_what_a_channel_states_counts_before_what_its_joint_states(tmp_path: Pat
 
 
 def test_gains_of_the_map_hold_for_every_row(tmp_path: Path):
-    gains = ('name = "pan"', 'name = "pan"\nkp = 32\nkd = 0'), ("sign = -1", "sign = -1\nkp = 16\nkd = 2")
+    gains = (
+        ('name = "pan"', 'name = "pan"\nkp = 32\nkd = 0'),
+        ("sign = -1", "sign = -1\nkp = 16\nkd = 2"),
+    )
     path = write(tmp_path / "log.csv")
     log = read_log(path, columns=a_map(tmp_path, TICKS, *gains))
-    assert log.gains is not None and log.gains.tolist() == [[32.0, 16.0], [0.0, 2.0]] and log.gain_unit == "N·m/rad"
+    assert (
+        log.gains is not None
+        and log.gains.tolist() == [[32.0, 16.0], [0.0, 2.0]]
+        and log.gain_unit == "N·m/rad"
+    )
     own = ('velocity = "rpm"', 'gain = "firmware"\nvelocity = "rpm"')
     assert read_log(path, columns=a_map(tmp_path, TICKS, *gains, own)).gain_unit == "firmware"
 
 
 def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path):
-    volts, degrees = 74.0 + np.arange(ROWS) % 3, 30.0 + np.arange(ROWS) / ROWS
-    path = write(tmp_path / "log.csv", COLUMNS | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0})
+    volts = 74.0 + np.arange(ROWS) % 3
+    degrees = 30.0 + np.arange(ROWS) / ROWS
+    path = write(
+        tmp_path / "log.csv", COLUMNS | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0}
+    )
     entries = 'supply_voltage = "bus"\nmotor_temperature = "temp_{joint}"\n[units]\nvoltage = "dV"'
     log = read_log(path, columns=a_map(tmp_path, TICKS, ("[units]", entries)))
     assert log.supply_voltage is not None and log.motor_temperature is not None
     np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([volts, volts], axis=1))
     np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
     number = ("[units]", 'supply_voltage = 74\n[units]\nvoltage = "dV"')
-    np.testing.assert_allclose(read_log(path, columns=a_map(tmp_path, TICKS, number)).conditions["supply_voltage"], 7.4)
+    np.testing.assert_allclose(
+        read_log(path, columns=a_map(tmp_path, TICKS, number)).conditions["supply_voltage"], 7.4
+    )
 
 
 def test_joints_come_in_the_robots_order(tmp_path: Path):
     names = PUPPER_V2.joint_names[::-1]
     table = {"t": 0.01 * np.arange(ROWS)}
-    table |= {f"{kind}_{name}": RNG.standard_normal(ROWS) for name in names for kind in ("goal", "pos")}
+    table |= {
+        f"{kind}_{name}": RNG.standard_normal(ROWS) for name in names for kind in ("goal", "pos")
+    }
     text = PLAIN.split("[joints]")[0] + "[joints]\n" + "\n".join(f"{name} = {{}}" for name in names)
     path = write(tmp_path / "log.csv", table)
     log = read_log(path, PUPPER_V2, a_map(tmp_path, text))

@@ -13,7 +13,11 @@ from motorprior.logs.pickles import load_pickle
 
 @pytest.mark.parametrize("protocol", [0, 2, pickle.HIGHEST_PROTOCOL])
 def test_plain_containers_and_arrays_come_through(protocol: int):
-    value = {"t": [0.1, 1e-300, True, None, "µ", b"\xff"], "x": np.arange(6.0).reshape(2, 3), "y": np.float32(0.5)}
+    value = {
+        "t": [0.1, 1e-300, True, None, "µ", b"\xff"],
+        "x": np.arange(6.0).reshape(2, 3),
+        "y": np.float32(0.5),
+    }
     loaded = load_pickle(pickle.dumps(value, protocol))
     assert loaded["t"] == value["t"] and loaded["y"] == 0.5
     np.testing.assert_array_equal(loaded["x"], value["x"])
@@ -37,7 +41,8 @@ def test_a_pickle_calls_nothing_else(tmp_path: Path, function):
     [
         b"cbuiltins\nbytes\n(I1000000000000\ntR.",
         b"ctorch._utils\n_rebuild_tensor_v2\n(cnumpy.core.numeric\n_frombuffer\n(c_codecs\nencode\n(Vaaaaaaaa\nVlatin1\ntR"
-        b"cnumpy\ndtype\n(Vf8\ntR(I1\ntVC\ntRI0\n(I1000000\nt(I0\nttR.",  # one number a million times
+        # one number a million times
+        b"cnumpy\ndtype\n(Vf8\ntR(I1\ntVC\ntRI0\n(I1000000\nt(I0\nttR.",
     ],
 )
 def test_a_small_pickle_cannot_ask_for_much_memory(pickled: bytes):
@@ -55,7 +60,11 @@ def test_raw_bytes_never_become_addresses_of_objects():
     class Forged:
         def __reduce__(self):
             dtype = np.dtype("O8")
-            return np.zeros(0).__reduce__()[0], (np.ndarray, (0,), b"b"), (1, (1,), dtype, False, 8 * b"A")
+            return (
+                np.zeros(0).__reduce__()[0],
+                (np.ndarray, (0,), b"b"),
+                (1, (1,), dtype, False, 8 * b"A"),
+            )
 
     with pytest.raises(LogError, match="'O8', not plain numbers"):
         load_pickle(pickle.dumps({"t": Forged()}))

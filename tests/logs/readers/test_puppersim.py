@@ -14,7 +14,8 @@ from motorprior.logs.operations import repeated_rows
 from motorprior.logs.read_log import read_log, read_log_folder
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-ROWS, CSV_COLUMNS = 30, csv_columns(PUPPER_V2.num_joints)
+ROWS = 30
+CSV_COLUMNS = csv_columns(PUPPER_V2.num_joints)
 RNG = np.random.default_rng(0)
 TABLE = np.round(RNG.normal(size=(ROWS, len(CSV_COLUMNS))), 6)  # six decimals, as published
 TABLE[:, 0] = np.round(np.cumsum(RNG.uniform(1e-3, 2e-3, ROWS)), 6)
@@ -29,7 +30,12 @@ def write_csv(path: Path, lines: list[str] = LINES) -> Path:
 
 def content() -> dict[str, list]:
     time, target, angle, imu = np.split(TABLE, [1, 13, 25], axis=1)
-    return {"t": time[:, 0].tolist(), "IMU": imu.tolist(), "MotorAngle": angle.tolist(), "action": target.tolist()}
+    return {
+        "t": time[:, 0].tolist(),
+        "IMU": imu.tolist(),
+        "MotorAngle": angle.tolist(),
+        "action": target.tolist(),
+    }
 
 
 @pytest.mark.parametrize(("container", "protocol"), [(list, 0), (np.array, 2)])
@@ -49,7 +55,10 @@ def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, container, 
     ("change", "problem"),
     [
         (lambda c: c.pop("IMU"), "not lists t, action, MotorAngle, IMU"),
-        (lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")), r"row 6, joint_pos/FR_hip \(column q_1\) is nan"),
+        (
+            lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")),
+            r"row 6, joint_pos/FR_hip \(column q_1\) is nan",
+        ),
     ],
 )
 def test_a_pickle_that_does_not_fit_is_refused(tmp_path: Path, change, problem: str):

@@ -14,7 +14,13 @@ pytest.importorskip("mcap_ros2", reason="the extra ros is not installed")
 LINE = "=" * 80
 JOINT_STATE = "\n".join(
     [
-        *("std_msgs/Header header", "string[] name", "float64[] position", "float64[] velocity", "float64[] effort"),
+        *(
+            "std_msgs/Header header",
+            "string[] name",
+            "float64[] position",
+            "float64[] velocity",
+            "float64[] effort",
+        ),
         *(LINE, "MSG: std_msgs/Header", "builtin_interfaces/Time stamp", "string frame_id"),
         *(LINE, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec"),
     ]
@@ -45,11 +51,20 @@ def write_bag(
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
         head = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
         for time, target, angle in zip(TIME, TARGET, ANGLE, strict=True):
-            order = {"name": names[::-1], "position": target[::-1].tolist(), "velocity": [], "effort": []}
-            writer.write_message(commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1)
+            order = {
+                "name": names[::-1],
+                "position": target[::-1].tolist(),
+                "velocity": [],
+                "effort": [],
+            }
+            writer.write_message(
+                commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1
+            )
             speed = (2 * angle + velocity).tolist()
             measured = {"name": JOINTS, "position": angle.tolist(), "velocity": speed, "effort": []}
-            writer.write_message(states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2)
+            writer.write_message(
+                states, schema, {"header": head} | measured, log_time=int(1e9 * time) + 2
+            )
         if numbers:
             plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
             writer.write_message(numbers, plain, {"data": [0.5]}, log_time=0)
@@ -66,7 +81,9 @@ def write_legged(folder: Path, text: str = LEGGED, late: int = 0) -> tuple[Path,
         for row, (time, target, angle) in enumerate(zip(TIME, TARGET, ANGLE, strict=True)):
             now = int(1e9 * time) + 5_000_000
             if row >= late:
-                writer.write_message("/commands", command, {"data": target.tolist()}, log_time=now - 1)
+                writer.write_message(
+                    "/commands", command, {"data": target.tolist()}, log_time=now - 1
+                )
             motors: list[Any] = [{"q": q, "dq": 2.0 * q} for q in angle.tolist()]
             message = {"motor_state": motors, "name": ["a.left", "b"], "level": 0.5}
             writer.write_message("/state", state, message, log_time=now)
@@ -76,7 +93,9 @@ def write_legged(folder: Path, text: str = LEGGED, late: int = 0) -> tuple[Path,
 
 def test_states_with_the_command_in_force(tmp_path: Path):
     log = read_log(write_bag(tmp_path / "a.mcap"))
-    assert log.joint_names == JOINTS[::-1] and log.joint_torque is None and log.joint_vel is not None
+    assert (
+        log.joint_names == JOINTS[::-1] and log.joint_torque is None and log.joint_vel is not None
+    )
     np.testing.assert_allclose(log.time, TIME, atol=2e-9)
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.joint_vel, 2 * ANGLE[:, ::-1])
@@ -92,7 +111,9 @@ def test_states_with_the_command_in_force(tmp_path: Path):
         ({"names": ("pan", "tail")}, "'tail'"),
     ],
 )
-def test_other_topics_are_refused_with_their_names(tmp_path: Path, changes: dict[str, Any], message: str):
+def test_other_topics_are_refused_with_their_names(
+    tmp_path: Path, changes: dict[str, Any], message: str
+):
     with pytest.raises(LogError, match=message):
         read_log(write_bag(tmp_path / "a.mcap", **changes))
 
@@ -102,7 +123,9 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
     folder.mkdir()
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     write_bag(folder / "run_0.mcap")
-    np.testing.assert_array_equal(read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos)
+    np.testing.assert_array_equal(
+        read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos
+    )
     assert list(read_log_folder(folder, None).logs) == ["run"]
     write_bag(folder / "run_1.mcap")
     with pytest.raises(LogError, match=r"run: .*\.mcap"):
@@ -128,7 +151,9 @@ def test_messages_of_any_type_by_their_fields(tmp_path: Path):
     path, columns = write_legged(tmp_path, late=3)
     log = read_log(path, columns=columns)
     assert log.joint_names == ("pan", "lift") and log.logged_kp is not None
-    np.testing.assert_allclose(log.time, TIME[3:] - TIME[3], atol=2e-9, err_msg="from the first command on")
+    np.testing.assert_allclose(
+        log.time, TIME[3:] - TIME[3], atol=2e-9, err_msg="from the first command on"
+    )
     np.testing.assert_array_equal(log.position_target, TARGET[3:] * [1.0, -1.0])
     np.testing.assert_array_equal(log.joint_pos, ANGLE[3:] * [1.0, -1.0])
     np.testing.assert_array_equal(log.joint_vel, 2.0 * ANGLE[3:] * [1.0, -1.0])

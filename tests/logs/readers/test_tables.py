@@ -15,7 +15,8 @@ ROWS = [[0.1, -2.5e-3], [1e300, 3.0]]
 
 
 def written(folder: Path, text: str, name: str = "table.csv") -> Path:
-    path, data = folder / name, text.encode()
+    path = folder / name
+    data = text.encode()
     path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
     return path
 
@@ -27,7 +28,9 @@ def test_numbers_come_through(tmp_path: Path, name: str, end: str, delimiter: st
     lines += [delimiter.join(map(repr, row)) for row in ROWS]
     path = written(tmp_path, end.join(lines) + end, name)
     assert csv_names(path) == ["a", "b"]
-    np.testing.assert_array_equal(np.transpose(list(table_columns(path, ["a", "b"]).values())), ROWS)
+    np.testing.assert_array_equal(
+        np.transpose(list(table_columns(path, ["a", "b"]).values())), ROWS
+    )
 
 
 def test_a_line_that_was_cut_by_a_crash_does_not_count(tmp_path: Path):
@@ -59,8 +62,11 @@ def test_numbers_may_have_a_decimal_comma_between_semicolons(tmp_path: Path):
 
 @pytest.mark.parametrize("name", ["whole", "repeated", "pair[1]"])
 def test_numbers_of_parquet_are_read(tmp_path: Path, name: str):
-    numbers, pairs = pa.array([1.0, 2.0]), pa.array([[0.0, 1.0], [0.0, 2.0]])
-    table = pa.table({"whole": pa.array([1, 2]), "repeated": numbers.dictionary_encode(), "pair": pairs})
+    numbers = pa.array([1.0, 2.0])
+    pairs = pa.array([[0.0, 1.0], [0.0, 2.0]])
+    table = pa.table(
+        {"whole": pa.array([1, 2]), "repeated": numbers.dictionary_encode(), "pair": pairs}
+    )
     pq.write_table(table, tmp_path / "x.parquet")
     np.testing.assert_array_equal(table_columns(tmp_path / "x.parquet", [name])[name], [1.0, 2.0])
 
@@ -70,5 +76,7 @@ def test_a_list_that_is_too_short_is_named_by_its_row(tmp_path: Path, name: str,
     lists = {"ragged": [[1.0, 2.0], [3.0, 4.0], [5.0], []], "pair": 4 * [[0.0, 1.0]]}
     pq.write_table(pa.table(lists), tmp_path / "x.parquet")
     length = len(lists[name[:-3]][row])
-    with pytest.raises(LogError, match=rf"x\.parquet: row {row}, .*: its list has {length} numbers"):
+    with pytest.raises(
+        LogError, match=rf"x\.parquet: row {row}, .*: its list has {length} numbers"
+    ):
         table_columns(tmp_path / "x.parquet", [name])

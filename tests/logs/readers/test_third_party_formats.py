@@ -42,7 +42,9 @@ def test_a_pendulum_comes_with_its_load(tmp_path: Path):
     np.testing.assert_array_equal(log.position_target[:, 0], TARGET[:, 0])
     assert log.load_inertia is not None and log.external_torque is not None
     np.testing.assert_allclose(log.load_inertia, 0.5 * 0.1**2)
-    np.testing.assert_allclose(log.external_torque[:, 0], -0.5 * GRAVITY * 0.1 * np.sin(ANGLE[:, 0]))
+    np.testing.assert_allclose(
+        log.external_torque[:, 0], -0.5 * GRAVITY * 0.1 * np.sin(ANGLE[:, 0])
+    )
     assert (log.joint_names, log.motor, log.gain_unit) == (("pendulum",), "xl330", "firmware")
     assert log.logged_kp is not None and set(log.logged_kp[:, 0]) == {100.0}
 
@@ -64,7 +66,10 @@ def test_a_pendulum_has_the_voltage_and_temperature_of_its_rows_or_else_its_supp
 
 
 def test_rows_without_torque_are_cut_out_and_counted(tmp_path: Path):
-    whole = [{"timestamp": t, "goal_position": 0.0, "position": 0.1 * t, "speed": 0.1} for t in TIME.tolist()]
+    whole = [
+        {"timestamp": t, "goal_position": 0.0, "position": 0.1 * t, "speed": 0.1}
+        for t in TIME.tolist()
+    ]
     off = set(range(10, 15)) | {16}
     entries = [entry | {"torque_enable": row not in off} for row, entry in enumerate(whole)]
     log = read_log(write_bam(tmp_path, entries=entries))
@@ -93,7 +98,9 @@ def test_episodes_of_lerobot_are_segments(tmp_path: Path):
     np.testing.assert_allclose(log.joint_pos, ANGLE, atol=1e-6)
     np.testing.assert_allclose(log.position_target, TARGET, atol=1e-6)
     arm: Any = SimpleNamespace(name="mine", joint_names=JOINTS[::-1], encoder="rotor")
-    np.testing.assert_array_equal(read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1])
+    np.testing.assert_array_equal(
+        read_log(tmp_path / "dataset", arm).joint_pos, log.joint_pos[:, ::-1]
+    )
 
 
 def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_path: Path):
@@ -113,7 +120,9 @@ def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_pat
         ({"codebase_version": "v2.1"}, r"'v2\.1', not v3 -> convert .*convert_dataset_v21_to_v30"),
     ],
 )
-def test_a_lerobot_dataset_must_be_complete_and_of_version_3(tmp_path: Path, change: dict[str, Any], problem: str):
+def test_a_lerobot_dataset_must_be_complete_and_of_version_3(
+    tmp_path: Path, change: dict[str, Any], problem: str
+):
     path = write_lerobot(tmp_path)
     info = json.loads((path / "meta" / "info.json").read_text())
     (path / "meta" / "info.json").write_text(json.dumps(info | change))
@@ -139,7 +148,9 @@ def test_tensors_of_any_layout_come_through_by_a_map(tmp_path: Path):
         ({"t": 3.0}, "no array 'time'"),
     ],
 )
-def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp_path: Path, content, message: str):
+def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(
+    tmp_path: Path, content, message: str
+):
     good = Tensor(Storage("FloatStorage", "0", 10), 0, (5, 2), (2, 1))
     content = content if "t" in content else {"des_dof_pos": good, "dof_pos": good} | content
     path = write_pt(tmp_path)
@@ -151,8 +162,13 @@ def test_a_file_of_tensors_runs_nothing_and_reads_no_further_than_it_is_long(tmp
 
 def test_the_original_files_hold_what_their_tables_hold(shared_data: Path):
     motion = read_log(shared_data / "so101" / "original" / "step_response")
-    same(motion, read_log(shared_data / "so101" / "step_response.csv.gz", columns="so101_sage"), 6e-7)
+    same(
+        motion, read_log(shared_data / "so101" / "step_response.csv.gz", columns="so101_sage"), 6e-7
+    )
     tensors = read_log(shared_data / "go2" / "traj_0.pt", columns="go2_tensors")
     table = read_log(shared_data / "go2" / "traj_0.csv.gz", columns="go2_identification")
     same(tensors, table, 6e-6)
-    assert tensors.joint_names == table.joint_names and channels(tensors).keys() == channels(table).keys()
+    assert (
+        tensors.joint_names == table.joint_names
+        and channels(tensors).keys() == channels(table).keys()
+    )

@@ -19,7 +19,9 @@ START = datetime(2024, 3, 31, 0, 59, 57, 250_000)  # three seconds before clocks
 
 
 def stamps(zone: timezone | None = None) -> list[datetime]:
-    return [START.replace(tzinfo=zone) + timedelta(milliseconds=2 * row) for row in range(len(SECONDS))]
+    return [
+        START.replace(tzinfo=zone) + timedelta(milliseconds=2 * row) for row in range(len(SECONDS))
+    ]
 
 
 def times(path: Path, when: Any, text: str = MAP) -> np.ndarray:
@@ -34,14 +36,18 @@ def times(path: Path, when: Any, text: str = MAP) -> np.ndarray:
 KINDS = {
     "local": pa.array(stamps(), pa.timestamp("us")),
     "zoned": pa.array(stamps(UTC), pa.timestamp("ns", "Europe/Berlin")),
-    "durations": pa.array([timedelta(days=400) + (each - START) for each in stamps()], pa.duration("us")),
+    "durations": pa.array(
+        [timedelta(days=400) + (each - START) for each in stamps()], pa.duration("us")
+    ),
     "texts": pa.array([each.isoformat() + "Z" for each in stamps()], pa.large_string()),
 }
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_time_stamps_of_parquet_are_seconds_since_the_first_row(tmp_path: Path, kind: str):
-    np.testing.assert_allclose(times(tmp_path / "log.parquet", KINDS[kind]), SECONDS, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        times(tmp_path / "log.parquet", KINDS[kind]), SECONDS, rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("zone", [None, UTC, timezone(timedelta(hours=-3, minutes=-30))])

@@ -2,11 +2,12 @@
 
     minimise  U(z) = N·loss(z)/T + ½|z - m|²/d²,     covariance = (I/d² + N·G(z)/T)⁻¹
 
-loss is the prior's training objective, averaged over N windows that do not overlap, and G its Gauss-Newton matrix. The
-temperature T is the mean loss of the training motors, so that a window fitted as well as theirs counts as one
-observation (a generalised posterior with a Laplace approximation). In the covariance a motor that is fitted worse has
-its own loss for T: missing physics makes its windows agree less. Mean m and standard deviation d of the prior are those
-of `MotorPrior.predicted`.
+loss is the prior's training objective, averaged over N windows that do not overlap, and G its
+Gauss-Newton matrix. The temperature T is the mean loss of the training motors, so that a window
+fitted as well as theirs counts as one observation (a generalised posterior with a Laplace
+approximation). In the covariance a motor that is fitted worse has its own loss for T: missing
+physics makes its windows agree less. Mean m and standard deviation d of the prior are those of
+`MotorPrior.predicted`.
 """
 
 from dataclasses import dataclass, field
@@ -21,9 +22,12 @@ from motorprior.identification.presets import Preset
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.windows import TrainingData
 
-CANDIDATES, RESTARTS = 128, 16  # candidates of a search, and maximum number of restarts
+# candidates of a search, and maximum number of restarts
+CANDIDATES = 128
+RESTARTS = 16
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
-_NOT_IDENTIFIABLE = 1e-3  # precision, over the prior's, below which a latent is not identifiable from the log
+# precision, over the prior's, below which a latent is not identifiable from the log
+_NOT_IDENTIFIABLE = 1e-3
 _STREAM = 47
 
 
@@ -35,7 +39,8 @@ class LatentPosterior:
     covariance: np.ndarray  # (M, Z, Z)
     loss: np.ndarray  # (M,) mean loss per window at the mean
     windows: int  # N, windows per motor
-    misfit: np.ndarray = field(default_factory=lambda: np.ones(1))  # (M,) or (1,) factor on the prior's residuals
+    # (M,) or (1,) factor on the prior's residuals
+    misfit: np.ndarray = field(default_factory=lambda: np.ones(1))
 
 
 def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
@@ -57,15 +62,21 @@ def fit_posterior(
 ) -> LatentPosterior:
     """The posterior of every motor in ``data``.
 
-    ``temperature`` is T, the mean window loss of the prior's training motors (`reference.reference_metrics`), ``start``
-    (M, Z) are initial latents, found by a random search if not given, and ``prior`` are mean and standard deviation of
-    z, (M, Z) each, N(0, I) if not given.
+    ``temperature`` is T, the mean window loss of the prior's training motors
+    (`reference.reference_metrics`), ``start`` (M, Z) are initial latents, found by a random search
+    if not given, and ``prior`` are mean and standard deviation of z, (M, Z) each, N(0, I) if not
+    given.
     """
     search = latent_search(model, data, preset)
-    shape, windows = (search.problem.count, model.num_latents), search.problem.observations
+    shape = (search.problem.count, model.num_latents)
+    windows = search.problem.observations
     mean, std = prior or (np.zeros(shape), np.ones(shape))
     gaussian = GaussianPrior(mean, temperature / windows / std**2)
-    found = _searched(search, gaussian, std) if start is None else search.descend(start, gaussian, STEPS)
+    found = (
+        _searched(search, gaussian, std)
+        if start is None
+        else search.descend(start, gaussian, STEPS)
+    )
     likelihood = _precision(search, found.x, temperature)
     hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std**2 < _NOT_IDENTIFIABLE
     # damped steps end before they reach the mean
@@ -76,18 +87,25 @@ def fit_posterior(
 
 def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
     """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
-    rng, shape = np.random.default_rng(_STREAM), (len(prior.mean), CANDIDATES, prior.mean.shape[1])
+    rng = np.random.default_rng(_STREAM)
+    shape = (len(prior.mean), CANDIDATES, prior.mean.shape[1])
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
-        return samples if restart % 4 == 3 else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
+        return (
+            samples
+            if restart % 4 == 3
+            else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
+        )
 
     mean = search.at(prior.mean, prior)
     first = search.descend(search.best_of(draw(3, mean), prior), prior, STEPS)
     return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
 
 
-def laplace_variance(model: Decoder, data: TrainingData, preset: Preset, z: np.ndarray) -> np.ndarray:
+def laplace_variance(
+    model: Decoder, data: TrainingData, preset: Preset, z: np.ndarray
+) -> np.ndarray:
     """(M, Z) diagonal of the Laplace covariance at known modes z (M, Z); the temperature is the motors' mean loss."""
     search = latent_search(model, data, preset)
     precision = _precision(search, z, float(search.losses(z).mean()))

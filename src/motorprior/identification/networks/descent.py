@@ -17,14 +17,17 @@ from motorprior.progress import ReportProgress
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
-SLOWER, RESTARTS = 3.0, 3  # divisor of the learning rate of each restart, and number of restarts
+# divisor of the learning rate of each restart, and number of restarts
+SLOWER = 3.0
+RESTARTS = 3
 
 
 def train_network(
     data: TrainingData, preset: Preset, seed: int, report: ReportProgress
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
     """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
-    rng, shape = np.random.default_rng([seed, 0]), (len(data.series), preset.num_latents)
+    rng = np.random.default_rng([seed, 0])
+    shape = (len(data.series), preset.num_latents)
     start = {
         "network": objectives.initial_parameters(rng, preset),
         "mean": jnp.asarray(0.1 * rng.standard_normal(shape), jnp.float32),
@@ -35,8 +38,15 @@ def train_network(
         trained, losses = _attempt(start, data, slower, seed, report)
         if trained is not None:
             mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-            return objectives.latent_network(trained["network"], preset, data.scales), mean, log_var, np.asarray(losses)
-        report(-CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate")
+            return (
+                objectives.latent_network(trained["network"], preset, data.scales),
+                mean,
+                log_var,
+                np.asarray(losses),
+            )
+        report(
+            -CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate"
+        )
     raise MotorPriorError(
         f"training diverged, also at 1/{SLOWER**RESTARTS:.0f} of the learning rate",
         remedy="check the log with `motorprior logs check`, or try another seed",
@@ -47,19 +57,25 @@ def _attempt(
     start: Parameters, data: TrainingData, preset: Preset, seed: int, report: ReportProgress
 ) -> tuple[Parameters | None, list[float]]:
     """The trained parameters, None if they diverged, and the losses of all chunks."""
-    schedule = optax.warmup_cosine_decay_schedule(0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps)
+    schedule = optax.warmup_cosine_decay_schedule(
+        0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps
+    )
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, preset, optimiser)
-    state, losses, lowest = (start, optimiser.init(start)), [], np.inf
+    state = (start, optimiser.init(start))
+    losses = []
+    lowest = np.inf
     for first in range(0, preset.steps, CHUNK):
-        count, chunk = min(CHUNK, preset.steps - first), first // CHUNK
-        rng, shape = np.random.default_rng([seed, 1, chunk]), (count, preset.batch)
-        motors, starts = (
-            rng.integers(len(data.series), size=shape),
-            data.starts[rng.integers(len(data.starts), size=shape)],
-        )
+        count = min(CHUNK, preset.steps - first)
+        chunk = first // CHUNK
+        rng = np.random.default_rng([seed, 1, chunk])
+        shape = (count, preset.batch)
+        motors = rng.integers(len(data.series), size=shape)
+        starts = data.starts[rng.integers(len(data.starts), size=shape)]
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        state, loss, first_loss = advance(state, (motors.astype(np.int32), starts.astype(np.int32), keys))
+        state, loss, first_loss = advance(
+            state, (motors.astype(np.int32), starts.astype(np.int32), keys)
+        )
         lowest = min(lowest if losses else float(first_loss), float(loss))
         losses.append(float(loss))
         if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * lowest):
@@ -71,15 +87,23 @@ def _attempt(
 def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
     objective = objectives.objective_of(preset, data.scales, data.has_torque)
-    series, length = jnp.asarray(data.series), preset.history + preset.window
+    series = jnp.asarray(data.series)
+    length = preset.history + preset.window
 
-    def loss(trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array) -> jnp.ndarray:
-        mean, log_var, network = trainable["mean"], trainable["log_var"], trainable["network"]
+    def loss(
+        trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array
+    ) -> jnp.ndarray:
+        mean = trainable["mean"]
+        log_var = trainable["log_var"]
+        network = trainable["network"]
         z = mean[motors]
         if preset.noisy:
-            z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(key, (len(motors), preset.num_latents))
+            z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(
+                key, (len(motors), preset.num_latents)
+            )
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
-        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)  # only noise makes the data constrain it
+        # only noise makes the data constrain it
+        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)
         # KL(N(mean, exp(log_var)) ‖ N(0, I))
         kl = 0.5 * jnp.sum(jnp.exp(spread) + mean**2 - 1.0 - spread, axis=-1)
         return objective.loss(network, windows, z) + preset.kl_weight * jnp.mean(kl)

@@ -1,7 +1,8 @@
 """Latent networks in JAX and their objectives: the paper's torque regression, and the closed-loop rollout.
 
-The rollout starts from the recorded state and advances as on the dynamometer; the torque depends on the simulated
-history. During the warm-up before the start the model follows the recorded joint, so that its history matches the log.
+The rollout starts from the recorded state and advances as on the dynamometer; the torque depends on
+the simulated history. During the warm-up before the start the model follows the recorded joint, so
+that its history matches the log.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from motorprior.actuator import copula
-from motorprior.actuator.latent import NETWORK_SCALES, LatentNetwork, first_bias, log_armature, scaled_torque
+from motorprior.actuator.latent import (
+    NETWORK_SCALES,
+    LatentNetwork,
+    first_bias,
+    log_armature,
+    scaled_torque,
+)
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification import windows as channel
 from motorprior.identification.physics.window_runs import SCALES
@@ -37,14 +44,18 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: boo
 
     Positions and velocities are those of all rows but the first, torques those that lead to them.
     """
-    taps, dt = np.asarray(preset.taps), preset.period
-    limit, kept = scales["torque_limit"] / scales["torque_scale"], preset.taps[-1] + 1
+    taps = np.asarray(preset.taps)
+    dt = preset.period
+    limit = scales["torque_limit"] / scales["torque_scale"]
+    kept = preset.taps[-1] + 1
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
-        past, free = rows[: preset.history], rows[preset.history :]
-        bias, inertia = first_bias(parameters, own), free[0, :, channel.INERTIA]
+        past = rows[: preset.history]
+        free = rows[preset.history :]
+        bias = first_bias(parameters, own)
+        inertia = free[0, :, channel.INERTIA]
         if preset.has_armature:
             inertia = inertia + jnp.exp(log_armature(parameters, own))
 
@@ -53,7 +64,9 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: boo
             errors = _pushed((row[:, channel.TARGET] - q) / scales["error_scale"], errors)
             velocities = _pushed(dq / scales["velocity_scale"], velocities)
             inputs = jnp.concatenate([errors[:, taps], velocities[:, taps]], axis=1)
-            torque = scales["torque_scale"] * jnp.clip(scaled_torque(parameters, inputs, bias), -limit, limit)
+            torque = scales["torque_scale"] * jnp.clip(
+                scaled_torque(parameters, inputs, bias), -limit, limit
+            )
             external = row[:, channel.EXTERNAL] + row[:, channel.STIFFNESS] * q
             dq = next_velocity(dq, torque, external, inertia, 0.0, dt)
             q = q + dt * dq
@@ -64,13 +77,26 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: boo
             (_, _, memory), _ = free_step(state, row)
             return (following[:, channel.POS], following[:, channel.VEL], memory), None
 
-        pos, vel, first = rows[0, :, channel.POS], rows[0, :, channel.VEL], rows[0, :, channel.TARGET]
+        pos = rows[0, :, channel.POS]
+        vel = rows[0, :, channel.VEL]
+        first = rows[0, :, channel.TARGET]
         scaled = (first - pos) / scales["error_scale"], vel / scales["velocity_scale"]
-        begin = (pos, vel, tuple(jnp.broadcast_to(each[:, None], (len(pos), kept)) for each in scaled))
+        begin = (
+            pos,
+            vel,
+            tuple(jnp.broadcast_to(each[:, None], (len(pos), kept)) for each in scaled),
+        )
         warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
         _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
-        recorded = free[1:, :, channel.READING], free[1:, :, channel.VEL], free[:-1, :, channel.TORQUE]
-        scaled = [(own - log) / s for own, log, s in zip((pos, vel, torque), recorded, SCALES, strict=True)]
+        recorded = (
+            free[1:, :, channel.READING],
+            free[1:, :, channel.VEL],
+            free[:-1, :, channel.TORQUE],
+        )
+        scaled = [
+            (own - log) / s
+            for own, log, s in zip((pos, vel, torque), recorded, SCALES, strict=True)
+        ]
         return jnp.concatenate(scaled if has_torque else scaled[:2])
 
     return residuals
@@ -85,7 +111,9 @@ def _torque_residuals(preset: Preset, scales: dict[str, float]) -> Residuals:
         error = (newest[..., channel.TARGET] - newest[..., channel.POS]) / scales["error_scale"]
         velocity = newest[..., channel.VEL] / scales["velocity_scale"]
         inputs = jnp.concatenate([error[:, taps], velocity[:, taps]], axis=1)
-        predicted = scaled_torque(parameters, inputs, first_bias(parameters, decoder_latents(parameters, z)))
+        predicted = scaled_torque(
+            parameters, inputs, first_bias(parameters, decoder_latents(parameters, z))
+        )
         return (predicted - newest[:, 0, channel.TORQUE] / scales["torque_scale"])[None]
 
     return residuals
@@ -108,7 +136,9 @@ def objective_of(preset: Preset, scales: dict[str, float], has_torque: bool) -> 
     """The paper's loss, the mean squared one-step error of the torque over torque_scale², or that of the rollout."""
     if preset.objective == "torque":
         return Objective(_torque_residuals(preset, scales), jnp.square, 1.0)
-    return Objective(_rollout_residuals(preset, scales, has_torque), huber, 3.0 if has_torque else 2.0)
+    return Objective(
+        _rollout_residuals(preset, scales, has_torque), huber, 3.0 if has_torque else 2.0
+    )
 
 
 def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
@@ -118,18 +148,29 @@ def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
         scale = 1.0 / np.sqrt(max(rows, 1))
         return jnp.asarray(scale * rng.standard_normal((rows, columns)), jnp.float32)
 
-    inputs, neurons, latents = 2 * len(preset.taps), preset.num_neurons, preset.num_latents
+    inputs = 2 * len(preset.taps)
+    neurons = preset.num_neurons
+    latents = preset.num_latents
     return {
-        "w1": dense(inputs, neurons), "v1": dense(latents, neurons), "b1": jnp.zeros(neurons),
-        "w2": dense(neurons, neurons), "b2": jnp.zeros(neurons),
-        "w3": dense(neurons, 1)[:, 0], "b3": jnp.zeros(()),
-        "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32), "armature_slope": jnp.zeros(latents),
-    }  # fmt: skip
+        "w1": dense(inputs, neurons),
+        "v1": dense(latents, neurons),
+        "b1": jnp.zeros(neurons),
+        "w2": dense(neurons, neurons),
+        "b2": jnp.zeros(neurons),
+        "w3": dense(neurons, 1)[:, 0],
+        "b3": jnp.zeros(()),
+        "log_armature": jnp.asarray(np.log(INITIAL_ARMATURE), jnp.float32),
+        "armature_slope": jnp.zeros(latents),
+    }
 
 
 def decoder_latents(parameters: Parameters, z: jnp.ndarray) -> jnp.ndarray:
     """(B, Z) decoder latents of z (B, Z); equal to z until the prior is standardised."""
-    return copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z) if "mixing" in parameters else z
+    return (
+        copula.decoder_latents(parameters["mixing"], parameters["quantiles"], z)
+        if "mixing" in parameters
+        else z
+    )
 
 
 def _parameters_of(network: LatentNetwork) -> Parameters:
@@ -141,11 +182,17 @@ def _parameters_of(network: LatentNetwork) -> Parameters:
     return {name: jnp.asarray(value, jnp.float32) for name, value in values.items()}
 
 
-def latent_network(parameters: Parameters, preset: Preset, scales: dict[str, float]) -> LatentNetwork:
+def latent_network(
+    parameters: Parameters, preset: Preset, scales: dict[str, float]
+) -> LatentNetwork:
     """The trained network, as simulations use it."""
-    values: dict[str, Any] = {name: np.asarray(value, np.float64) for name, value in parameters.items()}
+    values: dict[str, Any] = {
+        name: np.asarray(value, np.float64) for name, value in parameters.items()
+    }
     values |= scales
-    return LatentNetwork(**values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature)
+    return LatentNetwork(
+        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature
+    )
 
 
 _LANES = 8  # simulated at a time
@@ -158,19 +205,29 @@ class NetworkProblem:
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
         self._residuals, self.weight = _compiled(preset, scales, data.has_torque)
         self._parameters = _parameters_of(network)
-        length, ahead = preset.history + preset.window, preset.objective == "rollout"
-        ranges = [range(part.start, part.stop - length - ahead + 1, preset.window) for part in data.parts]
+        length = preset.history + preset.window
+        ahead = preset.objective == "rollout"
+        ranges = [
+            range(part.start, part.stop - length - ahead + 1, preset.window) for part in data.parts
+        ]
         windows = [data.series[:, start : start + length] for starts in ranges for start in starts]
         self._windows = jnp.asarray(np.stack(windows, axis=1))
         self.count, self.observations = self._windows.shape[:2]
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
         """(L, windows·residuals of each) at latents x (L, Z)."""
-        found, padding = [], -len(x) % _LANES  # whole chunks: one shape is compiled
-        rows, motors = np.pad(x, ((0, padding), (0, 0))), np.pad(which, (0, padding))
+        # whole chunks: one shape is compiled
+        found = []
+        padding = -len(x) % _LANES
+        rows = np.pad(x, ((0, padding), (0, 0)))
+        motors = np.pad(which, (0, padding))
         for first in range(0, len(rows), _LANES):
             some = slice(first, first + _LANES)
-            found.append(np.asarray(self._residuals(self._parameters, self._windows, rows[some], motors[some])))
+            found.append(
+                np.asarray(
+                    self._residuals(self._parameters, self._windows, rows[some], motors[some])
+                )
+            )
         return np.concatenate(found)[: len(x)].reshape(len(x), -1)
 
 
@@ -179,8 +236,12 @@ def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> tu
     """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
     objective = objective_of(preset, dict(zip(NETWORK_SCALES, scales, strict=True)), has_torque)
 
-    def one(parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray) -> jnp.ndarray:
+    def one(
+        parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray
+    ) -> jnp.ndarray:
         own = windows[motor]
-        return objective.residuals(parameters, own, jnp.broadcast_to(z, (own.shape[0], z.shape[0]))).T
+        return objective.residuals(
+            parameters, own, jnp.broadcast_to(z, (own.shape[0], z.shape[0]))
+        ).T
 
     return jax.jit(jax.vmap(one, in_axes=(None, None, 0, 0))), objective.weight

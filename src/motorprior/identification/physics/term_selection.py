@@ -1,18 +1,20 @@
 """Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
 
-Some motors are fitted to every second segment of their logs, or every second part of a log of few segments, and tested
-on the others. In each round, every term that is not yet selected is added to two motors:
+Some motors are fitted to every second segment of their logs, or every second part of a log of few
+segments, and tested on the others. In each round, every term that is not yet selected is added to
+two motors:
 
     the best so far     its constants are sampled around the initial motor's; the fit never becomes worse
     the simplest        it has a rigid gear, so other constants cannot hide the effect; the best starts its own search
 
-The terms of SERVO are also added together, since some help only with another. Of the candidates that lower the training
-loss most, the one that saves most of the held-out loss is selected if
+The terms of SERVO are also added together, since some help only with another. Of the candidates
+that lower the training loss most, the one that saves most of the held-out loss is selected if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
 
-For fewer than five motors the test is over their held-out parts. The rounds end when no candidate passes. Finally every
-selected term is removed once, and stays out if it does not pass this test at 20 %.
+For fewer than five motors the test is over their held-out parts. The rounds end when no candidate
+passes. Finally every selected term is removed once, and stays out if it does not pass this test at
+20 %.
 """
 
 from collections.abc import Callable
@@ -48,17 +50,26 @@ from motorprior.identification.search import WIDE, Fit, Steps
 SELECTABLE_TERMS = tuple(TERMS)
 MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 # size of the selection: motors, and rows of each, or more rows for MIN_WINDOWS windows
-MAX_MOTORS, MAX_ROWS, MIN_WINDOWS = 8, 10_000, 40
+MAX_MOTORS = 8
+MAX_ROWS = 10_000
+MIN_WINDOWS = 40
 SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
-# logs with fewer segments are cut into NUM_PARTS parts: half of a few segments does not show every load and motion
-MIN_SEGMENTS, NUM_PARTS = 16, 32
-# terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the minimum difference
-# between two segments: a share of the nominal voltage, and [K]
+# logs with fewer segments are cut into NUM_PARTS parts: half of a few segments does not show every
+# load and motion
+MIN_SEGMENTS = 16
+NUM_PARTS = 32
+# terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the
+# minimum difference between two segments: a share of the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
-_LEVEL, _STRICT_LEVEL = 0.2, 0.05  # signed-rank test: for removals, for additions
+# signed-rank test: for removals, for additions
+_LEVEL = 0.2
+_STRICT_LEVEL = 0.05
 _MIN_RANKS = 5  # fewer gains cannot be significant at these levels
-_NUM_CANDIDATES, _FINALISTS, _RESTARTS, _SIMPLE_RESTARTS = 96, 2, 6, 2
+_NUM_CANDIDATES = 96
+_FINALISTS = 2
+_RESTARTS = 6
+_SIMPLE_RESTARTS = 2
 _SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
 
 
@@ -82,22 +93,28 @@ class _State:
 
 
 def select_terms(
-    runs: WindowRuns, seed: int, report: Callable[[str], None] = lambda text: None, checkpoint: Checkpoint = unsaved
+    runs: WindowRuns,
+    seed: int,
+    report: Callable[[str], None] = lambda text: None,
+    checkpoint: Checkpoint = unsaved,
 ) -> Selection:
     """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every candidate in the first round, then for every selected or removed term. ``checkpoint``
-    saves every search.
+    ``report`` is called for every candidate in the first round, then for every selected or removed
+    term. ``checkpoint`` saves every search.
     """
     motors = runs.num_motors
-    parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))  # many gains of each
-    given, off = runs.preset.logged_terms, (*runs.preset.disabled_terms, *same_conditions(runs))
+    # many gains of each
+    parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))
+    given = runs.preset.logged_terms
+    off = (*runs.preset.disabled_terms, *same_conditions(runs))
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
     fits = _TermEvaluation(runs, parts, seed, checkpoint)
     rigid = fits.rigid(given)
-    best, saved = fits.with_all_constants(rigid), {}
+    best = fits.with_all_constants(rigid)
+    saved = {}
     groups = [(name,) for name in SELECTABLE_TERMS if name not in (*given, *off)]
     servo = tuple(name for name in SERVO if name not in (*given, *off))
     for round_number in range(len(SELECTABLE_TERMS)):
@@ -108,20 +125,33 @@ def select_terms(
         for group, more in tried.items() if round_number == 0 else ():
             if len(group) == 1:
                 report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
-        finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[:_FINALISTS]
-        polished = {group: fits.with_terms(tried[group], group, _RESTARTS, STEPS) for group in finalists}
+        finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[
+            :_FINALISTS
+        ]
+        polished = {
+            group: fits.with_terms(tried[group], group, _RESTARTS, STEPS) for group in finalists
+        }
         if left:
             simple = {group: fits.simplest_with(rigid, group) for group in left}
             first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
             other = fits.with_all_constants(simple[first])
             if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
                 polished[first] = other
-        saved |= {group[0]: _saved(best, more) for group, more in (tried | polished).items() if len(group) == 1}
-        passed = {group: more for group, more in polished.items() if _saves_enough(best, more, _STRICT_LEVEL)}
+        saved |= {
+            group[0]: _saved(best, more)
+            for group, more in (tried | polished).items()
+            if len(group) == 1
+        }
+        passed = {
+            group: more
+            for group, more in polished.items()
+            if _saves_enough(best, more, _STRICT_LEVEL)
+        }
         if not passed:
             break
         chosen = max(passed, key=lambda group: _saved(best, passed[group]))
-        best, rigid = passed[chosen], fits.simplest_with(rigid, chosen)
+        best = passed[chosen]
+        rigid = fits.simplest_with(rigid, chosen)
         report(f"selected {', '.join(best.terms)}")
     for name in [name for name in best.terms if name not in given]:
         less = fits.without(best, name)
@@ -141,7 +171,11 @@ def min_difference(condition: str, nominal: float) -> float:
 def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
     """Terms of MIN_VARIATION whose condition is about the same in all segments, or was not logged."""
     ranges = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
-    return tuple(name for (name, limit), size in zip(MIN_VARIATION.items(), ranges, strict=True) if size < limit)
+    return tuple(
+        name
+        for (name, limit), size in zip(MIN_VARIATION.items(), ranges, strict=True)
+        if size < limit
+    )
 
 
 def _saved(before: _State, after: _State) -> float:
@@ -170,27 +204,35 @@ class _TermEvaluation:
     """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
 
     def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int, checkpoint: Checkpoint):
-        self._runs, self._parts, self._seed = runs, parts, seed
-        self._checkpoint, self._searches = checkpoint, count()
-        self._train, self._test = parts % 2 == 0, parts % 2 == 1
+        self._runs = runs
+        self._parts = parts
+        self._seed = seed
+        self._checkpoint = checkpoint
+        self._searches = count()
+        self._train = parts % 2 == 0
+        self._test = parts % 2 == 1
         self._trained = runs.chosen(self._train)
 
     def rigid(self, terms: tuple[str, ...]) -> _State:
         """The simplest motors, with a rigid gear."""
 
         def raw() -> np.ndarray:
-            found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)  # they would hide a limit of speed
+            # they would hide a limit of speed
+            found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)
             return found.center + found.offsets
 
         return self._state(terms, raw)
 
     def with_all_constants(self, rigid: _State) -> _State:
         """A search from simplest motors, with all constants."""
-        center, terms = rigid.raw.mean(axis=0), rigid.terms
+        center = rigid.raw.mean(axis=0)
+        terms = rigid.terms
         nested = MotorFits(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
 
         def raw() -> np.ndarray:
-            found = fit_motors(self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS)
+            found = fit_motors(
+                self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS
+            )
             return found.center + found.offsets
 
         return self._state(terms, raw)
@@ -202,13 +244,17 @@ class _TermEvaluation:
         fixed = missing & np.isin(parameters_of(terms), PARAMETERS)
         return self._searched(rigid, terms, added, _SIMPLE_RESTARTS, _SCREEN, fixed)
 
-    def with_terms(self, before: _State, added: tuple[str, ...], restarts: int = 0, steps: Steps = _SCREEN) -> _State:
+    def with_terms(
+        self, before: _State, added: tuple[str, ...], restarts: int = 0, steps: Steps = _SCREEN
+    ) -> _State:
         """The fits ``before`` with more terms, after a search."""
         return self._searched(before, in_order((*before.terms, *added)), added, restarts, steps)
 
     def without(self, before: _State, name: str) -> _State:
         """The fits ``before`` without a term, after a longer search."""
-        return self._searched(before, tuple(other for other in before.terms if other != name), (), 0, STEPS)
+        return self._searched(
+            before, tuple(other for other in before.terms if other != name), (), 0, STEPS
+        )
 
     def _searched(
         self,
@@ -227,14 +273,17 @@ class _TermEvaluation:
         raw = with_more_terms(before.raw, before.terms, terms, self._runs)
         fixed = fixed | fixed_constants(terms, self._runs)
         center = np.where(fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
-        initial, is_new = initial_center(terms, self._runs) - center, np.isin(parameters_of(terms), constants_of(added))
+        initial = initial_center(terms, self._runs) - center
+        is_new = np.isin(parameters_of(terms), constants_of(added))
         search = centred(center, terms, self._trained)
 
         def draw(restart: int, best: Fit) -> np.ndarray:
             shape = (len(raw), _NUM_CANDIDATES, len(center))
             others = (rng.random(shape) < 0.5) & (np.arange(_NUM_CANDIDATES)[:, None] % 2 == 1)
             drawn = np.where(is_new, rng.random(shape) < 0.7, others)
-            candidates = np.where(drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None])
+            candidates = np.where(
+                drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None]
+            )
             candidates[:, 0] = best.x
             return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
@@ -245,7 +294,9 @@ class _TermEvaluation:
             found = search.at(x, prior)
             if added:
                 found = search.at(search.best_of(draw(0, found), prior), prior)
-            found = search.until_found_again(search.descend(found.x, prior, steps), prior, draw, restarts, steps)
+            found = search.until_found_again(
+                search.descend(found.x, prior, steps), prior, draw, restarts, steps
+            )
             return center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH))
 
         return self._state(terms, fitted)
@@ -254,17 +305,22 @@ class _TermEvaluation:
         """The fit with decoder outputs ``fitted``, which an interrupted run may have saved."""
         raw = self._checkpoint(f"search_{next(self._searches)}", lambda: {"raw": fitted()})["raw"]
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
-        losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(raw - center)
-        held_out, groups = losses[:, self._test], self._parts[self._test]
-        parts = np.stack([held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1)
+        losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(
+            raw - center
+        )
+        held_out = losses[:, self._test]
+        groups = self._parts[self._test]
+        parts = np.stack(
+            [held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1
+        )
         return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)
 
 
 def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
     """(N,) index of the part of each window: its segment or, for fewer segments, one of NUM_PARTS parts.
 
-    Segments under different conditions (MIN_VARIATION) are sorted by these, so that neighbouring parts have similar
-    conditions.
+    Segments under different conditions (MIN_VARIATION) are sorted by these, so that neighbouring
+    parts have similar conditions.
     """
     groups = runs.groups()
     if len(same_conditions(runs)) < len(MIN_VARIATION):
@@ -272,6 +328,7 @@ def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
         groups = np.argsort(np.lexsort(conditions.round(2).T[::-1]))[groups]
     if groups.max() + 1 >= min_segments:
         return groups
-    parts, count = np.empty_like(groups), len(groups)
+    parts = np.empty_like(groups)
+    count = len(groups)
     parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(NUM_PARTS, count) // count
     return parts

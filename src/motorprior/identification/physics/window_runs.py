@@ -1,14 +1,17 @@
 """Closed-loop simulation of many motors over the windows of a log, compiled: the residuals of a motor's fit.
 
-The counterpart of the rollout in `objectives` for searches: thousands of motors at once, derivatives by differences. An
-observer, a second simulation of every motor, follows the recorded joint through the whole segment. Every free run
-starts from the observer's hidden state (rotor, backlash, delayed commands) and the recorded joint.
+The counterpart of the rollout in `objectives` for searches: thousands of motors at once,
+derivatives by differences. An observer, a second simulation of every motor, follows the recorded
+joint through the whole segment. Every free run starts from the observer's hidden state (rotor,
+backlash, delayed commands) and the recorded joint.
 
-Position errors are those of the raw readings: smoothed angles begin to move before the motor, so delays fitted to them
-are too short. If the readings are noisy, velocity errors are differences of position errors.
+Position errors are those of the raw readings: smoothed angles begin to move before the motor, so
+delays fitted to them are too short. If the readings are noisy, velocity errors are differences of
+position errors.
 
-If the encoders are on the rotors, the observer's rotor follows the recording, and the joint is attached to it. Such a
-log identifies neither backlash nor encoder zero: the former is the central motor's, the latter 0.
+If the encoders are on the rotors, the observer's rotor follows the recording, and the joint is
+attached to it. Such a log identifies neither backlash nor encoder zero: the former is the central
+motor's, the latter 0.
 """
 
 import copy
@@ -32,11 +35,14 @@ from motorprior.identification.search import CORES, threads
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
 
-# errors at which the rollout loss changes from quadratic to linear: position [rad], velocity [rad/s], torque [N·m]
+# errors at which the rollout loss changes from quadratic to linear: position [rad], velocity
+# [rad/s], torque [N·m]
 POSITION_SCALE, VELOCITY_SCALE, _ = SCALES = (0.01, 0.3, 0.3)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-LANES_PER_TASK = 256  # at most, that one thread simulates at a time; their state then stays in a core's cache
-HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")  # constants that an encoder on the rotor does not identify
+# at most, that one thread simulates at a time; their state then stays in a core's cache
+LANES_PER_TASK = 256
+# constants that an encoder on the rotor does not identify
+HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
 # rows of a grey box's parameters
 _BACKLASH, _ZERO = (StepConstants._fields.index(name) for name in ("half_backlash", "encoder_zero"))
 
@@ -45,7 +51,8 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
     """(M,) largest speed [rad/s] that each joint kept for 0.1 s towards its target, 0 if none; inputs are (M, R)."""
     from scipy.ndimage import minimum_filter1d  # here: it takes half a second to import
 
-    rows, lowest = max(1, round(0.1 / period)), []
+    rows = max(1, round(0.1 / period))
+    lowest = []
     for sign in (1.0, -1.0):
         towards = np.where(sign * error > 0.0, np.maximum(sign * vel, 0.0), 0.0)
         lowest.append(minimum_filter1d(towards, rows, axis=1, mode="constant", cval=0.0))
@@ -53,23 +60,39 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
-def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_rotor, velocity_steps, out):
+def _free_runs(
+    observer, free, motor, rows, armature, dt, first, window, at_rotor, velocity_steps, out
+):
     """Fill out (lanes, windows, channels, window) with scaled errors, simulated minus recorded.
 
-    ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the load; lane i
-    simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one segment, whose first window begins at
-    row ``first``. ``velocity_steps`` are those of `TrainingData`.
+    ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the
+    load; lane i simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one
+    segment, whose first window begins at row ``first``. ``velocity_steps`` are those of
+    `TrainingData`.
     """
-    observer, free, rows = without_refcounts(observer), without_refcounts(free), without_refcounts(rows)
-    lanes, windows, channels = out.shape[0], out.shape[1], out.shape[2]
-    target, pos, vel = rows[0, channel.TARGET][motor], rows[0, channel.POS][motor], rows[0, channel.VEL][motor]
-    inertia, torque, unused = rows[0, channel.INERTIA][motor] + armature, np.zeros(lanes), np.zeros(lanes)
-    external, stiffness = np.zeros(lanes), np.zeros(lanes)
-    q, dq, obs_q, obs_dq = pos.copy(), vel.copy(), pos.copy(), vel.copy()
+    observer = without_refcounts(observer)
+    free = without_refcounts(free)
+    rows = without_refcounts(rows)
+    lanes = out.shape[0]
+    windows = out.shape[1]
+    channels = out.shape[2]
+    target = rows[0, channel.TARGET][motor]
+    pos = rows[0, channel.POS][motor]
+    vel = rows[0, channel.VEL][motor]
+    inertia = rows[0, channel.INERTIA][motor] + armature
+    torque = np.zeros(lanes)
+    unused = np.zeros(lanes)
+    external = np.zeros(lanes)
+    stiffness = np.zeros(lanes)
+    q = pos.copy()
+    dq = vel.copy()
+    obs_q = pos.copy()
+    obs_dq = vel.copy()
     reset_actuator(observer, target, pos)
     reset_actuator(free, target, pos)
     for step in range(first + windows * window):
-        index, within = (step - first) // window, (step - first) % window
+        index = (step - first) // window
+        within = (step - first) % window
         for lane in range(lanes):
             target[lane] = rows[step, channel.TARGET, motor[lane]]
             external[lane] = rows[step, channel.EXTERNAL, motor[lane]]
@@ -77,7 +100,8 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
-            q[:], dq[:] = obs_q, obs_dq
+            q[:] = obs_q
+            dq[:] = obs_dq
         free.clock[0] = observer.clock[0]
         if at_rotor:
             step_joints(observer, dt, target, external, stiffness, inertia, obs_q, obs_dq, unused)
@@ -87,16 +111,20 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
             step_joints(free, dt, target, external, stiffness, inertia, q, dq, torque)
         for lane in range(lanes):
             j = motor[lane]
-            next_pos, next_vel = rows[step + 1, channel.POS, j], rows[step + 1, channel.VEL, j]
+            next_pos = rows[step + 1, channel.POS, j]
+            next_vel = rows[step + 1, channel.VEL, j]
             reading = rows[step + 1, channel.READING, j]
             if at_rotor:
                 rotor = next_pos + added_twist(observer, lane, obs_q[lane])
-                observer.memory[ROTOR_POS, lane], observer.memory[ROTOR_VEL, lane] = rotor, next_vel
+                observer.memory[ROTOR_POS, lane] = rotor
+                observer.memory[ROTOR_VEL, lane] = next_vel
             else:
-                obs_q[lane], obs_dq[lane] = next_pos, next_vel
+                obs_q[lane] = next_pos
+                obs_dq[lane] = next_vel
             if step < first:
                 continue
-            own_pos, own_vel = q[lane], dq[lane]
+            own_pos = q[lane]
+            own_vel = dq[lane]
             if at_rotor:
                 own_pos = free.memory[ROTOR_POS, lane] - added_twist(free, lane, q[lane])
                 own_vel = free.memory[ROTOR_VEL, lane]
@@ -104,7 +132,11 @@ def _free_runs(observer, free, motor, rows, armature, dt, first, window, at_roto
             if velocity_steps == 0:
                 out[lane, index, 1, within] = (own_vel - next_vel) / SCALES[1]
             else:
-                before = out[lane, index, 0, within - velocity_steps] if within >= velocity_steps else 0.0
+                before = (
+                    out[lane, index, 0, within - velocity_steps]
+                    if within >= velocity_steps
+                    else 0.0
+                )
                 change = (out[lane, index, 0, within] - before) * SCALES[0]
                 out[lane, index, 1, within] = change / (velocity_steps * dt * SCALES[1])
             if channels > 2:
@@ -135,7 +167,8 @@ class SegmentArrays:
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
 
 
-MotorsOnLoads: TypeAlias = Actuator | GainScaledPd  # motors of a log on its loads, at the gains of its segments
+# motors of a log on its loads, at the gains of its segments
+MotorsOnLoads: TypeAlias = Actuator | GainScaledPd
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
 MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, SegmentArrays], Actuator]
 
@@ -146,16 +179,19 @@ class WindowRuns:
     Attributes:
         at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample: of position, velocity and, if measured, torque.
-        max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the whole log.
+        max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the
+            whole log.
         classes: (M,) index of the motor's class of joints.
-        sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for no_load_speed, at the nominal
-            voltage.
+        sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for
+            no_load_speed, at the nominal voltage.
     """
 
     def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self.preset, self.segments = preset, []
-        self.at_rotor, self.channels = data.at_rotor, 3 if data.has_torque else 2
+        self.preset = preset
+        self.segments = []
+        self.at_rotor = data.at_rotor
+        self.channels = 3 if data.has_torque else 2
         self._velocity_steps = data.velocity_steps
         for part in data.parts:
             windows = (part.stop - part.start - 1 - preset.history) // preset.window
@@ -166,11 +202,13 @@ class WindowRuns:
         chosen = np.arange(len(data.series)) if motors is None else motors
         names = [data.joint_classes[motor] if data.joint_classes else "" for motor in chosen]
         self.classes = np.unique(names, return_inverse=True)[1]
-        velocity, error = series[..., channel.VEL], series[..., channel.TARGET] - series[..., channel.POS]
+        velocity = series[..., channel.VEL]
+        error = series[..., channel.TARGET] - series[..., channel.POS]
         self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
         self.sustained_speeds = {
-            name: sustained_speed(speed, error, preset.period) for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
+            name: sustained_speed(speed, error, preset.period)
+            for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
         self.counted = np.arange(self.windows)
 
@@ -187,7 +225,9 @@ class WindowRuns:
     @property
     def max_request(self) -> np.ndarray:
         """(M,) 99.9 % quantile of logged kp times position error [rad]."""
-        errors = [np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments]
+        errors = [
+            np.abs(one.rows[:, channel.TARGET] - one.rows[:, channel.POS]) for one in self.segments
+        ]
         requests = [error * one.gains[0] for error, one in zip(errors, self.segments, strict=True)]
         return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
@@ -199,14 +239,18 @@ class WindowRuns:
 
     def groups(self) -> np.ndarray:
         """(N,) index of the segment of each window."""
-        return np.repeat(np.arange(len(self.segments)), [segment.windows for segment in self.segments])
+        return np.repeat(
+            np.arange(len(self.segments)), [segment.windows for segment in self.segments]
+        )
 
     def residuals(self, motors_of: MotorsOf, x: np.ndarray, motor: np.ndarray) -> np.ndarray:
         """(L, N, C, W) scaled errors of motor ``motor[l]`` with unknowns x[l], in the N counted windows; float32."""
-        lanes, parts = len(motor), max(1, -(-CORES // len(self.segments)))
+        lanes = len(motor)
+        parts = max(1, -(-CORES // len(self.segments)))
         together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
         out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
-        tasks, done = [], 0
+        tasks = []
+        done = 0
         for segment in self.segments:
             inside = slice(done, done + segment.windows)
             for first in range(0, lanes, together):
@@ -215,14 +259,17 @@ class WindowRuns:
 
         def simulate(task: tuple[slice, slice, SegmentArrays]) -> None:
             some, inside, segment = task
-            out[some, inside] = self.run(motors_of(x[some], motor[some], segment), motor[some], segment)
+            out[some, inside] = self.run(
+                motors_of(x[some], motor[some], segment), motor[some], segment
+            )
 
         list(threads().map(simulate, tasks))
         return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
         """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
-        preset, found = self.preset, []
+        preset = self.preset
+        found = []
         for segment in self.segments:
             first = preset.history + 1
             rows = segment.rows[first : first + segment.windows * preset.window, index]
@@ -232,8 +279,8 @@ class WindowRuns:
     def errors(self, motors: MotorsOnLoads) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
-        Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are compared, or for grey
-        boxes those of the rotor if the log's encoders are on it.
+        Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are
+        compared, or for grey boxes those of the rotor if the log's encoders are on it.
         """
         everyone = np.arange(self.num_motors)
 
@@ -247,18 +294,31 @@ class WindowRuns:
 
     def run(self, motors: Actuator, motor: np.ndarray, segment: SegmentArrays) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
-        preset, at_rotor = self.preset, False
-        observer, free = motors.arrays(preset.period), motors.arrays(preset.period)
+        preset = self.preset
+        at_rotor = False
+        observer = motors.arrays(preset.period)
+        free = motors.arrays(preset.period)
         if self.at_rotor and isinstance(motors, GreyBoxActuator):
-            at_rotor, mean = True, np.zeros((1, motors.z.shape[1]))
+            at_rotor = True
+            mean = np.zeros((1, motors.z.shape[1]))
             central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(preset.period)
             for arrays in (observer, free):
-                arrays.parameters[_BACKLASH], arrays.parameters[_ZERO] = central.parameters[_BACKLASH, 0], 0.0
+                arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
+                arrays.parameters[_ZERO] = 0.0
         out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
         _free_runs(
-            observer, free, motor, segment.rows, motors.armature, preset.period, preset.history, preset.window,
-            at_rotor, self._velocity_steps, out,
-        )  # fmt: skip
+            observer,
+            free,
+            motor,
+            segment.rows,
+            motors.armature,
+            preset.period,
+            preset.history,
+            preset.window,
+            at_rotor,
+            self._velocity_steps,
+            out,
+        )
         return out
 
 
@@ -267,7 +327,9 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
 
     def motors(z: np.ndarray, motor: np.ndarray, segment: SegmentArrays) -> GreyBoxActuator:
         gains = segment.gains[:, motor] if model.gain_unit else None
-        conditions = OperatingConditions(model.warmth(z, segment.seconds), *segment.conditions[:, motor])
+        conditions = OperatingConditions(
+            model.warmth(z, segment.seconds), *segment.conditions[:, motor]
+        )
         return model.motors(z, conditions, gains)
 
     return motors
@@ -275,7 +337,11 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
 
 def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
     """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
-    return replace(preset, gain_unit=log.gain_unit) if log.logged_kp is not None and not preset.gain_unit else preset
+    return (
+        replace(preset, gain_unit=log.gain_unit)
+        if log.logged_kp is not None and not preset.gain_unit
+        else preset
+    )
 
 
 def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:

@@ -11,7 +11,8 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
 from motorprior.robots.robot import Robot
 
-PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)  # where a joint's command travels farthest
+# where a joint's command travels farthest
+PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)
 
 
 def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
@@ -19,8 +20,10 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
 
     ``robot`` gives limits of the joints, and gravity if its base was suspended or is fixed.
     """
-    log, found = checked(log), []
-    stages = (  # jumps need a correct clock and correct units, checks of motion need angles without jumps
+    log = checked(log)
+    found = []
+    # jumps need a correct clock and correct units, checks of motion need angles without jumps
+    stages = (
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
         (*(check(log) for check in response.CHECKS), _each_joint(log)),
@@ -37,25 +40,39 @@ def _each_joint(log: MotorLog) -> Iterator[Finding]:
     windows: dict[int, tuple[slice, MotorLog]] = {}
     found: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():
-        window, joint = response.excited_window(log, column), log.joint_names[column]
+        window = response.excited_window(log, column)
+        joint = log.joint_names[column]
         if window is None:
             message = f"{joint} moves in no window long enough to check its response"
             remedy = f"record at least {response.MIN_ROWS} rows of motion without a gap"
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
-        windows[column], found[column] = window, [finding for check in PER_JOINT for finding in check(window[1])]
-    # The first finding is that of `response.tracking`. Exchanged joints do not follow their own commands.
+        windows[column] = window
+        found[column] = [finding for check in PER_JOINT for finding in check(window[1])]
+    # The first finding is that of `response.tracking`. Exchanged joints do not follow their own
+    # commands.
     late = [column for column in found if found[column][0].severity != "info"]
-    followed = {column: response.followed_joint(log, *windows[column], list(found)) for column in late}
+    followed = {
+        column: response.followed_joint(log, *windows[column], list(found)) for column in late
+    }
     for column in late if any(followed.values()) else ():
-        finding, other = found[column][0], followed[column]
-        exchanged = other in [log.joint_names[each] for each in late]  # else two joints may have been read from one
+        finding = found[column][0]
+        other = followed[column]
+        # else two joints may have been read from one
+        exchanged = other in [log.joint_names[each] for each in late]
         is_order = other and finding.remedy != response.OTHER_SIGN
         if other:
-            message = f"{finding.joint} follows the command of {other}, not its own; {finding.message}"
-            finding = replace(finding, severity="error" if exchanged else finding.severity, message=message)
-        if is_order or finding.remedy == response.OTHER_SIGN:  # an apparent sign error may be one of order, too
-            finding = replace(finding, remedy=response.OTHER_ORDER if is_order and exchanged else response.COMPARE)
+            message = (
+                f"{finding.joint} follows the command of {other}, not its own; {finding.message}"
+            )
+            finding = replace(
+                finding, severity="error" if exchanged else finding.severity, message=message
+            )
+        # an apparent sign error may be one of order, too
+        if is_order or finding.remedy == response.OTHER_SIGN:
+            finding = replace(
+                finding, remedy=response.OTHER_ORDER if is_order and exchanged else response.COMPARE
+            )
         found[column][0] = finding
     for column, findings in found.items():
         rows, grid = windows[column]

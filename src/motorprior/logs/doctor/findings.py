@@ -33,7 +33,11 @@ def grouped(findings: Sequence[Finding]) -> list[Finding]:
     for same in kinds.values():
         worst = max(same, key=lambda each: abs(each.value))
         others = [f"{each.joint} {each.value:.3g}" for each in same if each is not worst]
-        found.append(replace(worst, message=f"{worst.message}; likewise {', '.join(others)}") if others else worst)
+        found.append(
+            replace(worst, message=f"{worst.message}; likewise {', '.join(others)}")
+            if others
+            else worst
+        )
     return found
 
 
@@ -47,7 +51,10 @@ class LogReport:
         return f"{len(self.errors)} errors in {len(self.findings)} findings"
 
     def __str__(self) -> str:
-        lines = [f"{each.severity}: {each.check}, row {each.row}: {each}" for each in grouped(self.findings)]
+        lines = [
+            f"{each.severity}: {each.check}, row {each.row}: {each}"
+            for each in grouped(self.findings)
+        ]
         return "\n".join([repr(self), *lines])
 
     @property

@@ -17,7 +17,9 @@ MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
 MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
-FAILED, STAYS = "and back (failed read)", "and stays"  # kinds of jumps
+# kinds of jumps
+FAILED = "and back (failed read)"
+STAYS = "and stays"
 WRAPS = "by a turn"
 LEFT_OUT = "check the bus; mp.load_log and `motorprior logs import` leave these rows out"
 _UNITS = f'convert them in the file, or state their unit {IN_MAP}: angle = "deg", "turn" or "tick"'
@@ -35,7 +37,9 @@ def rate(log: MotorLog) -> Iterator[Finding]:
     median = float(np.median(steps))
     hertz, (lowest, highest) = 1.0 / median, RATES
     jitter = float(np.subtract(*np.percentile(steps, [95, 5]))) / median
-    message = f"median time step {1e3 * median:.3g} ms ({hertz:.4g} Hz), jitter {jitter:.2f} of the step"
+    message = (
+        f"median time step {1e3 * median:.3g} ms ({hertz:.4g} Hz), jitter {jitter:.2f} of the step"
+    )
     if not 0.99 * lowest <= hertz <= 1.01 * highest:
         message += f"; outside {lowest:g} to {highest:g} Hz"
         remedy = f'convert the time in the file, or state its unit {IN_MAP}: time = "s", "ms", "us" or "ns"'
@@ -45,7 +49,9 @@ def rate(log: MotorLog) -> Iterator[Finding]:
     if jitter > MAX_JITTER:
         row = int(rows[np.argmax(np.abs(steps - median) > 0.5 * MAX_JITTER * median)])
         remedy = f"import with a period; if these are times of arrival, record the robot's or state rate = … {IN_MAP}"
-        yield Finding("warning", "jitter", jitter, f"{message}, more than {MAX_JITTER}", remedy, row=row)
+        yield Finding(
+            "warning", "jitter", jitter, f"{message}, more than {MAX_JITTER}", remedy, row=row
+        )
 
 
 def gaps(log: MotorLog) -> Iterator[Finding]:
@@ -63,7 +69,8 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
 
     Slow motion does not count: below an encoder step per row, angles repeat in any log.
     """
-    whole, moved = repeated_rows(log), [_displacements(angle) for angle in log.joint_pos.T]
+    whole = repeated_rows(log)
+    moved = [_displacements(angle) for angle in log.joint_pos.T]
     cases = [(None, whole, np.max(moved, axis=0), 0.05)]
     cases += [
         (joint, repeated_rows(log.joint(column)) & ~whole, moved[column], 0.4)
@@ -82,7 +89,8 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
 
 def _displacements(angle: np.ndarray) -> np.ndarray:
     """(T,) smaller displacement of a joint in the 5 rows before and after, 0 below 10 encoder steps."""
-    travel, moved = np.abs(angle[5:] - angle[:-5]), np.zeros(len(angle))
+    travel = np.abs(angle[5:] - angle[:-5])
+    moved = np.zeros(len(angle))
     moved[5:-5] = np.minimum(travel[5:], travel[:-5])
     return np.where(moved >= 10.0 * encoder_step(angle), moved, 0.0)
 
@@ -104,10 +112,11 @@ def jumps(log: MotorLog) -> Iterator[Finding]:
 def failed_reads(log: MotorLog) -> np.ndarray:
     """(T, J) rows in which a read of a joint failed.
 
-    Its angle jumps and comes back within 5 readings, or jumps within 5 readings of an end of a segment; or its velocity
-    is a spike (`velocity_spikes`).
+    Its angle jumps and comes back within 5 readings, or jumps within 5 readings of an end of a
+    segment; or its velocity is a spike (`velocity_spikes`).
     """
-    failed, period = np.zeros(log.joint_pos.shape, dtype=bool), _reading_period(log)
+    failed = np.zeros(log.joint_pos.shape, dtype=bool)
+    period = _reading_period(log)
     for column in range(log.num_joints):
         for _, kind, row in _jumps(log, column, period):
             part = next(part for part in log.segment_slices() if part.start <= row < part.stop)
@@ -125,8 +134,11 @@ def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
 
     A joint that moves so fast, or in another unit, is as fast before and after.
     """
-    speed, around = np.abs(velocity), 2 * MAX_FAILED + 1
-    padded = np.pad(speed, ((MAX_FAILED, MAX_FAILED), (0, 0)), "reflect" if len(speed) > MAX_FAILED else "edge")
+    speed = np.abs(velocity)
+    around = 2 * MAX_FAILED + 1
+    padded = np.pad(
+        speed, ((MAX_FAILED, MAX_FAILED), (0, 0)), "reflect" if len(speed) > MAX_FAILED else "edge"
+    )
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, around, axis=0), axis=-1)
     return (speed > MAX_SPEED) & (speed > 5.0 * usual)
 
@@ -140,11 +152,12 @@ def _reading_period(log: MotorLog) -> float:
 def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str, int]]:
     """Channel, kind and row of each jump of one joint; ``period`` of new readings [s].
 
-    A jump exceeds 3·u, 10 encoder steps, 10 rad/s and 0.03 rad, with u = sixth largest |median(Δ[k-1], Δ[k], Δ[k+1])|
-    over the steps Δ: fast motion increases u, a failed read does not. `_spikes` also finds single readings that jump
-    and come back during slow motion.
+    A jump exceeds 3·u, 10 encoder steps, 10 rad/s and 0.03 rad, with u = sixth largest
+    |median(Δ[k-1], Δ[k], Δ[k+1])| over the steps Δ: fast motion increases u, a failed read does
+    not. `_spikes` also finds single readings that jump and come back during slow motion.
     """
-    angle, command = log.joint_pos[:, column], log.position_target[:, column]
+    angle = log.joint_pos[:, column]
+    command = log.position_target[:, column]
     steps, command_steps = (np.diff(values, prepend=values[0]) for values in (angle, command))
     for part in log.segment_slices():
         steps[part.start] = command_steps[part.start] = 0.0
@@ -160,11 +173,16 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
     spikes = set(_spikes(angle, log.segment_slices(), min_jump))
     yield from (("joint_pos", FAILED, row) for row in sorted(spikes))
     bound = max(3.0 * usual, min_jump)
-    lag, places, back = 1 + int(MAX_LAG / log.period), np.flatnonzero(np.abs(steps) > bound)[:10_000], 0
+    lag = 1 + int(MAX_LAG / log.period)
+    places = np.flatnonzero(np.abs(steps) > bound)[:10_000]
+    back = 0
     for number, place in enumerate(places.tolist()):
-        row, size = int(rows[place]), abs(float(steps[place]))
+        row = int(rows[place])
+        size = abs(float(steps[place]))
         later = places[number + 1 : number + 1 + MAX_FAILED]
-        near = np.abs(angle[rows[later]] - angle[row - 1]) <= np.maximum(0.25 * size, usual * (later - place + 1))
+        near = np.abs(angle[rows[later]] - angle[row - 1]) <= np.maximum(
+            0.25 * size, usual * (later - place + 1)
+        )
         waited = log.time[rows[later]] - log.time[row]
         near &= (waited >= 0.0) & (waited <= 1.01 * MAX_FAILED * period)
         speed = size / max(period, float(log.time[row] - log.time[row - 1]))
@@ -181,36 +199,56 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[tuple[str, str
         elif near.any():
             back = int(rows[later[np.argmax(near)]])
             yield from (("joint_pos", FAILED, each) for each in range(row, back))
-        elif speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size:  # a joint would accelerate over several rows
+        elif (
+            speed > 50.0 and neighbours.max(initial=0.0) <= 0.125 * size
+        ):  # a joint would accelerate over several rows
             yield "joint_pos", STAYS, row
 
 
 def _spikes(angle: np.ndarray, parts: Sequence[slice], min_jump: float) -> Iterator[int]:
     """Rows of single readings that jump and come back.
 
-    Both steps exceed ``min_jump`` [rad], and 8 times the motion around them: the steps before and after, and their sum.
+    Both steps exceed ``min_jump`` [rad], and 8 times the motion around them: the steps before and
+    after, and their sum.
     """
     for part in parts:
         steps = np.diff(angle[part])
         if len(steps) < 4:
             continue
-        out, back = steps[1:-2], steps[2:-1]
+        out = steps[1:-2]
+        back = steps[2:-1]
         around = np.max(np.abs([steps[:-3], out + back, steps[3:]]), axis=0)
-        is_spike = (out * back < 0.0) & (np.minimum(np.abs(out), np.abs(back)) > np.maximum(min_jump, 8.0 * around))
+        is_spike = (out * back < 0.0) & (
+            np.minimum(np.abs(out), np.abs(back)) > np.maximum(min_jump, 8.0 * around)
+        )
         yield from (part.start + 2 + np.flatnonzero(is_spike)).tolist()
 
 
 def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
     """Angles outside the limits of the robot, or beyond one turn (warning) or four turns (error) without limits."""
-    limits = np.full((log.num_joints, 2), np.nan) if robot is None else robot.limits_of(log.joint_names)
-    unknown = [joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()]
+    limits = (
+        np.full((log.num_joints, 2), np.nan) if robot is None else robot.limits_of(log.joint_names)
+    )
+    unknown = [
+        joint for joint, bound in zip(log.joint_names, limits, strict=True) if np.isnan(bound).any()
+    ]
     if robot is not None and unknown:
         remedy = f"rename the joints in the file, or {IN_MAP} by name; or give the robot that was recorded"
-        yield Finding("info", "limits", len(unknown), f"the robot has no limits for {', '.join(unknown)}", remedy)
+        yield Finding(
+            "info",
+            "limits",
+            len(unknown),
+            f"the robot has no limits for {', '.join(unknown)}",
+            remedy,
+        )
     for channel in ("position_target", "joint_pos"):
-        for joint, angle, (low, high) in zip(log.joint_names, getattr(log, channel).T, limits, strict=True):
-            row, reach = int(np.argmax(np.abs(angle))), float(np.nanmax(np.abs([0.0, low, high])))
-            size, moved = abs(float(angle[row])), float(np.ptp(angle))
+        for joint, angle, (low, high) in zip(
+            log.joint_names, getattr(log, channel).T, limits, strict=True
+        ):
+            row = int(np.argmax(np.abs(angle)))
+            reach = float(np.nanmax(np.abs([0.0, low, high])))
+            size = abs(float(angle[row]))
+            moved = float(np.ptp(angle))
             message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, it moves over {moved:.4g} rad"
             if size > max(MAX_TURNS * math.tau, reach):
                 message += f"; beyond {max(MAX_TURNS, reach / math.tau):.3g} turns"
@@ -218,7 +256,9 @@ def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]
                 yield Finding("error", "units", size, message, remedy, joint, row)
             elif size > max(math.tau, reach) or moved > np.nanmax([math.tau, high - low]):
                 remedy = f"if these are not rad, {_UNITS}; if the encoder wrapped, state wraps = true for it in the map"
-                yield Finding("warning", "units", size, f"{message}: more than one turn", remedy, joint, row)
+                yield Finding(
+                    "warning", "units", size, f"{message}: more than one turn", remedy, joint, row
+                )
             row = int(np.argmax(np.maximum(low - angle, angle - high)))
             if angle[row] < low or angle[row] > high:
                 message = f"{channel}/{joint} is {angle[row]:.4g} rad in row {row}, outside {low:.4g} to {high:.4g} rad"
@@ -235,7 +275,9 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
     rows = np.arange(0, log.num_rows, width)
     velocity = np.diff(log.joint_pos[rows], axis=0)
     velocity /= np.maximum(np.diff(log.time[rows]), width * log.period)[:, None]
-    lasting = np.minimum(*np.abs([velocity[1:], velocity[:-1]])) * (velocity[1:] * velocity[:-1] > 0.0)
+    lasting = np.minimum(*np.abs([velocity[1:], velocity[:-1]])) * (
+        velocity[1:] * velocity[:-1] > 0.0
+    )
     for column, joint in enumerate(log.joint_names):
         places = rows[np.flatnonzero(lasting[:, column] > MAX_SPEED)]
         if len(places) > 5:
@@ -245,26 +287,54 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
     if log.joint_vel is None:
         return
     failed = velocity_spikes(log.joint_vel)
-    for joint, spikes, speed in zip(log.joint_names, failed.T, np.abs(log.joint_vel).T, strict=True):
+    for joint, spikes, speed in zip(
+        log.joint_names, failed.T, np.abs(log.joint_vel).T, strict=True
+    ):
         if spikes.any():
             message = f"joint_vel/{joint}: {spikes.sum()} single readings of up to {speed[spikes].max():.4g} rad/s"
             remedy = f"{LEFT_OUT}; or leave joint_vel out"
-            yield Finding("warning", "failed_reads", float(spikes.sum()), message, remedy, joint, int(spikes.argmax()))
+            yield Finding(
+                "warning",
+                "failed_reads",
+                float(spikes.sum()),
+                message,
+                remedy,
+                joint,
+                int(spikes.argmax()),
+            )
         fast = (speed > MAX_SPEED) & ~spikes
         if fast.any():
             message = f"joint_vel/{joint} is up to {speed[fast].max():.4g} rad/s, above {MAX_SPEED:g} rad/s in "
             message += f"{100 * fast.mean():.2g} % of the rows"
             remedy = f'leave joint_vel out, or state its unit {IN_MAP}: velocity = "deg/s" or "rpm"'
             severity = "error" if fast.mean() > 0.02 else "warning"  # failed reads are rare
-            yield Finding(severity, "units", float(speed[fast].max()), message, remedy, joint, int(fast.argmax()))
+            yield Finding(
+                severity,
+                "units",
+                float(speed[fast].max()),
+                message,
+                remedy,
+                joint,
+                int(fast.argmax()),
+            )
 
 
 def summary(log: MotorLog) -> Iterator[Finding]:
     """For comparison with the robot (info): ranges of the angles in degrees, and logged gains and registers."""
     degrees = np.rad2deg([log.joint_pos.min(axis=0), log.joint_pos.max(axis=0)])
-    spans = [f"{joint} {low:.4g}..{high:.4g}" for joint, (low, high) in zip(log.joint_names, degrees.T, strict=True)]
-    yield Finding("info", "angles", float(np.abs(degrees).max()), f"angles in degrees: {', '.join(spans)}")
-    yield Finding("info", "settings", 0.0, f"the log states {settings_text(log) or 'no gain, register or posture'}")
+    spans = [
+        f"{joint} {low:.4g}..{high:.4g}"
+        for joint, (low, high) in zip(log.joint_names, degrees.T, strict=True)
+    ]
+    yield Finding(
+        "info", "angles", float(np.abs(degrees).max()), f"angles in degrees: {', '.join(spans)}"
+    )
+    yield Finding(
+        "info",
+        "settings",
+        0.0,
+        f"the log states {settings_text(log) or 'no gain, register or posture'}",
+    )
 
 
 CHECKS = (rate, gaps, repeats, speeds, summary)

@@ -1,8 +1,9 @@
 """Files of named arrays, read by a column map: PyTorch (.pt), NumPy (.npz, .npy), MATLAB (.mat), pickles (.pkl).
 
-A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Arrays in tables and lists have names with
-dots, such as ``run.0.joint_pos``; the last part is enough where it is the only such name. A list with a table of arrays
-per step is stacked. Nothing in a file is executed. The array of a .npy is ``data``.
+A column is an array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Arrays in tables and
+lists have names with dots, such as ``run.0.joint_pos``; the last part is enough where it is the
+only such name. A list with a table of arrays per step is stacked. Nothing in a file is executed.
+The array of a .npy is ``data``.
 """
 
 import zipfile
@@ -25,7 +26,8 @@ _MAX_PARTS = 100  # maximum length of a list whose items are separate arrays
 
 def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     """Name of a column -> (T,) float64; raises LogError for a damaged file, or a name that has no column."""
-    arrays, found = _arrays(path), {}
+    arrays = _arrays(path)
+    found = {}
     for name in names:
         key, index = element_of(name)
         ends = [known for known in arrays if known.endswith(f".{key}")]
@@ -33,12 +35,20 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
         if values is None:
             raise missing_column("array", key, arrays, path)
         table = values[:, None] if values.ndim == 1 else values
-        if table.ndim != 2 or (index or 0) >= table.shape[1] or (index is None and table.shape[1] > 1):
-            raise LogError(f"{name}: the array has shape {values.shape}", where=path, remedy=CORRECT)
+        if (
+            table.ndim != 2
+            or (index or 0) >= table.shape[1]
+            or (index is None and table.shape[1] > 1)
+        ):
+            raise LogError(
+                f"{name}: the array has shape {values.shape}", where=path, remedy=CORRECT
+            )
         found[name] = table[:, index or 0].astype(np.float64)
     lengths = {name: len(column) for name, column in found.items()}
     if len(set(lengths.values())) > 1:
-        raise LogError(f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT)
+        raise LogError(
+            f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT
+        )
     return found
 
 
@@ -83,7 +93,9 @@ def _collect(name: str, value: Any, found: dict[str, np.ndarray]) -> None:
 
 
 def _same_keys(tables: Sequence[Any]) -> bool:
-    return all(isinstance(each, Mapping) and each and each.keys() == tables[0].keys() for each in tables)
+    return all(
+        isinstance(each, Mapping) and each and each.keys() == tables[0].keys() for each in tables
+    )
 
 
 def _numpy(path: Path) -> Any:
@@ -111,7 +123,8 @@ def _matlab(path: Path) -> Any:
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:  # of version 7.3, which is HDF5
-        problem, remedy = "a MATLAB file of version 7.3", 'save it by save(…, "-v7")'
+        problem = "a MATLAB file of version 7.3"
+        remedy = 'save it by save(…, "-v7")'
         raise LogError(problem, where=path, remedy=remedy) from error
     return {key: value for key, value in content.items() if not key.startswith("__")}
 

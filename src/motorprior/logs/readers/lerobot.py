@@ -1,9 +1,10 @@
 """Datasets of LeRobot (version 3: ``meta/info.json``, ``data/chunk-*/file-*.parquet``).
 
-``action`` is the command and ``observation.state`` the angle: lists of one number per joint, in degrees. Episodes
-become segments; info.json names joints and robot. The dataset does not contain its units: recordings in other units,
-and grippers, which LeRobot records in per cent, need a column map with ``scale``. The file lerobot_robots.toml holds
-the servo registers that LeRobot's driver writes.
+``action`` is the command and ``observation.state`` the angle: lists of one number per joint, in
+degrees. Episodes become segments; info.json names joints and robot. The dataset does not contain
+its units: recordings in other units, and grippers, which LeRobot records in per cent, need a column
+map with ``scale``. The file lerobot_robots.toml holds the servo registers that LeRobot's driver
+writes.
 """
 
 import json
@@ -17,13 +18,20 @@ import numpy as np
 from motorprior.artifacts import read_text
 from motorprior.exceptions import LogError, quoted
 from motorprior.logs.column_map import SCALES, ColumnMap, Conversion, MappedJoint
-from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
+from motorprior.logs.log_reader import (
+    FOLDER,
+    GIVE_COLUMNS,
+    LogReader,
+    read_mapped_log,
+    robot_of_joints,
+)
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.table import table_columns
 from motorprior.robots.robot import Robot
 
 INFO = Path("meta") / "info.json"
-ACTION, STATE = "action", "observation.state"
+ACTION = "action"
+STATE = "observation.state"
 _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and observation.state"
 
 
@@ -33,22 +41,34 @@ def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
     names = _joint_names(info, ACTION, path)
     if names != (state := _joint_names(info, STATE, path)):
         problem = f"{ACTION} has {list(names)}, {STATE} has {list(state)}"
-        raise LogError(problem[:400], where=path / INFO, remedy="give a dataset whose actions are joint positions")
+        raise LogError(
+            problem[:400],
+            where=path / INFO,
+            remedy="give a dataset whose actions are joint positions",
+        )
     degree = Conversion(SCALES["angle"]["deg"])
     degrees = {"position_target": degree, "joint_pos": degree}
     kind = str(info.get("robot_type") or "")
-    registers = tomllib.loads((files("motorprior.logs.readers") / "lerobot_robots.toml").read_text("utf-8"))
+    registers = tomllib.loads(
+        (files("motorprior.logs.readers") / "lerobot_robots.toml").read_text("utf-8")
+    )
     columns = ColumnMap(
-        source=str(path / INFO), robot=kind, time="timestamp", segment="episode_index",
-        joints=tuple(MappedJoint(str(k), name, conversions=degrees) for k, name in enumerate(names)),
+        source=str(path / INFO),
+        robot=kind,
+        time="timestamp",
+        segment="episode_index",
+        joints=tuple(
+            MappedJoint(str(k), name, conversions=degrees) for k, name in enumerate(names)
+        ),
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
         firmware=registers.get(kind, {}),
-    )  # fmt: skip
+    )
     return read_mapped_log(path, columns, _columns, robot_of_joints(robot, names))
 
 
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-    info, found = _info(path), sorted(path.glob("data/chunk-*/file-*.parquet"))
+    info = _info(path)
+    found = sorted(path.glob("data/chunk-*/file-*.parquet"))
     if not found:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
     parts = [table_columns(file, names, columns.time) for file in found]
@@ -56,7 +76,9 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
     rows = len(table[names[0]])
     if (total := info.get("total_frames", rows)) != rows:
         problem = f"total_frames is {str(total)[:40]}, its data/chunk-*/file-*.parquet have {rows}"
-        raise LogError(problem, where=path / INFO, remedy="copy the dataset again with all its files")
+        raise LogError(
+            problem, where=path / INFO, remedy="copy the dataset again with all its files"
+        )
     return table
 
 
@@ -79,7 +101,9 @@ def _info(path: Path) -> dict[str, Any]:
         raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
     version = str(info.get("codebase_version")) if isinstance(info, dict) else ""
     if not version.startswith("v3."):
-        remedy = "convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the new folder"
+        remedy = (
+            "convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the new folder"
+        )
         raise LogError(f"codebase_version {quoted(version)}, not v3", where=where, remedy=remedy)
     return info
 
@@ -91,8 +115,15 @@ def _joint_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str, .
             (names,) = names.values()
         others = [name for name in names if "." in name and not name.endswith(".pos")]
     except (KeyError, TypeError, ValueError) as error:
-        raise LogError(f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY) from error
+        raise LogError(
+            f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY
+        ) from error
     if others:
         problem = f"{feature} has {quoted(others[0])}, which is not a position (.pos)"
-        raise LogError(problem, where=path / INFO, remedy=f"read the positions {GIVE_COLUMNS}", argument="columns")
+        raise LogError(
+            problem,
+            where=path / INFO,
+            remedy=f"read the positions {GIVE_COLUMNS}",
+            argument="columns",
+        )
     return tuple(name.removesuffix(".pos") for name in names)

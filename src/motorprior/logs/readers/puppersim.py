@@ -1,8 +1,8 @@
 """Logs of a legged robot in the format of jietan/puppersim (Apache-2.0).
 
-Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``, ``IMU``, ``MotorAngle``,
-``action``) and CSV, plain or gzip. Angles are in rad, time in s. The first two IMU columns are assumed to be roll and
-pitch. The logs hold no velocity and no torque.
+Two containers hold the same recordings: the original pickles (``.txt``: a dict of lists ``t``,
+``IMU``, ``MotorAngle``, ``action``) and CSV, plain or gzip. Angles are in rad, time in s. The first
+two IMU columns are assumed to be roll and pitch. The logs hold no velocity and no torque.
 """
 
 from pathlib import Path
@@ -18,33 +18,46 @@ from motorprior.logs.pickles import load_pickle
 from motorprior.logs.readers.table import csv_names, table_columns
 from motorprior.robots.robot import Robot
 
-GET_LOGS = "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
+GET_LOGS = (
+    "get them from the repository jietan/puppersim, folder puppersim/data/system_id (Apache-2.0)"
+)
 _IMU = ("imu_roll", "imu_pitch", "imu_rate_roll", "imu_rate_pitch")
-_LISTS = {"t": "t_s", "action": "q_des_{}", "MotorAngle": "q_{}", "IMU": "{}"}  # key of the pickle -> columns
+# key of the pickle -> columns
+_LISTS = {"t": "t_s", "action": "q_des_{}", "MotorAngle": "q_{}", "IMU": "{}"}
 
 
 def read_puppersim_log(path: Path, robot: Robot | None) -> MotorLog:
     """Read one recording of ``robot``: ``.csv``, ``.csv.gz`` or the original pickle ``.txt``."""
     robot = require_robot(robot, path)
     columns = ColumnMap(
-        source="jietan/puppersim", motor=robot.motor, time="t_s", base_orientation=_IMU[:2],
+        source="jietan/puppersim",
+        motor=robot.motor,
+        time="t_s",
+        base_orientation=_IMU[:2],
         series={"position_target": "q_des_{joint}", "joint_pos": "q_{joint}"},
         joints=tuple(MappedJoint(str(index), name) for index, name in enumerate(robot.joint_names)),
-    )  # fmt: skip
+    )
     return read_mapped_log(path, columns, _columns, robot)
 
 
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     if path.suffix != ".txt":
         return table_columns(path, names)
-    content, found = load_pickle(read_bytes(path, LogError), where=path), {}
+    content = load_pickle(read_bytes(path, LogError), where=path)
+    found = {}
     try:
         for key, name in _LISTS.items():  # a list of T rows, or an array
-            block = np.array([np.ravel(row) for row in content[key]], dtype=np.float64).reshape(len(content[key]), -1)
+            block = np.array([np.ravel(row) for row in content[key]], dtype=np.float64).reshape(
+                len(content[key]), -1
+            )
             places = _IMU if key == "IMU" else range(block.shape[1])
-            found |= {name.format(place): column for place, column in zip(places, block.T, strict=False)}
+            found |= {
+                name.format(place): column for place, column in zip(places, block.T, strict=False)
+            }
     except (KeyError, TypeError, ValueError) as error:
-        raise LogError(f"not lists {', '.join(_LISTS)} of equal rows ({error})", where=path, remedy=GET_LOGS) from error
+        raise LogError(
+            f"not lists {', '.join(_LISTS)} of equal rows ({error})", where=path, remedy=GET_LOGS
+        ) from error
     if missing := [name for name in names if name not in found]:
         raise missing_column("list", missing[0], found, path, GET_LOGS)
     return {name: found[name] for name in names}

@@ -4,12 +4,13 @@ A column of a column map is a number in the messages of a topic:
 
     TOPIC:FIELD          /lowstate:motor_state[3].q, /joint_states:position[elbow], /cmd:points[0].positions[2]
 
-FIELD is a path of fields separated by points. A list element is given by its index or, in a message that lists joint
-names (``name`` or ``joint_names``), by a joint's name. ``log_time`` is the recorder's clock. A row is a message of the
-topic of the angles, with the last message before it of every other topic.
+FIELD is a path of fields separated by points. A list element is given by its index or, in a message
+that lists joint names (``name`` or ``joint_names``), by a joint's name. ``log_time`` is the
+recorder's clock. A row is a message of the topic of the angles, with the last message before it of
+every other topic.
 
-Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in any namespace, and
-the commands. A velocity or effort that the first message lacks is not read.
+Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in
+any namespace, and the commands. A velocity or effort that the first message lacks is not read.
 """
 
 import re
@@ -23,7 +24,13 @@ import numpy as np
 
 from motorprior.exceptions import LogError, listed, quoted
 from motorprior.logs.column_map import ColumnMap, MappedJoint
-from motorprior.logs.log_reader import FOLDER, GIVE_COLUMNS, LogReader, read_mapped_log, robot_of_joints
+from motorprior.logs.log_reader import (
+    FOLDER,
+    GIVE_COLUMNS,
+    LogReader,
+    read_mapped_log,
+    robot_of_joints,
+)
 from motorprior.logs.motor_log import CORRECT, MotorLog, missing_column
 from motorprior.robots.robot import Robot
 
@@ -55,13 +62,25 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
             reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
             summary = reader.get_summary()
             if summary is None:
-                raise LogError("the bag has no summary: its recorder was not closed", where=path, remedy=_RECOVER)
+                raise LogError(
+                    "the bag has no summary: its recorder was not closed",
+                    where=path,
+                    remedy=_RECOVER,
+                )
             kinds = {number: schema.name for number, schema in summary.schemas.items()}
-            yield reader, {each.topic: kinds.get(each.schema_id, "no type") for each in summary.channels.values()}
+            yield (
+                reader,
+                {
+                    each.topic: kinds.get(each.schema_id, "no type")
+                    for each in summary.channels.values()
+                },
+            )
     except LogError:
         raise
     except Exception as error:  # decoders of damaged bytes raise many types
-        raise LogError(f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER) from error
+        raise LogError(
+            f"cannot be read ({str(error)[:300]})", where=path, remedy=_RECOVER
+        ) from error
 
 
 def _files(folder: Path) -> list[Path]:
@@ -72,7 +91,9 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
     """Read a bag with one topic of states and one of commands; a robot gives order and motor if it has these joints."""
     with _opened(path) as (reader, types):
         topics = [topic for topic, kind in types.items() if kind == JOINT_STATE]
-        heads = {topic: next(reader.iter_decoded_messages(topics=[topic]), None) for topic in topics}
+        heads = {
+            topic: next(reader.iter_decoded_messages(topics=[topic]), None) for topic in topics
+        }
     first = {topic: found.decoded_message for topic, found in heads.items() if found is not None}
     states = [topic for topic in first if topic.rsplit("/", 1)[-1] == "joint_states"]
     if len(first) != 2 or len(states) != 1:
@@ -80,19 +101,31 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
         problem = f"no topic of states and one of commands; it has {has}"
         raise LogError(problem, where=path, remedy=_REMEDY, argument="columns")
     (state,), (command,) = states, first.keys() - set(states)
-    names, known = tuple(first[command].name), set(first[state].name)
+    names = tuple(first[command].name)
+    known = set(first[state].name)
     if missing := sorted(set(names) - known):
-        raise LogError(f"the command has a joint {missing[0]!r}, the states have none", where=path, remedy=_REMEDY)
+        raise LogError(
+            f"the command has a joint {missing[0]!r}, the states have none",
+            where=path,
+            remedy=_REMEDY,
+        )
     robot = robot_of_joints(robot, names)
-    series = {"position_target": command + ":position[{joint}]", "joint_pos": state + ":position[{joint}]"}
+    series = {
+        "position_target": command + ":position[{joint}]",
+        "joint_pos": state + ":position[{joint}]",
+    }
     for channel, name in (("joint_vel", "velocity"), ("joint_torque", "effort")):
         values = np.array(getattr(first[state], name))
-        if values.size and not np.isnan(values).any():  # ros2_control writes NaN for a missing interface
+        # ros2_control writes NaN for a missing interface
+        if values.size and not np.isnan(values).any():
             series[channel] = f"{state}:{name}[{{joint}}]"
     columns = ColumnMap(
-        source=str(path), motor=robot.motor if robot else "", time=CLOCK, series=series,
+        source=str(path),
+        motor=robot.motor if robot else "",
+        time=CLOCK,
+        series=series,
         joints=tuple(MappedJoint(name, name) for name in names),
-    )  # fmt: skip
+    )
     return read_mapped_log(path, columns, _columns, robot)
 
 
@@ -101,7 +134,9 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
     Rows begin when every topic has a message.
     """
-    times, values, latest = array("q"), array("d"), {}
+    times = array("q")
+    values = array("d")
+    latest = {}
     with _opened(path) as (reader, types):
         parsed = {name: _parsed(name, path) for name in names if name != CLOCK}
         row_topic = _parsed(columns.columns_of("joint_pos", columns.joints)[0], path)[0]
@@ -109,7 +144,8 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
         for topic in count.keys() - types.keys():
             raise missing_column("topic", topic, types, path)
         for found in reader.iter_decoded_messages(topics=list(count)):  # in order of time
-            topic, message = found.channel.topic, found.decoded_message
+            topic = found.channel.topic
+            message = found.decoded_message
             for name in (name for name, (of, _) in parsed.items() if of == topic):
                 try:
                     latest[name] = _number(message, parsed[name][1])
@@ -122,7 +158,8 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
                 values.extend(latest[name] for name in parsed)
     if silent := [topic for topic, messages in count.items() if not messages]:
         raise LogError(f"no message of {quoted(silent[0])}", where=path, remedy=CORRECT)
-    table, clock = np.array(values).reshape(len(times), len(parsed)), np.array(times)
+    table = np.array(values).reshape(len(times), len(parsed))
+    clock = np.array(times)
     by_name = dict(zip(parsed, table.T, strict=True)) | {CLOCK: 1e-9 * (clock - clock[:1])}
     return {name: by_name[name] for name in names}
 
@@ -133,7 +170,9 @@ def _parsed(name: str, path: Path) -> tuple[str, list[tuple[str, str | None]]]:
     steps = [_STEP.fullmatch(step) for step in _POINT.split(text)]
     if not (topic and colon and all(steps)):
         remedy = f"name {CLOCK}, or TOPIC:FIELD, as /lowstate:motor_state[3].q or /joint_states:position[elbow]"
-        raise LogError(f"{quoted(name)} is not TOPIC:FIELD", where=path, remedy=remedy, argument="columns")
+        raise LogError(
+            f"{quoted(name)} is not TOPIC:FIELD", where=path, remedy=remedy, argument="columns"
+        )
     return topic, [(step[1], step[2]) for step in steps if step]
 
 
@@ -142,7 +181,9 @@ def _number(message: Any, steps: list[tuple[str, str | None]]) -> float:
     for attribute, element in steps:
         value = getattr(value, attribute)
         if element is not None:  # a joint's name, or an index
-            names = [name for field in ("name", "joint_names") for name in getattr(message, field, ())]
+            names = [
+                name for field in ("name", "joint_names") for name in getattr(message, field, ())
+            ]
             value = value[names.index(element) if element in names else int(element)]
     if not isinstance(value, (int, float)):
         raise TypeError(f"it is a {type(value).__name__}")

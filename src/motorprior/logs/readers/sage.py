@@ -1,9 +1,9 @@
 """Motions of isaac-sim2real/sage, in the folders that its recorder writes.
 
-A folder holds ``control.csv`` (timestamp, positions), ``state_motor.csv`` (timestamp, positions, velocities, torques)
-and ``joint_list.txt``. Times are in µs; the values of all joints are one text ``"[0.1, 0.2]"``. A row of the log is a
-row of states with the command in force. Torques are unsigned and not read. The shipped map `so101_sage` names the
-joints.
+A folder holds ``control.csv`` (timestamp, positions), ``state_motor.csv`` (timestamp, positions,
+velocities, torques) and ``joint_list.txt``. Times are in µs; the values of all joints are one text
+``"[0.1, 0.2]"``. A row of the log is a row of states with the command in force. Torques are
+unsigned and not read. The shipped map `so101_sage` names the joints.
 """
 
 import json
@@ -20,13 +20,15 @@ from motorprior.logs.motor_log import COPY_AGAIN, MotorLog, bad_value, require_i
 from motorprior.logs.readers.table import csv_table
 from motorprior.robots.robot import Robot
 
-CONTROL, STATE = "control.csv", "state_motor.csv"
+CONTROL = "control.csv"
+STATE = "state_motor.csv"
 MICROSECOND = 1e-6
 
 
 def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
     """Read the folder of one motion; ``robot`` gives the order of the joints if it has these joints."""
-    names, columns = read_text(path / "joint_list.txt", LogError).split(), load_column_map("so101_sage")
+    names = read_text(path / "joint_list.txt", LogError).split()
+    columns = load_column_map("so101_sage")
     if set(names) != {joint.column for joint in columns.joints}:  # another robot
         joints = tuple(MappedJoint(name, name) for name in names)
         columns = replace(columns, robot="", motor="", firmware={}, joints=joints)
@@ -38,11 +40,17 @@ def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
         begun = time >= since[0]
         targets = targets[np.searchsorted(since, time[begun], side="right") - 1]  # in force
         found = {"t_s": time[begun]}
-        for kind, values in zip(("q_des", "q", "dq"), (targets, *(each[begun] for each in measured)), strict=True):
-            found |= {f"{kind}_{joint}": column for joint, column in zip(names, values.T, strict=True)}
+        for kind, values in zip(
+            ("q_des", "q", "dq"), (targets, *(each[begun] for each in measured)), strict=True
+        ):
+            found |= {
+                f"{kind}_{joint}": column for joint, column in zip(names, values.T, strict=True)
+            }
         return {name: found[name] for name in wanted}
 
-    return read_mapped_log(path, columns, merged, robot_of_joints(robot, tuple(each.name for each in columns.joints)))
+    return read_mapped_log(
+        path, columns, merged, robot_of_joints(robot, tuple(each.name for each in columns.joints))
+    )
 
 
 def _table(path: Path, lists: list[str], width: int) -> list[np.ndarray]:
@@ -55,7 +63,9 @@ def _table(path: Path, lists: list[str], width: int) -> list[np.ndarray]:
             try:
                 rows[row] = np.reshape(json.loads(text), width)
             except (TypeError, ValueError) as error:
-                raise bad_value(row, name, text, f"a list of {width} numbers", path, COPY_AGAIN) from error
+                raise bad_value(
+                    row, name, text, f"a list of {width} numbers", path, COPY_AGAIN
+                ) from error
         found.append(rows)
     return found
 

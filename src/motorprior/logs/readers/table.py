@@ -1,8 +1,8 @@
 """Tables of any columns, CSV (plain or gzip) or Parquet, read by a column map; numbers are read with pyarrow.
 
-The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal point; with semicolons
-or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column ``x``. Time stamps become time since the
-first row.
+The separator of CSV is a comma, semicolon or tab, as in the first line. Numbers have a decimal
+point; with semicolons or tabs, all may have a decimal comma. ``x[2]`` is element 2 of a list column
+``x``. Time stamps become time since the first row.
 """
 
 import csv
@@ -21,7 +21,9 @@ from motorprior.logs.log_reader import LogReader
 from motorprior.logs.motor_log import COPY_AGAIN, CORRECT, bad_value, missing_column, unreadable
 
 SAVE_AS = "save it as UTF-8 with commas, semicolons or tabs and numbers like -1.5e-3"
-_CORRECT_TIME = "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
+_CORRECT_TIME = (
+    "use time stamps like 2024-05-01T12:00:00.25 (ISO 8601), all with a time zone or all without"
+)
 _ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]", re.ASCII)
 _BAD_CELL = re.compile(r"In CSV column #(\d+): Row #(\d+): .*invalid value '(.*)'", re.DOTALL)
 _BAD_ROW = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
@@ -32,12 +34,12 @@ def table_columns(
 ) -> dict[str, np.ndarray]:
     """Name of a column, or of an element of a list column -> (rows,) float64.
 
-    The column ``time`` may hold time stamps; it is timedelta64[ns] since the first row. If the writer of a CSV may have
-    been killed (``may_be_cut``), a last line without line end is dropped.
+    The column ``time`` may hold time stamps; it is timedelta64[ns] since the first row. If the
+    writer of a CSV may have been killed (``may_be_cut``), a last line without line end is dropped.
 
     Raises:
-        LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a number; names file,
-            row and column.
+        LogError: missing or damaged file, missing column, no rows, or a cell that is empty or not a
+            number; names file, row and column.
     """
     if path.suffix == ".parquet":
         table = parquet_table(path, names)
@@ -74,16 +76,21 @@ def _head(line: bytes, path: Path) -> tuple[list[str], str]:
     except UnicodeDecodeError as error:
         raise LogError(f"not UTF-8 ({error})", where=path, remedy=SAVE_AS) from error
     if not text or "\0" in text or "\r" in text:
-        raise LogError("its first line is empty, binary or ends with CR alone", where=path, remedy=SAVE_AS)
+        raise LogError(
+            "its first line is empty, binary or ends with CR alone", where=path, remedy=SAVE_AS
+        )
     delimiter = max(",;\t", key=re.sub(r'"[^"]*"', "", text).count)
     names = next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
     return [name.strip() for name in names], delimiter
 
 
-def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), may_be_cut: bool = False) -> Any:
+def csv_table(
+    path: Path, names: Sequence[str], inferred: Collection[str] = (), may_be_cut: bool = False
+) -> Any:
     """Arrow table of the columns of a CSV file; float64, or of the type of its cells for ``inferred`` columns.
 
-    Raises LogError as `csv_names`, for a missing column, a wrong number of cells, or a cell that is no number.
+    Raises LogError as `csv_names`, for a missing column, a wrong number of cells, or a cell that is
+    no number.
     """
     import pyarrow as pa
     import pyarrow.csv as pa_csv
@@ -104,9 +111,12 @@ def csv_table(path: Path, names: Sequence[str], inferred: Collection[str] = (), 
                 pa_csv.ParseOptions(delimiter=delimiter),
                 pa_csv.ConvertOptions(
                     column_types={name: pa.float64() for name in wanted if name not in inferred},
-                    include_columns=wanted, null_values=[""], strings_can_be_null=True, decimal_point=decimal_point,
+                    include_columns=wanted,
+                    null_values=[""],
+                    strings_can_be_null=True,
+                    decimal_point=decimal_point,
                 ),
-            )  # fmt: skip
+            )
         except pa.ArrowException as error:
             errors.append(error)
     raise _csv_error(errors[0], have, path)
@@ -130,14 +140,19 @@ def parquet_table(path: Path, names: Sequence[str] | None = None) -> Any:
     require_file(path, LogError)
     try:
         with pq.ParquetFile(path) as file:
-            groups, rows = range(file.num_row_groups), file.metadata.num_rows
+            groups = range(file.num_row_groups)
+            rows = file.metadata.num_rows
             unpacked = sum(file.metadata.row_group(each).total_byte_size for each in groups)
             # equal numbers are packed in every size that the file states
             require_size(max(unpacked, 8 * rows * file.metadata.num_columns), path, LogError)
-            wanted = None if names is None else required_columns(file.schema_arrow.names, names, path)
+            wanted = (
+                None if names is None else required_columns(file.schema_arrow.names, names, path)
+            )
             table = file.read(columns=wanted)
     except (pa.ArrowException, OSError) as error:
-        raise LogError(f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN) from error
+        raise LogError(
+            f"not a complete Parquet file ({error})", where=path, remedy=COPY_AGAIN
+        ) from error
     if not table.num_rows:
         raise LogError("no rows", where=path, remedy=COPY_AGAIN)
     return table
@@ -166,7 +181,9 @@ def _elements(column: Any, name: str, index: int, path: Path) -> Any:
 
     cells: Any = pc
     if "list" not in str(column.type):
-        raise LogError(f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT)
+        raise LogError(
+            f"{name}: the column is {column.type}, not lists", where=path, remedy=CORRECT
+        )
     lengths = np.asarray(cells.list_value_length(column))
     if (short := np.flatnonzero(lengths <= index)).size:
         problem = f"row {short[0]}, {name}: its list has {lengths[short[0]]} numbers"
@@ -181,12 +198,17 @@ def _since_first(column: Any, name: str, path: Path) -> np.ndarray:
     if pa.types.is_duration(column.type) or pa.types.is_timestamp(column.type):
         moments = column.to_numpy(zero_copy_only=False)
         return (moments - moments[0]).astype("timedelta64[ns]")
-    texts, since = column.to_pylist(), []
+    texts = column.to_pylist()
+    since = []
     for row, text in enumerate(texts):
         try:
-            since.append(datetime.fromisoformat(text.strip()) - datetime.fromisoformat(texts[0].strip()))
+            since.append(
+                datetime.fromisoformat(text.strip()) - datetime.fromisoformat(texts[0].strip())
+            )
         except (ValueError, TypeError, AttributeError) as error:
-            raise bad_value(row, name, text, "a time stamp like the others", path, _CORRECT_TIME) from error
+            raise bad_value(
+                row, name, text, "a time stamp like the others", path, _CORRECT_TIME
+            ) from error
     return np.array(since, "timedelta64[ns]")
 
 

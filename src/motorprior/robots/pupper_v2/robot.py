@@ -1,8 +1,9 @@
 """Stanford Pupper v2.1 as a `Robot`, with the sources of its constants; pupper_v2.xml and .urdf have the masses.
 
-Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from puppersim/data/pupper_v2a.urdf
-(jietan/puppersim, Apache-2.0), whose robot faces -y: here (x, y, z) = (-y, x, z) of that file, and its left-right
-differences (1.5 mm) are averaged. The chassis' box is an assumption, for pictures and contacts of a fallen robot.
+Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from
+puppersim/data/pupper_v2a.urdf (jietan/puppersim, Apache-2.0), whose robot faces -y: here (x, y, z)
+= (-y, x, z) of that file, and its left-right differences (1.5 mm) are averaged. The chassis' box is
+an assumption, for pictures and contacts of a fallen robot.
 """
 
 from pathlib import Path
@@ -17,18 +18,26 @@ _FOLDER = Path(__file__).parent
 _FLEETS = ("pupper_v2", "mixed", "foreign_direct", "foreign_servo")
 _LEGS = ("FR", "FL", "RR", "RL")
 _PHASES = (0.0, 0.5, 0.5, 0.0)
-_LIMITS = {"abduction": (-0.785, 0.785), "hip": (-1.309, 4.451), "knee": (-2.880, 2.880)}  # [rad] (puppersim URDF)
-_HIP, _KNEE = 0.6, -1.2  # standing [rad] (puppersim)
-_THIGH_LENGTH, _SHANK_LENGTH = 0.080, 0.110
-_HIP_X, _HIP_Y = (0.075, -0.125), 0.0805  # hip axes of front and rear legs, and feet of straight legs, in the chassis
-_MASS = 0.991 + 4 * (0.106 + 0.142 + 0.0381)  # chassis; abduction link, thigh, and shank with the foot of 0.1 g
+# [rad] (puppersim URDF)
+_LIMITS = {"abduction": (-0.785, 0.785), "hip": (-1.309, 4.451), "knee": (-2.880, 2.880)}
+# standing [rad] (puppersim)
+_HIP = 0.6
+_KNEE = -1.2
+_THIGH_LENGTH = 0.080
+_SHANK_LENGTH = 0.110
+# hip axes of front and rear legs, and feet of straight legs, in the chassis
+_HIP_X = (0.075, -0.125)
+_HIP_Y = 0.0805
+# chassis; abduction link, thigh, and shank with the foot of 0.1 g
+_MASS = 0.991 + 4 * (0.106 + 0.142 + 0.0381)
 _WIRE = Wire(
     kp=50.0,  # (2022 deployment); also in the logs that the fleets are fitted to
     kd=5.0,
     max_current=7.0,  # (2022 deployment)
     torque_constant=0.18,
-    # The abduction axes of FR and RR are reversed (puppersim deployment). Assumed: abduction angles of the model have
-    # the signs of puppersim's simulation; docs/hardware.md describes how to check them.
+    # The abduction axes of FR and RR are reversed (puppersim deployment). Assumed: abduction angles
+    # of the model have the signs of puppersim's simulation; docs/hardware.md describes how to check
+    # them.
     joint_signs=np.tile([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0], 2),
     encoder_counts=8192 * 36,  # 8192 per turn of the rotor, gear 36:1 (DJI M2006 with C610)
     crouch_pose=np.tile([0.0, 1.3, -2.2], 4),  # body at 9 cm, feet below the hips
@@ -40,7 +49,9 @@ _GAINS = tuple(each * _WIRE.torque_constant for each in (_WIRE.kp, _WIRE.kd, _WI
 
 
 def _leg(index: int) -> Leg:
-    forward = _HIP_X[index // 2] - _THIGH_LENGTH * np.sin(_HIP) - _SHANK_LENGTH * np.sin(_HIP + _KNEE)
+    forward = (
+        _HIP_X[index // 2] - _THIGH_LENGTH * np.sin(_HIP) - _SHANK_LENGTH * np.sin(_HIP + _KNEE)
+    )
     return Leg(
         name=_LEGS[index],
         joints=(3 * index, 3 * index + 1, 3 * index + 2),
@@ -58,7 +69,11 @@ _MADE_LEGS = tuple(map(_leg, range(4)))
 PUPPER_V2 = Robot(
     name="pupper_v2",
     motor="DJI M2006 P36 + C610",
-    joints=tuple(Joint(f"{leg}_{kind}", *limits, *_GAINS) for leg in _LEGS for kind, limits in _LIMITS.items()),
+    joints=tuple(
+        Joint(f"{leg}_{kind}", *limits, *_GAINS)
+        for leg in _LEGS
+        for kind, limits in _LIMITS.items()
+    ),
     base="free",
     model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,
