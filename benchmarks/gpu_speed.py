@@ -117,6 +117,10 @@ def graph(work: Work) -> Work:
     return lambda _owner=work: wp.capture_launch(capture.graph)
 
 
+def _nothing() -> None:
+    """Without a motor model, nothing is restarted or driven."""
+
+
 def rounds_of(path: str, targets: wp.array, figures: dict[str, float]) -> Callable[[], float]:
     """Rounds from the start, which return the time of a control step [s]; writes other figures of the path."""
     count = targets.shape[1]
@@ -125,11 +129,11 @@ def rounds_of(path: str, targets: wp.array, figures: dict[str, float]) -> Callab
     data = mjw.make_data(compiled, nworld=count, nconmax=8, njmax=64)
     start = np.tile([*compiled.qpos0[:7], *ROBOT.nominal], (count, 1)).astype(np.float32)
     target = data.ctrl
-    restart = lambda: None
-    drive = lambda: None
+    motor_calls: tuple[Callable[[], None], Callable[[], None]] = (_nothing, _nothing)
     if path == "learned":
         target = wp.zeros(targets.shape[1:], dtype=float)
-        restart, drive = motors_of(model, data, target)
+        motor_calls = motors_of(model, data, target)
+    restart, drive = motor_calls
     step = graph(lambda: [(drive(), mjw.step(model, data)) for _ in range(SUBSTEPS)])
 
     def run() -> float:

@@ -10,11 +10,11 @@ from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.identification.identify import TrainingResult, identify
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.logs.motor_log import MotorLog
-from motorprior.priors.train import TrainingResult, identify
 
 pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")

@@ -12,9 +12,9 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, impacts
+from motorprior.identification.identify import identify
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData, training_data
-from motorprior.priors.train import identify
 
 PERIOD = 0.002
 FINE = 8
@@ -103,8 +103,8 @@ def test_motors_are_fitted_without_a_term_that_they_do_not_have(
         grey_box(latents=2), np.array([[0.5, -1.0], [-0.5, 0.3]]), segments=4, rows=250
     )
     found = identify(data, MOTORS, 0)
-    assert found.preset.terms == () and isinstance(found.model, GreyBox) and found.model.terms == ()
-    assert found.preset.num_latents == found.model.num_latents == found.mean.shape[1] == 14
+    assert found.recipe.terms == () and isinstance(found.model, GreyBox) and found.model.terms == ()
+    assert found.recipe.num_latents == found.model.num_latents == found.mean.shape[1] == 14
     assert "saved_output_encoder" in found.metrics
     assert np.all(np.isfinite(found.log_var))
     assert found.losses[-1] < 0.05

@@ -26,7 +26,7 @@ from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 from motorprior.identification.physics.window_runs import MotorsOnLoads
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import static_joints
@@ -157,7 +157,7 @@ def evaluate_replay(
     motors: MotorsOnLoads,
     tuned: MotorsOnLoads | None,
     log: MotorLog,
-    recipe: Preset,
+    recipe: Recipe,
     progress: Progress,
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
@@ -184,7 +184,7 @@ def evaluate_replay(
     return replayed
 
 
-def log_warnings(log: MotorLog, recipe: Preset) -> list[str]:
+def log_warnings(log: MotorLog, recipe: Recipe) -> list[str]:
     """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
     found = []
     if static := static_joints(log):

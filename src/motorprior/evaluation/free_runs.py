@@ -17,7 +17,7 @@ from motorprior.identification.physics.window_runs import (
     WindowRuns,
     whole_runs,
 )
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import POS, SECONDS, TARGET, training_data
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints
@@ -36,7 +36,7 @@ DURATION = 1.0  # of a FREE_RUN [s]
 MotorModel: TypeAlias = MotorsOnLoads | ResponseMotors
 
 
-def free_runs(log: MotorLog, preset: Preset) -> dict[str, list[WindowRuns]]:
+def free_runs(log: MotorLog, preset: Recipe) -> dict[str, list[WindowRuns]]:
     """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
     window = round(DURATION / preset.period)
     short = replace(window_runs.with_gains_of(preset, log), objective="rollout", window=window)
@@ -144,7 +144,7 @@ def validation_of(
     traces = []
     for log, joint in median_and_max(whole.models[main_model]):
         name = whole.logs[log]
-        longest_run = max(whole_runs_of[name], key=lambda run: run.preset.window)
+        longest_run = max(whole_runs_of[name], key=lambda run: run.recipe.window)
         time, target, measured = (
             longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS)
         )

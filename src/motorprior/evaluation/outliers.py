@@ -25,7 +25,7 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.evaluation.reference import LOSS_METRICS
 from motorprior.identification.latents.latent_fit import fit_posterior
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData
 
 PRIOR_SCALE = 3.0  # standard deviation of the second fit's prior over that of the training motors
@@ -47,7 +47,7 @@ def outliers(
     trained: np.ndarray,
     found: np.ndarray,
     data: TrainingData,
-    preset: Preset,
+    preset: Recipe,
     temperature: float,
     classes: JointClasses,
     of: Sequence[str],

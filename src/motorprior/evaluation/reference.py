@@ -11,7 +11,7 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.evaluation.errors import replay_errors
 from motorprior.identification.latents.latent_fit import fit_posterior, latent_search
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import moved, train_test_halves
@@ -32,7 +32,7 @@ LOSS_METRICS = ("mean", "log_mean", "log_std", "motors", "pieces", "piece_varian
 
 
 def reference_metrics(
-    model: Decoder, data: TrainingData, preset: Preset, mean: np.ndarray, log: MotorLog
+    model: Decoder, data: TrainingData, preset: Recipe, mean: np.ndarray, log: MotorLog
 ) -> dict[str, float]:
     """Errors of the training motors at their posterior means.
 
@@ -61,12 +61,12 @@ def reference_metrics(
     return metrics
 
 
-def windows_per_block(preset: Preset) -> int:
+def windows_per_block(preset: Recipe) -> int:
     """Number of windows in a block."""
     return max(1, round(BLOCK / (preset.window * preset.period)))
 
 
-def loss_metrics(losses: np.ndarray, preset: Preset, suffix: str) -> dict[str, float]:
+def loss_metrics(losses: np.ndarray, preset: Recipe, suffix: str) -> dict[str, float]:
     """The ``loss_…`` of `reference_metrics`, from window losses (M, N) in the order of the log."""
     motor = losses.mean(axis=1)
     length = windows_per_block(preset)
@@ -111,7 +111,7 @@ def residual_growth(
     mean: np.ndarray,
     classes: JointClasses,
     log: MotorLog,
-    preset: Preset,
+    preset: Recipe,
     metrics: Mapping[str, float],
 ) -> dict[str, float]:
     """How much residuals grow from the rows that a motor was fitted to, to later rows: metrics GROWTH and GROWTH_STD.

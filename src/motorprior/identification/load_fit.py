@@ -139,7 +139,7 @@ def _regression(runs: WindowRuns) -> np.ndarray:
         target, angle, speed, kp = segment.rows[
             :, [windows.TARGET, windows.POS, windows.VEL, windows.KP], 0
         ].T
-        acceleration = np.gradient(speed, runs.preset.period)
+        acceleration = np.gradient(speed, runs.recipe.period)
         regressors.append(
             np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)])
         )
@@ -216,14 +216,14 @@ def _fit_joint(log: MotorLog, report: Callable[[], None]) -> FittedLoad:
     bare = replace(
         log, load_inertia=zero + 1.0, external_torque=zero, load_stiffness=None, joint_torque=None
     )
-    preset = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
-    data = windows.subsampled(windows.training_data(bare, preset, log.source), preset, _ROWS)
-    runs = WindowRuns(data, preset)
+    recipe = with_logged_settings(windows.with_window_that_fits(RECIPE, log), log)
+    data = windows.subsampled(windows.training_data(bare, recipe, log.source), recipe, _ROWS)
+    runs = WindowRuns(data, recipe)
     same = same_conditions(runs)
-    terms = in_order([*preset.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
+    terms = in_order([*recipe.logged_terms, *(name for name in MIN_VARIATION if name not in same)])
     constants = len(parameters_of(terms))
     fixed = np.append(fixed_constants(terms, runs), [False] * _LOAD)
-    problem = _LoadProblem(grey_box(initial_center(terms, runs), terms, preset), runs)
+    problem = _LoadProblem(grey_box(initial_center(terms, runs), terms, recipe), runs)
     mean = np.array([0.0] * constants + [np.log(0.5), *problem.start[1:] / problem.unit])
     std = np.array([_STD_CONSTANT] * constants + [_STD_INERTIA, _STD_GRAVITY, _STD_GRAVITY])
     search = Search(problem)

@@ -13,7 +13,7 @@ from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, channels
 
 
 @dataclass(frozen=True)
-class Preset:
+class Recipe:
     """Recipe of an identification, of grey boxes or of networks."""
 
     objective: str  # ``torque`` (one-step regression, the paper's) or ``rollout`` (closed loop)
@@ -97,13 +97,13 @@ _TAPS = (0, 1, 2, 4, 6, 9, 13, 20)
 # actuator_net: the recipe of Hwangbo et al., Science Robotics 4, 2019: three taps, softsign, torque
 # regression. paper_wide: the paper's loss on the data, sample period and taps of rollout, a control
 # between paper and rollout.
-_ROLLOUT = Preset("rollout", 0.002, "together", warm_up=120, standardise=True)
+_ROLLOUT = Recipe("rollout", 0.002, "together", warm_up=120, standardise=True)
 _LONG_RUNS = replace(_ROLLOUT, window=500, warm_up=50)
 _PER_MOTOR = replace(_ROLLOUT, grey_boxes="alone")
 _PACE_LONG_RUNS = replace(_LONG_RUNS, grey_boxes="alone", tries_terms=False)
-_NETWORK = Preset("rollout", 0.002, taps=_TAPS, has_armature=True)
+_NETWORK = Recipe("rollout", 0.002, taps=_TAPS, has_armature=True)
 PRESETS = {
-    "paper": Preset("torque", 0.01, taps=(0, 1, 2, 3, 4), window=1, batch=1024, steps=4000),
+    "paper": Recipe("torque", 0.01, taps=(0, 1, 2, 3, 4), window=1, batch=1024, steps=4000),
     "rollout": _ROLLOUT,
     "long_runs": _LONG_RUNS,
     "quick": replace(_LONG_RUNS, tries_terms=False),
@@ -115,7 +115,7 @@ PRESETS = {
     "stribeck": replace(_PACE_LONG_RUNS, lacks=("load_friction",)),
     "latent_network": replace(_NETWORK, standardise=True),
     "one_network": replace(_NETWORK, num_latents=0),
-    "actuator_net": Preset(
+    "actuator_net": Recipe(
         "torque",
         0.002,
         taps=(0, 5, 10),
@@ -125,11 +125,11 @@ PRESETS = {
         batch=1024,
         steps=4000,
     ),
-    "paper_wide": Preset("torque", 0.002, taps=_TAPS, window=1, batch=1024, steps=4000),
+    "paper_wide": Recipe("torque", 0.002, taps=_TAPS, window=1, batch=1024, steps=4000),
 }
 
 
-def identification_preset(name: str, steps: int | None = None) -> Preset:
+def identification_preset(name: str, steps: int | None = None) -> Recipe:
     """The preset of that name, with this number of Adam steps if given; ConfigError if it trains no network."""
     if name not in PRESETS:
         raise ConfigError(
@@ -150,13 +150,13 @@ def network_steps(name: str, steps: int | None) -> int | None:
     return None if PRESETS[name].grey_boxes else steps
 
 
-def recipe_of(prior: MotorPrior) -> Preset:
+def recipe_of(prior: MotorPrior) -> Recipe:
     """The recipe that a prior was trained with; raises `ArtifactError` if it is missing, or of another version."""
     try:
         recipe = prior.provenance["recipe"]
-        if recipe.keys() != {field.name for field in fields(Preset)}:
+        if recipe.keys() != {field.name for field in fields(Recipe)}:
             raise KeyError("other entries")
-        return Preset(**{name: _hashable(value) for name, value in recipe.items()})
+        return Recipe(**{name: _hashable(value) for name, value in recipe.items()})
     except (KeyError, AttributeError, TypeError) as error:
         problem = f"its provenance does not hold a recipe of this version ({error})"
         raise ArtifactError(problem, remedy="identify it again") from error
@@ -166,7 +166,7 @@ def _hashable(value: Any) -> Any:
     return tuple(map(_hashable, value)) if isinstance(value, list) else value
 
 
-def with_logged_settings(recipe: Preset, log: MotorLog) -> Preset:
+def with_logged_settings(recipe: Recipe, log: MotorLog) -> Recipe:
     """The recipe with the gains, registers and conditions of a log, which a grey box does not fit."""
     if not recipe.grey_boxes:
         return recipe

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.exceptions import LogError
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.operations import with_velocities, without_noise
 from motorprior.signals import rms
@@ -55,24 +55,24 @@ PAUSE = 60.0  # time between two segments after which motors count as cold again
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
 
 
-def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
+def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
     """Stack a bench log for training; a rollout needs no velocities or torques.
 
     Raises:
         LogError: wrong sample period, a missing channel, another firmware, or segments shorter than
             a window.
     """
-    if preset.objective == "rollout":
+    if recipe.objective == "rollout":
         log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
-    _require(log, preset, where)
-    if other := other_firmware(log.firmware, dict(preset.firmware)):
+    _require(log, recipe, where)
+    if other := other_firmware(log.firmware, dict(recipe.firmware)):
         raise LogError(
             f"{other} (log and prior)", where=where, remedy="identify these logs by themselves"
         )
     zero = np.zeros_like(log.joint_pos)
     seconds = np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
-    gains = _by_segment(log, lambda part: _gains(part, preset, where))
-    conditions = _by_segment(log, lambda part: relative_conditions(part, preset.nominal_conditions))
+    gains = _by_segment(log, lambda part: _gains(part, recipe, where))
+    conditions = _by_segment(log, lambda part: relative_conditions(part, recipe.nominal_conditions))
     channels = (
         log.position_target,
         log.joint_pos,
@@ -89,7 +89,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
     series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
     series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
     parts = tuple(log.segment_slices())
-    if preset.objective == "rollout":
+    if recipe.objective == "rollout":
         # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an
         # average centred on t
         before = series.copy()
@@ -98,7 +98,7 @@ def training_data(log: MotorLog, preset: Preset, where: str) -> TrainingData:
         series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
-        starts=window_starts(parts, preset, where),
+        starts=window_starts(parts, recipe, where),
         parts=parts,
         scales=_scales(log, where),
         joint_names=log.joint_names,
@@ -117,14 +117,14 @@ def _velocity_steps(log: MotorLog) -> int:
     return max(1, math.ceil(math.sqrt(2.0) * noise / (VELOCITY_NOISE * log.period)))
 
 
-def with_window_that_fits(preset: Preset, log: MotorLog) -> Preset:
+def with_window_that_fits(recipe: Recipe, log: MotorLog) -> Recipe:
     """The recipe with windows no longer than the log's longest segment allows, but at least 64 steps."""
     max_rows = max(part.stop - part.start for part in log.segment_slices())
-    max_window = max(64, max_rows - preset.history - 1)
+    max_window = max(64, max_rows - recipe.history - 1)
     return (
-        replace(preset, window=min(preset.window, max_window))
-        if preset.objective == "rollout"
-        else preset
+        replace(recipe, window=min(recipe.window, max_window))
+        if recipe.objective == "rollout"
+        else recipe
     )
 
 
@@ -135,14 +135,14 @@ def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.n
     )
 
 
-def _gains(log: MotorLog, preset: Preset, where: str) -> np.ndarray:
-    if not preset.gain_unit:
+def _gains(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
+    if not recipe.gain_unit:
         return np.ones((2, log.num_joints))
     gains = log.gains
-    if gains is None or log.gain_unit != preset.gain_unit:
+    if gains is None or log.gain_unit != recipe.gain_unit:
         has = "no logged_kp" if gains is None else f"gains in {log.gain_unit}"
         raise LogError(
-            f"{has}; the prior's motors have logged gains [{preset.gain_unit}]",
+            f"{has}; the prior's motors have logged gains [{recipe.gain_unit}]",
             where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",
         )
@@ -174,40 +174,40 @@ def seconds_since_cold(log: MotorLog) -> np.ndarray:
     return seconds
 
 
-def _require(log: MotorLog, preset: Preset, where: str) -> None:
+def _require(log: MotorLog, recipe: Recipe, where: str) -> None:
     wanted = {
         "rollout": ("load_inertia", "external_torque"),
         "torque": ("joint_vel", "joint_torque"),
     }
-    for channel in wanted[preset.objective]:
+    for channel in wanted[recipe.objective]:
         if getattr(log, channel) is None:
             raise LogError(
-                f"no {channel}, which the {preset.objective} objective needs",
+                f"no {channel}, which the {recipe.objective} objective needs",
                 where=where,
                 remedy="record the loads; or let mp.load_log or `motorprior logs import` compute them (`suspended`, "
                 "also for a fixed base); or fit them with mp.with_fitted_loads or `motorprior logs import --fit-load`"
-                if preset.objective == "rollout"
+                if recipe.objective == "rollout"
                 else "record the channel, or use preset rollout, which learns from positions",
             )
     period = next(log.segments()).period
-    if abs(period - preset.period) > 0.01 * preset.period:
+    if abs(period - recipe.period) > 0.01 * recipe.period:
         raise LogError(
-            f"sample period {period:g} s, the preset's is {preset.period:g} s",
+            f"sample period {period:g} s, the recipe's is {recipe.period:g} s",
             where=where,
-            remedy=f"load a robot's log with mp.load_log or `motorprior logs import` and period {preset.period:g}; "
+            remedy=f"load a robot's log with mp.load_log or `motorprior logs import` and period {recipe.period:g}; "
             "record a bench's with the bench preset of the same name",
         )
 
 
-def window_starts(parts: Sequence[slice], preset: Preset, where: str) -> np.ndarray:
+def window_starts(parts: Sequence[slice], recipe: Recipe, where: str) -> np.ndarray:
     """(S,) first rows of windows inside one of the ``parts``; raises `LogError` if all are shorter than a window."""
     # and the row it leads to
-    length = preset.history + preset.window + (preset.objective == "rollout")
+    length = recipe.history + recipe.window + (recipe.objective == "rollout")
     every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
     if len(every) == 0:
         max_rows = max(part.stop - part.start for part in parts)
         raise LogError(
-            f"its longest segment has {max_rows} rows, a window {length} ({length * preset.period:g} s)",
+            f"its longest segment has {max_rows} rows, a window {length} ({length * recipe.period:g} s)",
             where=where,
             remedy="use more of the log, or record longer segments",
         )
@@ -233,10 +233,10 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
     return {name: float(value) for name, value in scales.items()}
 
 
-def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
+def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     """About ``rows`` rows of the data, in parts of two to eight windows spread evenly over the long segments."""
-    windows = max(2, min(8, (rows // 8 - preset.history) // preset.window))
-    length = preset.history + windows * preset.window + 1
+    windows = max(2, min(8, (rows // 8 - recipe.history) // recipe.window))
+    length = recipe.history + windows * recipe.window + 1
     if sum(part.stop - part.start for part in data.parts) <= rows:
         return data
     starts = [
@@ -250,13 +250,13 @@ def subsampled(data: TrainingData, preset: Preset, rows: int) -> TrainingData:
     return replace(data, parts=tuple(parts[index] for index in chosen))
 
 
-def used_seconds_text(data: TrainingData, preset: Preset) -> str:
+def used_seconds_text(data: TrainingData, recipe: Recipe) -> str:
     """Text with the seconds of log in windows; warm-ups and remainders shorter than a window are not used."""
     total = sum(part.stop - part.start for part in data.parts)
     free = [
-        part.stop - part.start - preset.history - (preset.objective == "rollout")
+        part.stop - part.start - recipe.history - (recipe.objective == "rollout")
         for part in data.parts
     ]
-    step = preset.window if preset.grey_boxes else 1  # windows then lie end to end
-    used = sum(rows // step * step for rows in free if rows >= preset.window)
-    return f"fitted to {used * preset.period:.1f} s of {total * preset.period:.1f} s of log"
+    step = recipe.window if recipe.grey_boxes else 1  # windows then lie end to end
+    used = sum(rows // step * step for rows in free if rows >= recipe.window)
+    return f"fitted to {used * recipe.period:.1f} s of {total * recipe.period:.1f} s of log"

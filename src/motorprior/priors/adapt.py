@@ -14,7 +14,7 @@ from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
 from motorprior.evaluation.reference import WITHOUT_TORQUE, residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
-from motorprior.identification.presets import Preset, recipe_of
+from motorprior.identification.presets import Recipe, recipe_of
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
@@ -143,7 +143,7 @@ def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
     return f"{name} {text} ({far.deviation[motor]:+.1f} standard deviations)"
 
 
-def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Preset, TrainingData, float, str]:
+def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Recipe, TrainingData, float, str]:
     """Recipe, data, temperature, and suffix of the names of the metrics for the outlier test."""
     preset = with_window_that_fits(recipe_of(prior), log)
     data = training_data(log, preset, log.source)

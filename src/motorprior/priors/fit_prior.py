@@ -23,6 +23,7 @@ from motorprior.evaluation.errors import (
     log_warnings,
     replay_errors,
 )
+from motorprior.identification.identify import identify, work_of
 from motorprior.identification.latents.standardise import (
     MIN_MOTORS,
     RELIABLE_MOTORS,
@@ -31,7 +32,7 @@ from motorprior.identification.latents.standardise import (
 )
 from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsaved
 from motorprior.identification.physics.window_runs import MotorsOnLoads
-from motorprior.identification.presets import Preset, identification_preset, with_logged_settings
+from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.motor_log import (
     PHYSICAL_GAINS,
@@ -42,7 +43,6 @@ from motorprior.logs.motor_log import (
     motor_logs,
 )
 from motorprior.logs.operations import joined
-from motorprior.priors.train import identify, work_of
 from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
 
@@ -101,7 +101,7 @@ def fit_prior(
 def fit_recipe(
     log: MotorLog,
     preset: str,
-    recipe: Preset,
+    recipe: Recipe,
     seed: int,
     out: Path | None,
     progress: Progress = SILENT,
@@ -151,7 +151,7 @@ def _checkpoint(
 
 def _fitted(
     log: MotorLog,
-    recipe: Preset,
+    recipe: Recipe,
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
@@ -185,11 +185,11 @@ def _fitted(
         "aggregate_posterior_kl": reference.aggregate_posterior_kl(mean, log_var),
         **found.metrics,
     }
-    metrics |= reference.reference_metrics(model, data, found.preset, mean, log)
+    metrics |= reference.reference_metrics(model, data, found.recipe, mean, log)
     for line in found.notes:
         progress.note(line)
     if isinstance(model, GreyBox):
-        errors = evaluate_replay(model.motors(mean), tuned, log, found.preset, progress)
+        errors = evaluate_replay(model.motors(mean), tuned, log, found.recipe, progress)
         unexplained = float(np.median(errors.unexplained("prior")))
         metrics |= {
             "replay_rmse": float(np.median(errors.models["prior"])),
@@ -199,14 +199,14 @@ def _fitted(
         # and 2 at 1
         factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
         misfit = reference.residual_scale(
-            metrics, *replay_errors(model.motors(mean), log, found.preset.nominal_conditions)
+            metrics, *replay_errors(model.motors(mean), log, found.recipe.nominal_conditions)
         )
-        metrics |= reference.residual_growth(model, mean, classes, log, found.preset, metrics)
+        metrics |= reference.residual_growth(model, mean, classes, log, found.recipe, metrics)
         model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
         if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
-    trained = {"recipe": json.loads(json.dumps(asdict(found.preset))), "seed": seed}
+    trained = {"recipe": json.loads(json.dumps(asdict(found.recipe))), "seed": seed}
     trained[SPREAD] = spread_source(model, classes)
     return MotorPrior(
         model,

@@ -20,7 +20,7 @@ from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.presets import Preset, recipe_of
+from motorprior.identification.presets import Recipe, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined, train_test_halves
@@ -149,7 +149,7 @@ def _train_and_test(
 
 def fitted_baselines(
     log: MotorLog,
-    preset: Preset,
+    preset: Recipe,
     folder: Path | None,
     adam_steps: int | None = None,
     seed: int = 0,
@@ -180,8 +180,8 @@ def fitted_baselines(
     return models | {"tuned_pd": tuned}
 
 
-def baseline_recipes(log: MotorLog, preset: Preset) -> dict[str, tuple[str, Preset]]:
-    """Preset and recipe of every baseline that has one, with windows that fit the log; LogError if none does."""
+def baseline_recipes(log: MotorLog, preset: Recipe) -> dict[str, tuple[str, Recipe]]:
+    """Preset name and recipe of every baseline that has one, with windows that fit the log; LogError if none does."""
     if preset.period != BASELINE_PERIOD:
         return {}
     names = BASELINE_PRESETS | (

@@ -59,8 +59,8 @@ def test_a_whole_segment_is_one_free_run_and_errors_are_pooled(log: MotorLog):
     log = log.rows(slice(0, 1030))
     runs = free_runs(log, PRESET)
     (whole,) = runs[WHOLE_RUN]
-    assert whole.windows == 1 and whole.preset.window == 1000 - 1 - 60
-    assert runs[FREE_RUN][0].windows == 1 and runs[FREE_RUN][0].preset.window == 500
+    assert whole.windows == 1 and whole.recipe.window == 1000 - 1 - 60
+    assert runs[FREE_RUN][0].windows == 1 and runs[FREE_RUN][0].recipe.window == 500
     one, twice = (free_run_errors(each, {"pd": pd()})["pd"] for each in ([whole], [whole, whole]))
     np.testing.assert_allclose(one, twice, rtol=1e-6)
     assert np.all(one > 1e-3)

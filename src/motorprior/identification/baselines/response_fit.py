@@ -26,7 +26,7 @@ import numpy as np
 
 from motorprior.compiled import njit
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.search import (
     FIXED,
     NARROW,
@@ -140,7 +140,7 @@ class JointRuns:
     """Free runs of one joint of a log."""
 
     def __init__(self, runs: WindowRuns, joint: int):
-        self._preset = runs.preset
+        self._preset = runs.recipe
         self._segments = [
             (np.ascontiguousarray(each.rows[:, :, joint].T), each.windows) for each in runs.segments
         ]
@@ -148,10 +148,10 @@ class JointRuns:
     def errors(self, constants: np.ndarray) -> np.ndarray:
         """(N, W) simulated minus recorded angles [rad] with these ``constants``."""
         found = []
-        preset = self._preset
+        recipe = self._preset
         for rows, windows in self._segments:
-            found.append(np.empty((windows, preset.window)))
-            _respond(rows, preset.history, constants, preset.period, found[-1])
+            found.append(np.empty((windows, recipe.window)))
+            _respond(rows, recipe.history, constants, recipe.period, found[-1])
         return np.concatenate(found)
 
 
@@ -242,7 +242,7 @@ class _ResponseProblem:
         self._free = free
         self._joints = [[JointRuns(each, joint) for each in runs] for joint in range(self.count)]
         self._base = base
-        self._every = 1 + sum(each.windows * each.preset.window for each in runs) // MAX_SAMPLES
+        self._every = 1 + sum(each.windows * each.recipe.window for each in runs) // MAX_SAMPLES
         low = np.array([np.log(BOUNDS[name][0]) if name in BOUNDS else -REACHABLE for name in free])
         high = np.array([np.log(BOUNDS[name][1]) if name in BOUNDS else REACHABLE for name in free])
         away = centres[:, None] / UNITS["offset"] * (np.array(free) == "offset")
@@ -328,10 +328,10 @@ def _without(
 
 
 def fitted_responses(
-    log: MotorLog, preset: Preset, seed: int, progress: Progress
+    log: MotorLog, recipe: Recipe, seed: int, progress: Progress
 ) -> dict[str, ResponseMotors]:
     """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
     gravity = "angle" if log.external_torque is None else "torque"
-    runs = whole_runs(with_placeholder_load(log), preset)
+    runs = whole_runs(with_placeholder_load(log), recipe)
     with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
         return fit_responses(runs, gravity, seed, task.advance, log.firmware)

@@ -18,7 +18,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.physics.motor_problem import MotorProblem
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.windows import TrainingData
 
@@ -43,19 +43,19 @@ class LatentPosterior:
     misfit: np.ndarray = field(default_factory=lambda: np.ones(1))
 
 
-def latent_search(model: Decoder, data: TrainingData, preset: Preset) -> Search:
+def latent_search(model: Decoder, data: TrainingData, recipe: Recipe) -> Search:
     """The least-squares problems of the motors in ``data``, whose scales must be those of the model."""
     if isinstance(model, GreyBox):
-        return Search(MotorProblem(model, WindowRuns(data, preset)))
+        return Search(MotorProblem(model, WindowRuns(data, recipe)))
     from motorprior.identification.networks.objectives import NetworkProblem
 
-    return Search(NetworkProblem(model, data, preset))
+    return Search(NetworkProblem(model, data, recipe))
 
 
 def fit_posterior(
     model: Decoder,
     data: TrainingData,
-    preset: Preset,
+    recipe: Recipe,
     temperature: float,
     start: np.ndarray | None = None,
     prior: tuple[np.ndarray, np.ndarray] | None = None,
@@ -67,7 +67,7 @@ def fit_posterior(
     if not given, and ``prior`` are mean and standard deviation of z, (M, Z) each, N(0, I) if not
     given.
     """
-    search = latent_search(model, data, preset)
+    search = latent_search(model, data, recipe)
     shape = (search.problem.count, model.num_latents)
     windows = search.problem.observations
     mean, std = prior or (np.zeros(shape), np.ones(shape))
@@ -104,10 +104,10 @@ def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
 
 
 def laplace_variance(
-    model: Decoder, data: TrainingData, preset: Preset, z: np.ndarray
+    model: Decoder, data: TrainingData, recipe: Recipe, z: np.ndarray
 ) -> np.ndarray:
     """(M, Z) diagonal of the Laplace covariance at known modes z (M, Z); the temperature is the motors' mean loss."""
-    search = latent_search(model, data, preset)
+    search = latent_search(model, data, recipe)
     precision = _precision(search, z, float(search.losses(z).mean()))
     return np.diagonal(inverse_precision(precision, np.ones(z.shape)), axis1=1, axis2=2)
 

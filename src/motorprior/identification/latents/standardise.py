@@ -50,7 +50,7 @@ from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_variance
 from motorprior.identification.physics.motor_fit import ASSUMED_BETWEEN
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData
 from motorprior.logs.motor_log import FIRMWARE
 
@@ -222,7 +222,7 @@ def _of_one_class(
 def standard_posterior(
     model: Decoder,
     data: TrainingData,
-    preset: Preset,
+    recipe: Recipe,
     mean: np.ndarray,
     assumed: np.ndarray | None = None,
     least_std: np.ndarray | float = 0.0,
@@ -230,7 +230,7 @@ def standard_posterior(
     """`standardised` model, means, log of the `laplace_variance` (M, Z) of the means, and classes."""
     variance = 0.0
     if len(set(data.joint_classes)) > 1 and mean.size:
-        share = laplace_variance(model, data, preset, mean)  # of a prior with variance 1
+        share = laplace_variance(model, data, recipe, mean)  # of a prior with variance 1
         # of the fit alone; large where a log identifies nothing
         variance = share / np.maximum(1.0 - share, 1e-9)
     model, mean, classes = standardised(
@@ -238,7 +238,7 @@ def standard_posterior(
     )
     if mean.size == 0:
         return model, mean, np.zeros_like(mean), classes
-    return model, mean, np.log(laplace_variance(model, data, preset, mean)), classes
+    return model, mean, np.log(laplace_variance(model, data, recipe, mean)), classes
 
 
 def with_scaled_spread(

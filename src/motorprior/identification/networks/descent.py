@@ -11,7 +11,7 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks import objectives
 from motorprior.identification.networks.objectives import Parameters
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData
 from motorprior.progress import ReportProgress
 
@@ -23,23 +23,23 @@ RESTARTS = 3
 
 
 def train_network(
-    data: TrainingData, preset: Preset, seed: int, report: ReportProgress
+    data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
     """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
     rng = np.random.default_rng([seed, 0])
-    shape = (len(data.series), preset.num_latents)
+    shape = (len(data.series), recipe.num_latents)
     start = {
-        "network": objectives.initial_parameters(rng, preset),
+        "network": objectives.initial_parameters(rng, recipe),
         "mean": jnp.asarray(0.1 * rng.standard_normal(shape), jnp.float32),
         "log_var": jnp.full(shape, -2.0, jnp.float32),  # a weak type would compile a chunk twice
     }
     for restart in range(RESTARTS + 1):
-        slower = replace(preset, learning_rate=preset.learning_rate / SLOWER**restart)
+        slower = replace(recipe, learning_rate=recipe.learning_rate / SLOWER**restart)
         trained, losses = _attempt(start, data, slower, seed, report)
         if trained is not None:
             mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
             return (
-                objectives.latent_network(trained["network"], preset, data.scales),
+                objectives.latent_network(trained["network"], recipe, data.scales),
                 mean,
                 log_var,
                 np.asarray(losses),
@@ -54,22 +54,22 @@ def train_network(
 
 
 def _attempt(
-    start: Parameters, data: TrainingData, preset: Preset, seed: int, report: ReportProgress
+    start: Parameters, data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress
 ) -> tuple[Parameters | None, list[float]]:
     """The trained parameters, None if they diverged, and the losses of all chunks."""
     schedule = optax.warmup_cosine_decay_schedule(
-        0.0, preset.learning_rate, min(100, preset.steps // 10), preset.steps
+        0.0, recipe.learning_rate, min(100, recipe.steps // 10), recipe.steps
     )
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
-    advance = _compiled_chunk(data, preset, optimiser)
+    advance = _compiled_chunk(data, recipe, optimiser)
     state = (start, optimiser.init(start))
     losses = []
     lowest = np.inf
-    for first in range(0, preset.steps, CHUNK):
-        count = min(CHUNK, preset.steps - first)
+    for first in range(0, recipe.steps, CHUNK):
+        count = min(CHUNK, recipe.steps - first)
         chunk = first // CHUNK
         rng = np.random.default_rng([seed, 1, chunk])
-        shape = (count, preset.batch)
+        shape = (count, recipe.batch)
         motors = rng.integers(len(data.series), size=shape)
         starts = data.starts[rng.integers(len(data.starts), size=shape)]
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
@@ -84,11 +84,11 @@ def _attempt(
     return state[0], losses
 
 
-def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.GradientTransformation):
+def _compiled_chunk(data: TrainingData, recipe: Recipe, optimiser: optax.GradientTransformation):
     """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
-    objective = objectives.objective_of(preset, data.scales, data.has_torque)
+    objective = objectives.objective_of(recipe, data.scales, data.has_torque)
     series = jnp.asarray(data.series)
-    length = preset.history + preset.window
+    length = recipe.history + recipe.window
 
     def loss(
         trainable: Parameters, motors: jnp.ndarray, starts: jnp.ndarray, key: jax.Array
@@ -97,16 +97,16 @@ def _compiled_chunk(data: TrainingData, preset: Preset, optimiser: optax.Gradien
         log_var = trainable["log_var"]
         network = trainable["network"]
         z = mean[motors]
-        if preset.noisy:
+        if recipe.noisy:
             z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(
-                key, (len(motors), preset.num_latents)
+                key, (len(motors), recipe.num_latents)
             )
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
         # only noise makes the data constrain it
-        spread = log_var if preset.noisy else jax.lax.stop_gradient(log_var)
+        spread = log_var if recipe.noisy else jax.lax.stop_gradient(log_var)
         # KL(N(mean, exp(log_var)) ‖ N(0, I))
         kl = 0.5 * jnp.sum(jnp.exp(spread) + mean**2 - 1.0 - spread, axis=-1)
-        return objective.loss(network, windows, z) + preset.kl_weight * jnp.mean(kl)
+        return objective.loss(network, windows, z) + recipe.kl_weight * jnp.mean(kl)
 
     def step(state, inputs):
         trainable, optimiser_state = state

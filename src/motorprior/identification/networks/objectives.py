@@ -25,7 +25,7 @@ from motorprior.actuator.latent import (
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification import windows as channel
 from motorprior.identification.physics.window_runs import SCALES
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.search import huber
 from motorprior.identification.windows import TrainingData
 
@@ -39,24 +39,24 @@ def _pushed(row: jnp.ndarray, history: jnp.ndarray) -> jnp.ndarray:
     return jnp.concatenate([row[:, None], history[:, :-1]], axis=1)
 
 
-def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: bool) -> Residuals:
+def _rollout_residuals(recipe: Recipe, scales: dict[str, float], has_torque: bool) -> Residuals:
     """Simulated minus recorded positions, velocities and, if measured, torques over the free rows, over SCALES.
 
     Positions and velocities are those of all rows but the first, torques those that lead to them.
     """
-    taps = np.asarray(preset.taps)
-    dt = preset.period
+    taps = np.asarray(recipe.taps)
+    dt = recipe.period
     limit = scales["torque_limit"] / scales["torque_scale"]
-    kept = preset.taps[-1] + 1
+    kept = recipe.taps[-1] + 1
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         own = decoder_latents(parameters, z)
         rows = jnp.swapaxes(windows, 0, 1)
-        past = rows[: preset.history]
-        free = rows[preset.history :]
+        past = rows[: recipe.history]
+        free = rows[recipe.history :]
         bias = first_bias(parameters, own)
         inertia = free[0, :, channel.INERTIA]
-        if preset.has_armature:
+        if recipe.has_armature:
             inertia = inertia + jnp.exp(log_armature(parameters, own))
 
         def free_step(state, row):
@@ -86,7 +86,7 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: boo
             vel,
             tuple(jnp.broadcast_to(each[:, None], (len(pos), kept)) for each in scaled),
         )
-        warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : preset.history + 1]))
+        warm, _ = jax.lax.scan(follow, begin, (past, rows[1 : recipe.history + 1]))
         _, (pos, vel, torque) = jax.lax.scan(free_step, jax.lax.stop_gradient(warm), free[:-1])
         recorded = (
             free[1:, :, channel.READING],
@@ -102,9 +102,9 @@ def _rollout_residuals(preset: Preset, scales: dict[str, float], has_torque: boo
     return residuals
 
 
-def _torque_residuals(preset: Preset, scales: dict[str, float]) -> Residuals:
+def _torque_residuals(recipe: Recipe, scales: dict[str, float]) -> Residuals:
     """One-step errors of the torque over torque_scale."""
-    taps = np.asarray(preset.taps)
+    taps = np.asarray(recipe.taps)
 
     def residuals(parameters: Parameters, windows: jnp.ndarray, z: jnp.ndarray) -> jnp.ndarray:
         newest = windows[:, ::-1]
@@ -132,25 +132,25 @@ class Objective:
         return self.weight * jnp.mean(self.penalty(self.residuals(parameters, windows, z)))
 
 
-def objective_of(preset: Preset, scales: dict[str, float], has_torque: bool) -> Objective:
+def objective_of(recipe: Recipe, scales: dict[str, float], has_torque: bool) -> Objective:
     """The paper's loss, the mean squared one-step error of the torque over torque_scale², or that of the rollout."""
-    if preset.objective == "torque":
-        return Objective(_torque_residuals(preset, scales), jnp.square, 1.0)
+    if recipe.objective == "torque":
+        return Objective(_torque_residuals(recipe, scales), jnp.square, 1.0)
     return Objective(
-        _rollout_residuals(preset, scales, has_torque), huber, 3.0 if has_torque else 2.0
+        _rollout_residuals(recipe, scales, has_torque), huber, 3.0 if has_torque else 2.0
     )
 
 
-def initial_parameters(rng: np.random.Generator, preset: Preset) -> Parameters:
+def initial_parameters(rng: np.random.Generator, recipe: Recipe) -> Parameters:
     """Initial parameters, float32: Glorot-scaled weights, zero biases."""
 
     def dense(rows: int, columns: int) -> jnp.ndarray:
         scale = 1.0 / np.sqrt(max(rows, 1))
         return jnp.asarray(scale * rng.standard_normal((rows, columns)), jnp.float32)
 
-    inputs = 2 * len(preset.taps)
-    neurons = preset.num_neurons
-    latents = preset.num_latents
+    inputs = 2 * len(recipe.taps)
+    neurons = recipe.num_neurons
+    latents = recipe.num_latents
     return {
         "w1": dense(inputs, neurons),
         "v1": dense(latents, neurons),
@@ -183,7 +183,7 @@ def _parameters_of(network: LatentNetwork) -> Parameters:
 
 
 def latent_network(
-    parameters: Parameters, preset: Preset, scales: dict[str, float]
+    parameters: Parameters, recipe: Recipe, scales: dict[str, float]
 ) -> LatentNetwork:
     """The trained network, as simulations use it."""
     values: dict[str, Any] = {
@@ -191,7 +191,7 @@ def latent_network(
     }
     values |= scales
     return LatentNetwork(
-        **values, taps=preset.taps, period=preset.period, has_armature=preset.has_armature
+        **values, taps=recipe.taps, period=recipe.period, has_armature=recipe.has_armature
     )
 
 
@@ -201,14 +201,14 @@ _LANES = 8  # simulated at a time
 class NetworkProblem:
     """Residuals of a trained network's objective on windows of M motors whose free parts do not overlap."""
 
-    def __init__(self, network: LatentNetwork, data: TrainingData, preset: Preset):
+    def __init__(self, network: LatentNetwork, data: TrainingData, recipe: Recipe):
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
-        self._residuals, self.weight = _compiled(preset, scales, data.has_torque)
+        self._residuals, self.weight = _compiled(recipe, scales, data.has_torque)
         self._parameters = _parameters_of(network)
-        length = preset.history + preset.window
-        ahead = preset.objective == "rollout"
+        length = recipe.history + recipe.window
+        ahead = recipe.objective == "rollout"
         ranges = [
-            range(part.start, part.stop - length - ahead + 1, preset.window) for part in data.parts
+            range(part.start, part.stop - length - ahead + 1, recipe.window) for part in data.parts
         ]
         windows = [data.series[:, start : start + length] for starts in ranges for start in starts]
         self._windows = jnp.asarray(np.stack(windows, axis=1))
@@ -232,9 +232,9 @@ class NetworkProblem:
 
 
 @lru_cache(maxsize=4)
-def _compiled(preset: Preset, scales: tuple[float, ...], has_torque: bool) -> tuple[Any, float]:
+def _compiled(recipe: Recipe, scales: tuple[float, ...], has_torque: bool) -> tuple[Any, float]:
     """Compiled (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals, and the loss's weight."""
-    objective = objective_of(preset, dict(zip(NETWORK_SCALES, scales, strict=True)), has_torque)
+    objective = objective_of(recipe, dict(zip(NETWORK_SCALES, scales, strict=True)), has_torque)
 
     def one(
         parameters: Any, windows: jnp.ndarray, z: jnp.ndarray, motor: jnp.ndarray

@@ -49,7 +49,7 @@ from motorprior.identification.physics.motor_problem import (
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.search import FIXED, NARROW, WIDE, Fit, GaussianPrior, Search, Steps
 from motorprior.identification.windows import TrainingData
 
@@ -460,19 +460,19 @@ def _fixed_unless_identified(
     return np.where(np.array(allowed)[:, None], changed.x, x)
 
 
-def longer_runs(data: TrainingData, preset: Preset, runs: WindowRuns) -> WindowRuns:
+def longer_runs(data: TrainingData, recipe: Recipe, runs: WindowRuns) -> WindowRuns:
     """Free runs of about LONGER_WINDOW steps, or ``runs``, those of the recipe, if they are as long.
 
     Returns ``runs``, too, if longer windows lose more than MAX_LOST of the rows or are fewer than
     MIN_LONGER_WINDOWS.
     """
-    lengths = np.array([part.stop - part.start - 1 - preset.history for part in data.parts])
-    length = int(np.median(lengths[lengths >= preset.window]))
+    lengths = np.array([part.stop - part.start - 1 - recipe.history for part in data.parts])
+    length = int(np.median(lengths[lengths >= recipe.window]))
     window = length // max(1, round(length / LONGER_WINDOW))
-    if window <= preset.window:
+    if window <= recipe.window:
         return runs
-    longer = WindowRuns(data, replace(preset, window=window))
-    enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * preset.window
+    longer = WindowRuns(data, replace(recipe, window=window))
+    enough = longer.windows * window >= (1.0 - MAX_LOST) * runs.windows * recipe.window
     return longer if enough and longer.windows >= MIN_LONGER_WINDOWS else runs
 
 

@@ -22,7 +22,7 @@ from motorprior.identification.physics.window_runs import (
     WindowRuns,
     grey_boxes,
 )
-from motorprior.identification.presets import GEAR, Preset
+from motorprior.identification.presets import GEAR, Recipe
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
@@ -80,14 +80,14 @@ def motor_search(model: GreyBox, runs: WindowRuns) -> Search:
 def centred(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> Search:
     """Search around a central motor (K,)."""
     return Search(
-        MotorProblem(grey_box(center, terms, runs.preset), runs), lower_bounds(center, terms, runs)
+        MotorProblem(grey_box(center, terms, runs.recipe), runs), lower_bounds(center, terms, runs)
     )
 
 
 def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size where that fits the logs much better."""
     center = initial_center(terms, runs)
-    if runs.preset.gain_unit == PHYSICAL_GAINS:
+    if runs.recipe.gain_unit == PHYSICAL_GAINS:
         return center
     names = parameters_of(terms)
     torques = np.isin(names, TORQUES)
@@ -97,7 +97,7 @@ def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
         *(center + a * torques + b * gain for a, b in itertools.product(_SIZES, _SIZES) if a or b),
     ]
     z = np.zeros((runs.num_motors, len(names)))
-    losses = [motor_search(grey_box(size, terms, runs.preset), runs).losses(z) for size in sizes]
+    losses = [motor_search(grey_box(size, terms, runs.recipe), runs).losses(z) for size in sizes]
     middle = np.median(losses, axis=1)
     best = int(np.argmin(middle))
     return sizes[best] if middle[best] < 0.5 * middle[0] else center
@@ -128,7 +128,7 @@ def with_more_terms(
 
     Constants of terms that are new have no effect.
     """
-    neutral = encoded(NEGLIGIBLE | runs.preset.logged_values, terms)
+    neutral = encoded(NEGLIGIBLE | runs.recipe.logged_values, terms)
     found = np.tile(neutral, (len(raw), 1))
     names = parameters_of(terms)
     for row, name in enumerate(parameters_of(before)):
@@ -158,11 +158,11 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
 def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(K,) constants that are not fitted: absent or logged ones, and those that the encoders do not identify."""
     fixed = (
-        *runs.preset.lacks,
-        *runs.preset.logged_values,
+        *runs.recipe.lacks,
+        *runs.recipe.logged_values,
         *(HIDDEN_FROM_ROTOR if runs.at_rotor else ()),
     )
-    if runs.preset.gain_unit == PHYSICAL_GAINS:
+    if runs.recipe.gain_unit == PHYSICAL_GAINS:
         fixed += ("kp", "kd_over_kp") if logs_kd(runs) else ("kp",)
     return np.array([name in fixed for name in parameters_of(terms)])
 
@@ -190,7 +190,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         return encoded(INITIAL_MOTOR, terms)
     absent = {
         name: INITIAL_MOTOR[name] * RIGID[name] if name in GEAR else 1e-9
-        for name in runs.preset.lacks
+        for name in runs.recipe.lacks
     }
     motor = INITIAL_MOTOR | absent
     if runs.max_speed:
@@ -198,12 +198,12 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
         # too high has no effect
         profile = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"])) or runs.max_speed
         motor = motor | {"profile_speed": profile, "no_load_speed": 1.3 * runs.max_speed}
-    motor = motor | runs.preset.logged_values
-    if not runs.preset.gain_unit:
+    motor = motor | runs.recipe.logged_values
+    if not runs.recipe.gain_unit:
         return encoded(motor, terms)
     kp = float(np.median(runs.gains[0]))
     ratio = float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
-    if runs.preset.gain_unit == PHYSICAL_GAINS:
+    if runs.recipe.gain_unit == PHYSICAL_GAINS:
         factor = kp / INITIAL_MOTOR["kp"]
         motor = motor | {name: factor * motor[name] for name in TORQUES if name in motor}
         needed = float(np.median(runs.max_request))
@@ -236,9 +236,9 @@ def encoded(values: Mapping[str, Any], terms: tuple[str, ...]) -> np.ndarray:
     )
 
 
-def grey_box(center: np.ndarray, terms: tuple[str, ...], preset: Preset) -> GreyBox:
+def grey_box(center: np.ndarray, terms: tuple[str, ...], recipe: Recipe) -> GreyBox:
     """The decoder around a central motor (P,), with one latent per constant."""
-    return GreyBox(center, np.eye(len(center)), preset.period, terms, gain_unit=preset.gain_unit)
+    return GreyBox(center, np.eye(len(center)), recipe.period, terms, gain_unit=recipe.gain_unit)
 
 
 def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
@@ -280,7 +280,7 @@ def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.
     Nor do the logs of a class whose motors' kp differ by more than MAX_SPREAD: their loads are
     wrong, or too small.
     """
-    if runs.preset.gain_unit == PHYSICAL_GAINS:
+    if runs.recipe.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
     hidden = _loss_ratios(model, runs, z, [TORQUES])[TORQUES].min(axis=0) <= THRESHOLD
     kp = z[:, PARAMETERS.index("kp")]

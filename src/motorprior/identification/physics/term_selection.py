@@ -106,8 +106,8 @@ def select_terms(
     motors = runs.num_motors
     # many gains of each
     parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))
-    given = runs.preset.logged_terms
-    off = (*runs.preset.disabled_terms, *same_conditions(runs))
+    given = runs.recipe.logged_terms
+    off = (*runs.recipe.disabled_terms, *same_conditions(runs))
     test = parts % 2 == 1
     if test.all() or not test.any():  # too short a log
         return Selection(given, {})
@@ -305,7 +305,7 @@ class _TermEvaluation:
         """The fit with decoder outputs ``fitted``, which an interrupted run may have saved."""
         raw = self._checkpoint(f"search_{next(self._searches)}", lambda: {"raw": fitted()})["raw"]
         center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
-        losses = motor_search(grey_box(center, terms, self._runs.preset), self._runs).parts(
+        losses = motor_search(grey_box(center, terms, self._runs.recipe), self._runs).parts(
             raw - center
         )
         held_out = losses[:, self._test]

@@ -30,7 +30,7 @@ from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import step_joints
 from motorprior.compiled import njit
 from motorprior.identification import windows as channel
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.search import CORES, threads
 from motorprior.identification.windows import TrainingData, training_data
 from motorprior.logs.motor_log import MotorLog
@@ -186,15 +186,15 @@ class WindowRuns:
             no_load_speed, at the nominal voltage.
     """
 
-    def __init__(self, data: TrainingData, preset: Preset, motors: np.ndarray | None = None):
+    def __init__(self, data: TrainingData, recipe: Recipe, motors: np.ndarray | None = None):
         series = data.series if motors is None else data.series[motors]
-        self.preset = preset
+        self.recipe = recipe
         self.segments = []
         self.at_rotor = data.at_rotor
         self.channels = 3 if data.has_torque else 2
         self._velocity_steps = data.velocity_steps
         for part in data.parts:
-            windows = (part.stop - part.start - 1 - preset.history) // preset.window
+            windows = (part.stop - part.start - 1 - recipe.history) // recipe.window
             if windows > 0:
                 rows = np.ascontiguousarray(series[:, part].transpose(1, 2, 0), np.float64)
                 self.segments.append(SegmentArrays(rows, windows))
@@ -207,7 +207,7 @@ class WindowRuns:
         self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
         self.sustained_speeds = {
-            name: sustained_speed(speed, error, preset.period)
+            name: sustained_speed(speed, error, recipe.period)
             for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
         }
         self.counted = np.arange(self.windows)
@@ -248,7 +248,7 @@ class WindowRuns:
         lanes = len(motor)
         parts = max(1, -(-CORES // len(self.segments)))
         together = min(LANES_PER_TASK, 8 * -(-lanes // (8 * parts)))
-        out = np.empty((lanes, self.windows, self.channels, self.preset.window), np.float32)
+        out = np.empty((lanes, self.windows, self.channels, self.recipe.window), np.float32)
         tasks = []
         done = 0
         for segment in self.segments:
@@ -268,12 +268,12 @@ class WindowRuns:
 
     def recorded(self, index: int) -> np.ndarray:
         """(M, N, W) recorded values of a channel of `windows` at the end of every step of the windows."""
-        preset = self.preset
+        recipe = self.recipe
         found = []
         for segment in self.segments:
-            first = preset.history + 1
-            rows = segment.rows[first : first + segment.windows * preset.window, index]
-            found.append(rows.T.reshape(self.num_motors, segment.windows, preset.window))
+            first = recipe.history + 1
+            rows = segment.rows[first : first + segment.windows * recipe.window, index]
+            found.append(rows.T.reshape(self.num_motors, segment.windows, recipe.window))
         return np.concatenate(found, axis=1)
 
     def errors(self, motors: MotorsOnLoads) -> np.ndarray:
@@ -294,27 +294,27 @@ class WindowRuns:
 
     def run(self, motors: Actuator, motor: np.ndarray, segment: SegmentArrays) -> np.ndarray:
         """(L, windows, C, W) scaled errors of L motors in a segment, of the log's ``motor`` (L,)."""
-        preset = self.preset
+        recipe = self.recipe
         at_rotor = False
-        observer = motors.arrays(preset.period)
-        free = motors.arrays(preset.period)
+        observer = motors.arrays(recipe.period)
+        free = motors.arrays(recipe.period)
         if self.at_rotor and isinstance(motors, GreyBoxActuator):
             at_rotor = True
             mean = np.zeros((1, motors.z.shape[1]))
-            central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(preset.period)
+            central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(recipe.period)
             for arrays in (observer, free):
                 arrays.parameters[_BACKLASH] = central.parameters[_BACKLASH, 0]
                 arrays.parameters[_ZERO] = 0.0
-        out = np.empty((len(motor), segment.windows, self.channels, preset.window), np.float32)
+        out = np.empty((len(motor), segment.windows, self.channels, recipe.window), np.float32)
         _free_runs(
             observer,
             free,
             motor,
             segment.rows,
             motors.armature,
-            preset.period,
-            preset.history,
-            preset.window,
+            recipe.period,
+            recipe.history,
+            recipe.window,
             at_rotor,
             self._velocity_steps,
             out,
@@ -335,26 +335,26 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
     return motors
 
 
-def with_gains_of(preset: Preset, log: MotorLog) -> Preset:
+def with_gains_of(recipe: Recipe, log: MotorLog) -> Recipe:
     """A recipe that reads the gains of a log, for PDs that scale with them, if the prior does not already."""
     return (
-        replace(preset, gain_unit=log.gain_unit)
-        if log.logged_kp is not None and not preset.gain_unit
-        else preset
+        replace(recipe, gain_unit=log.gain_unit)
+        if log.logged_kp is not None and not recipe.gain_unit
+        else recipe
     )
 
 
-def whole_runs(log: MotorLog, preset: Preset) -> list[WindowRuns]:
+def whole_runs(log: MotorLog, recipe: Recipe) -> list[WindowRuns]:
     """Every segment of the log that is longer than the recipe's warm-up as one free run; raises `LogError`.
 
     Simulated angles are compared with smoothed ones: readings of many robots have late time stamps.
     """
-    preset = replace(with_gains_of(preset, log), objective="rollout", window=1)
-    data = training_data(log, preset, log.source)
+    recipe = replace(with_gains_of(recipe, log), objective="rollout", window=1)
+    data = training_data(log, recipe, log.source)
     data.series[..., channel.READING] = data.series[..., channel.POS]
-    windows = [(part, part.stop - part.start - 1 - preset.history) for part in data.parts]
+    windows = [(part, part.stop - part.start - 1 - recipe.history) for part in data.parts]
     return [
-        WindowRuns(replace(data, parts=(part,), velocity_steps=0), replace(preset, window=window))
+        WindowRuns(replace(data, parts=(part,), velocity_steps=0), replace(recipe, window=window))
         for part, window in windows
         if window > 0
     ]

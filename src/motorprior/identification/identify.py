@@ -28,7 +28,7 @@ from motorprior.identification.physics import motor_fit, motor_problem, term_sel
 from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, MotorFits, unsaved
 from motorprior.identification.physics.term_selection import Selection, min_difference, select_terms
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.presets import Preset
+from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, subsampled
 from motorprior.progress import ReportProgress
 
@@ -46,7 +46,7 @@ class TrainingResult:
     model: Decoder  # decoder of the prior
     mean: np.ndarray  # (M, Z)
     log_var: np.ndarray  # (M, Z)
-    preset: Preset  # the recipe, with the terms that were selected
+    recipe: Recipe  # the recipe, with the terms that were selected
     # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
     # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``,
@@ -56,14 +56,14 @@ class TrainingResult:
     classes: JointClasses | None = None  # joint classes of the prior; None: one class
 
 
-def work_of(preset: Preset) -> int:
+def work_of(recipe: Recipe) -> int:
     """Sum of the work that `identify` reports, if nothing diverges."""
-    return WORK * (len(TERMS) + motor_fit.STAGES) if preset.grey_boxes else preset.steps
+    return WORK * (len(TERMS) + motor_fit.STAGES) if recipe.grey_boxes else recipe.steps
 
 
 def identify(
     data: TrainingData,
-    preset: Preset,
+    recipe: Recipe,
     seed: int,
     report: ReportProgress = lambda work, text: None,
     checkpoint: Checkpoint = unsaved,
@@ -74,38 +74,38 @@ def identify(
     """
     assumed = None
     least_std = 0.0
-    if preset.grey_boxes:
-        found, assumed, least_std = _grey_boxes(data, preset, seed, report, checkpoint)
+    if recipe.grey_boxes:
+        found, assumed, least_std = _grey_boxes(data, recipe, seed, report, checkpoint)
     else:
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
-        model, mean, log_var, losses = train_network(data, preset, seed, report)
-        found = TrainingResult(model, mean, log_var, preset, losses, {}, ())
-    if preset.standardise:
+        model, mean, log_var, losses = train_network(data, recipe, seed, report)
+        found = TrainingResult(model, mean, log_var, recipe, losses, {}, ())
+    if recipe.standardise:
         model, mean, log_var, classes = standard_posterior(
-            found.model, data, found.preset, found.mean, assumed, least_std
+            found.model, data, found.recipe, found.mean, assumed, least_std
         )
         found = replace(found, model=model, mean=mean, log_var=log_var, classes=classes)
     return found
 
 
 def _grey_boxes(
-    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, checkpoint: Checkpoint
+    data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress, checkpoint: Checkpoint
 ) -> tuple[TrainingResult, np.ndarray, np.ndarray]:
     """The fitted motors, and the assumed and the minimum standard deviations (Z,) of their latents."""
-    runs = WindowRuns(data, preset)
-    chosen = _selected(data, preset, seed, report, checkpoint)
-    found = _fitted(data, preset, runs, chosen.terms, seed, report, checkpoint)
-    preset = replace(preset, terms=found.terms, num_latents=len(found.center))
+    runs = WindowRuns(data, recipe)
+    chosen = _selected(data, recipe, seed, report, checkpoint)
+    found = _fitted(data, recipe, runs, chosen.terms, seed, report, checkpoint)
+    recipe = replace(recipe, terms=found.terms, num_latents=len(found.center))
     metrics = {f"saved_{name}": value for name, value in chosen.saved.items()}
-    model = motor_problem.grey_box(found.center, found.terms, preset)
+    model = motor_problem.grey_box(found.center, found.terms, recipe)
     report(0, "refining constants")
-    longer = motor_fit.longer_runs(data, preset, runs)
+    longer = motor_fit.longer_runs(data, recipe, runs)
     z = found.offsets
     if longer is not runs:
-        z = motor_fit.refined(model, z, longer, preset.grey_boxes == "together")
+        z = motor_fit.refined(model, z, longer, recipe.grey_boxes == "together")
     z = motor_fit.with_stiff_gears(model, z, longer)
-    notes = _notes_on_terms(preset, bool(chosen.saved))
+    notes = _notes_on_terms(recipe, bool(chosen.saved))
     notes += _notes_on_identifiability(model, z, longer, data.joint_names, metrics)
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
     assumed = assumed_std(found.terms, motor_problem.fixed_constants(found.terms, runs))
@@ -113,23 +113,23 @@ def _grey_boxes(
         name in motor_problem.LIMITS and not metrics[f"{IDENTIFIED}{name}"]
         for name in parameters_of(found.terms)
     ]
-    result = TrainingResult(model, z, np.zeros_like(z), preset, losses, metrics, tuple(notes))
+    result = TrainingResult(model, z, np.zeros_like(z), recipe, losses, metrics, tuple(notes))
     return result, assumed, np.where((assumed > 0.0) & unseen, LIMIT_STD, 0.0)
 
 
 def _selected(
-    data: TrainingData, preset: Preset, seed: int, report: ReportProgress, checkpoint: Checkpoint
+    data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress, checkpoint: Checkpoint
 ) -> Selection:
-    if not preset.tries_terms:
+    if not recipe.tries_terms:
         report(WORK * len(TERMS), "no terms are tried")
-        return Selection(preset.logged_terms, {})
+        return Selection(recipe.logged_terms, {})
     part = subsampled(
-        data, preset, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * preset.window)
+        data, recipe, max(term_selection.MAX_ROWS, term_selection.MIN_WINDOWS * recipe.window)
     )
     motors = len(part.series)
     some = np.unique(np.linspace(0, motors - 1, min(term_selection.MAX_MOTORS, motors)).astype(int))
     left = [WORK] * len(TERMS)  # the number of later rounds is unknown
-    runs = WindowRuns(part, preset, some)
+    runs = WindowRuns(part, recipe, some)
     chosen = select_terms(
         runs, seed, lambda text: report(left.pop() if left else 0, text), checkpoint
     )
@@ -139,7 +139,7 @@ def _selected(
 
 def _fitted(
     data: TrainingData,
-    preset: Preset,
+    recipe: Recipe,
     runs: WindowRuns,
     terms: tuple[str, ...],
     seed: int,
@@ -147,9 +147,9 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> MotorFits:
     """The fit with the selected terms if they save enough; raises `MotorPriorError` if every simulation diverges."""
-    some = subsampled(data, preset, max(SEARCH_ROWS, SEARCH_WINDOWS * preset.window))
-    part = runs if some is data else WindowRuns(some, preset)
-    together = preset.grey_boxes == "together"
+    some = subsampled(data, recipe, max(SEARCH_ROWS, SEARCH_WINDOWS * recipe.window))
+    part = runs if some is data else WindowRuns(some, recipe)
+    together = recipe.grey_boxes == "together"
 
     def fitted(
         name: str, terms: tuple[str, ...], report: Callable[[], None], nested: MotorFits | None
@@ -161,8 +161,8 @@ def _fitted(
         saved = checkpoint(name, arrays)
         return MotorFits(saved["center"], saved["offsets"], saved["loss"], terms)
 
-    found = fitted("motors", preset.logged_terms, lambda: report(WORK, "constants"), None)
-    if set(terms) - set(preset.logged_terms):
+    found = fitted("motors", recipe.logged_terms, lambda: report(WORK, "constants"), None)
+    if set(terms) - set(recipe.logged_terms):
         more = fitted(
             "motors_with_terms", terms, lambda: report(0, f"with {', '.join(terms)}"), found
         )
@@ -175,15 +175,15 @@ def _fitted(
     return found
 
 
-def _notes_on_terms(preset: Preset, tried: bool) -> list[str]:
-    chosen = [f"{name} (logged)" if name in preset.logged_terms else name for name in preset.terms]
+def _notes_on_terms(recipe: Recipe, tried: bool) -> list[str]:
+    chosen = [f"{name} (logged)" if name in recipe.logged_terms else name for name in recipe.terms]
     return [
         f"optional terms: {', '.join(chosen) or ('none' if tried else 'none was tried')}",
         *(
             f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
             "terms ignores -> use preset rollout or long_runs"
-            for name, low, nominal, high in preset.conditions
-            if not preset.tries_terms and high - low >= min_difference(name, nominal)
+            for name, low, nominal, high in recipe.conditions
+            if not recipe.tries_terms and high - low >= min_difference(name, nominal)
         ),
     ]
 
