@@ -7,11 +7,23 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
-from typing import TextIO, TypeVar
+from dataclasses import dataclass
+from typing import Literal, TextIO, TypeVar
 
-WARNING = "warning: "  # prefix of the notes that are warnings
 T = TypeVar("T")
 ReportProgress = Callable[[int, str], None]  # (finished parts since the last call, text)
+
+
+@dataclass(frozen=True)
+class Note:
+    """A text for the user, and whether it is a fact or a warning."""
+
+    severity: Literal["info", "warning"]
+    text: str
+
+    def __str__(self) -> str:
+        """The text; a warning begins with "warning: "."""
+        return f"warning: {self.text}" if self.severity == "warning" else self.text
 
 
 class Task:
@@ -33,13 +45,28 @@ class Task:
 
 
 class Progress:
-    """Gives notes of stages to ``note``, and start, progress and end of each unit of work to ``line``."""
+    """Where a stage reports to.
+
+    ``show`` receives notes; ``line`` receives start, progress and end of each unit of work.
+    """
 
     def __init__(
-        self, note: Callable[[str], None], line: Callable[[str], None] = lambda text: None
+        self, show: Callable[[Note], None], line: Callable[[str], None] = lambda text: None
     ):
-        self.note = note
+        self._show = show
         self.line = line
+
+    def note(self, text: str) -> None:
+        """Report a fact."""
+        self._show(Note("info", text))
+
+    def warn(self, text: str) -> None:
+        """Report a warning."""
+        self._show(Note("warning", text))
+
+    def report(self, note: Note) -> None:
+        """Report a note of either severity."""
+        self._show(note)
 
     @contextmanager
     def start(self, name: str, total: int) -> Iterator[Task]:
@@ -51,27 +78,32 @@ class Progress:
 
 
 class Lines(Progress):
-    """Prints notes, and start, progress (every 10 s) and end of each task, to a stream (default: `sys.stderr`)."""
+    """Prints to a stream: notes, and start, progress (every 10 s) and end of each unit of work.
+
+    The default stream is `sys.stderr`.
+    """
 
     def __init__(self, stream: TextIO | None = None):
         super().__init__(self._print, self._print)
         self._stream = stream
 
-    def _print(self, text: str) -> None:
+    def _print(self, line: Note | str) -> None:
         stream = self._stream or sys.stderr
-        stream.write(f"{text}\n")  # at once, since threads share the stream
+        stream.write(f"{line}\n")  # at once, since threads share the stream
         stream.flush()
 
 
-def _warn(text: str) -> None:
-    if text.startswith(WARNING):
-        warnings.warn(text.removeprefix(WARNING), stacklevel=2)  # of the caller of note
+def _as_python_warning(note: Note) -> None:
+    if note.severity == "warning":
+        warnings.warn(note.text, stacklevel=3)  # at the line that calls warn or report
 
 
-SILENT = Progress(lambda text: None)
-WARNED = Progress(_warn)  # warnings become Python warnings; default of the Python API
-# and units of work are lines on stderr; default of what takes minutes
-SHOWN = Progress(_warn, Lines().line)
+# reports nothing
+SILENT = Progress(lambda note: None)
+# warnings become Python warnings: default of the Python API
+WARNED = Progress(_as_python_warning)
+# also prints units of work to stderr: default of functions that take minutes
+SHOWN = Progress(_as_python_warning, Lines().line)
 
 
 def usable_threads(workers: int, progress: Progress) -> int:
@@ -80,9 +112,7 @@ def usable_threads(workers: int, progress: Progress) -> int:
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
     if workers > cores:
-        progress.note(
-            f"note: {workers} workers requested, this machine has {cores} cores: using {cores}"
-        )
+        progress.note(f"{workers} workers requested, this machine has {cores} cores: using {cores}")
     return min(workers, cores)
 
 

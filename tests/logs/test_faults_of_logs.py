@@ -14,7 +14,7 @@ from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.doctor.response import COMPARE
 from motorprior.logs.load_log import cleaned
 from motorprior.logs.motor_log import MotorLog
-from motorprior.progress import WARNING
+from motorprior.progress import Note
 
 TIME = 0.01 * np.arange(1500)
 
@@ -36,8 +36,9 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     angle[900:902, 1] = -np.pi
     angle[-1, 1] = -np.pi
     speed[[400, 1200], 1] = 620.0
-    log, (line,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed), "made")
-    assert line == f"{WARNING}made: 7 rows in which a read failed are left out (a 2, b 5)"
+    log, (note,) = cleaned(replace(clean, joint_pos=angle, joint_vel=speed), "made")
+    text = "made: 7 rows in which a read failed are left out (a 2, b 5)"
+    assert note == Note("warning", text)
     assert log.num_rows == 1493 and log.segment is None
     np.testing.assert_array_equal(log.joint_pos, clean.joint_pos[np.isin(TIME, log.time)])
     assert cleaned(clean, "made") == (clean, [])

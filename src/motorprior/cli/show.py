@@ -243,9 +243,7 @@ def walk(config: Walk) -> None:
             remedy = (
                 "play it; if it falls at once, check the motors and the model, or else train longer"
             )
-            TERMINAL.note(
-                f"warning: a negative return: the robot falls or barely walks -> {remedy}"
-            )
+            TERMINAL.warn(f"a negative return: the robot falls or barely walks -> {remedy}")
     else:
         results = run_walk_seeds(config, TERMINAL)
         rows = [(str(row.seed), f"{row.value:.2f}") for row in results]

@@ -72,8 +72,8 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
     with locked(config.out):
         with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
             for name, trained in policies.items():
-                if line := weight_warning(trained.policy, robot):
-                    progress.note(line)
+                if warning := weight_warning(trained.policy, robot):
+                    progress.warn(warning)
                 episodes[name] = _walk(
                     config, trained, WalkConfig(steps, commands=Commands.steady(*command))
                 )

@@ -15,7 +15,7 @@ from motorprior.logs.loads import require_fixed_base, with_loads
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
 from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
-from motorprior.progress import SILENT, WARNING, Progress
+from motorprior.progress import SILENT, Progress
 from motorprior.results import Results, read_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
@@ -114,14 +114,13 @@ def _cleaned(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog
     unsteady = None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
         try:
-            logs[name], found = cleaned(log, name)
+            logs[name], notes = cleaned(log, name)
+            texts = [note.text for note in notes]
         except LogError as error:
             unsteady = error
-            found = [f"{name}: left out {error}"]
+            texts = [f"{name}: left out {error}"]
         assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {assumed}"] * bool(assumed) + [
-            line.removeprefix(WARNING) for line in found
-        ]
+        lines += [f"{name}: {assumed}"] * bool(assumed) + texts
     if unsteady and not logs:
         raise unsteady
     return logs, lines

@@ -62,8 +62,8 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
     works = []
     seeds = Counter[str]()
     for each in policies:
-        if line := weight_warning(each.policy, robot):
-            progress.note(line)
+        if warning := weight_warning(each.policy, robot):
+            progress.warn(warning)
         walk = WalkConfig(
             compare.DURATION_STEPS, randomization=each.randomization, commands=commands
         )

@@ -30,7 +30,7 @@ from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import static_joints
-from motorprior.progress import Progress
+from motorprior.progress import Note, Progress
 from motorprior.signals import rms
 
 PRIOR = "prior"
@@ -135,7 +135,7 @@ class LogErrors:
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
         remedy = "try preset long_runs, another seed or longer logs"
         lines = [
-            f"warning: {name} replays {logs} better than {model}: {mean[name]:.2f} instead of {mean[model]:.2f} mrad "
+            f"{name} replays {logs} better than {model}: {mean[name]:.2f} instead of {mean[model]:.2f} mrad "
             f"-> do not use this model; {remedy}"
             for name in SIMPLER
             if mean.get(name, np.inf) < mean[model]
@@ -146,7 +146,7 @@ class LogErrors:
                 [f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10
             )
             lines.append(
-                f"warning: more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on {logs}: {named}. "
+                f"more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on {logs}: {named}. "
                 "The model lacks physics of these motors, they differ from the prior's, or the fit did not converge -> "
                 f"do not interpret their constants; {remedy}"
             )
@@ -179,26 +179,25 @@ def evaluate_replay(
         for name, median, mean, maximum in found
     ]
     progress.note(f"replayed log, joint RMSE [mrad]: {'; '.join(lines)}")
-    for line in replayed.warnings(PRIOR):
-        progress.note(line)
+    for warning in replayed.warnings(PRIOR):
+        progress.warn(warning)
     return replayed
 
 
-def log_warnings(log: MotorLog, recipe: Recipe) -> list[str]:
-    """Warnings about static joints of a log, and about its conditions outside those that a recipe was fitted to."""
-    found = []
+def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
+    """Notes on static joints, and on operating conditions that the recipe was not fitted to."""
+    notes = []
     if static := static_joints(log):
         remedy = "exclude these joints, or record them in motion"
-        found.append(
-            f"warning: did not move: {', '.join(static)}; their constants are not identifiable -> {remedy}"
-        )
+        names = ", ".join(static)
+        text = f"did not move: {names}; their constants are not identifiable -> {remedy}"
+        notes.append(Note("warning", text))
     for name, lowest, nominal, highest in recipe.conditions:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if modelled:
-                found.append(
-                    f"note: the log has no {name}: {condition_text(name, nominal, nominal)} is assumed"
-                )
+                assumed = condition_text(name, nominal, nominal)
+                notes.append(Note("info", f"the log has no {name}: {assumed} is assumed"))
             continue
         means = np.array([part.conditions[name] for part in log.segments()])
         margin = min_difference(name, nominal)
@@ -207,7 +206,6 @@ def log_warnings(log: MotorLog, recipe: Recipe) -> list[str]:
             here = condition_text(name, means.min(), means.max())
             fitted = condition_text(name, lowest, highest)
             remedy = "check its unit, or identify with logs of both"
-            found.append(
-                f"warning: {name} is {here}, in the prior's logs {fitted}: its effect is {effect} -> {remedy}"
-            )
-    return found
+            text = f"{name} is {here}, in the prior's logs {fitted}: its effect is {effect}"
+            notes.append(Note("warning", f"{text} -> {remedy}"))
+    return notes

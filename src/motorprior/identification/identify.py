@@ -30,7 +30,7 @@ from motorprior.identification.physics.term_selection import Selection, min_diff
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, subsampled
-from motorprior.progress import ReportProgress
+from motorprior.progress import Note, ReportProgress
 
 WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
 # rows per motor in all but the last descents, or windows if more
@@ -52,7 +52,7 @@ class TrainingResult:
     # ``saved_TERM``: saved share of held-out loss; ``unidentified_LIMIT``,
     # ``unknown_torque_scale``: `motor_prior`
     metrics: dict[str, float]
-    notes: tuple[str, ...]  # lines for the user
+    notes: tuple[Note, ...]
     classes: JointClasses | None = None  # joint classes of the prior; None: one class
 
 
@@ -175,17 +175,21 @@ def _fitted(
     return found
 
 
-def _notes_on_terms(recipe: Recipe, tried: bool) -> list[str]:
+def _notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
     chosen = [f"{name} (logged)" if name in recipe.logged_terms else name for name in recipe.terms]
-    return [
-        f"optional terms: {', '.join(chosen) or ('none' if tried else 'none was tried')}",
-        *(
-            f"warning: {name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe without optional "
-            "terms ignores -> use preset rollout or long_runs"
-            for name, low, nominal, high in recipe.conditions
-            if not recipe.tries_terms and high - low >= min_difference(name, nominal)
-        ),
-    ]
+    none = "none" if tried else "none was tried"
+    notes = [Note("info", f"optional terms: {', '.join(chosen) or none}")]
+    if recipe.tries_terms:
+        return notes
+
+    for name, low, nominal, high in recipe.conditions:
+        if high - low >= min_difference(name, nominal):
+            text = (
+                f"{name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe "
+                "without optional terms ignores -> use preset rollout or long_runs"
+            )
+            notes.append(Note("warning", text))
+    return notes
 
 
 def _notes_on_identifiability(
@@ -194,14 +198,14 @@ def _notes_on_identifiability(
     runs: WindowRuns,
     names: tuple[str, ...],
     metrics: dict[str, float],
-) -> list[str]:
+) -> list[Note]:
     """Notes on limits and on a scale of torques that the logs do not identify, also added to ``metrics``."""
 
     def logs(hidden: np.ndarray) -> str:
         named = (
             f" ({listed([names[motor] for motor in np.flatnonzero(hidden)], 6)})" if names else ""
         )
-        return f"warning: the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
+        return f"the logs of {hidden.sum()} of {len(hidden)} motors{named} do not identify"
 
     names_of = parameters_of(model.terms)
     identified = motor_problem.identifiable_constants(
@@ -215,20 +219,20 @@ def _notes_on_identifiability(
     reached = motor_problem.near_bounds(z, model.center) & free
     for name, motors in zip(names_of, reached.T, strict=True):
         if motors.any():
-            notes.append(
-                f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it"
-            )
+            text = f"{logs(motors)} {name}: it is at the bound of the search -> do not interpret it"
+            notes.append(Note("warning", text))
     for name, hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
         value = float(model.constants(z)[name][hidden].max())
         metrics[f"{UNIDENTIFIED}{name}"] = value
-        notes.append(
-            f"{logs(hidden)} the fitted {limit_text(name, value)}; policies may over-rely on it"
-        )
+        limit = limit_text(name, value)
+        text = f"{logs(hidden)} the fitted {limit}; policies may over-rely on it"
+        notes.append(Note("warning", text))
     hidden = motor_problem.unknown_torque_scale(model, runs, z)
     if hidden.any():
         metrics[UNKNOWN_TORQUE_SCALE] = float(hidden.sum())
-        notes.append(
-            f"{logs(hidden)} the scale of torques; only ratios of kp, torque limit, armature and friction are physical "
-            "-> log kp in N·m/rad, or motions under larger loads"
+        text = (
+            f"{logs(hidden)} the scale of torques; only ratios of kp, torque limit, armature "
+            "and friction are physical -> log kp in N·m/rad, or motions under larger loads"
         )
+        notes.append(Note("warning", text))
     return notes

@@ -18,7 +18,7 @@ from motorprior.logs.loads import LOADS, require_fixed_base, with_loads
 from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, checked
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import read_log, reader_of
-from motorprior.progress import WARNED, WARNING, Progress
+from motorprior.progress import WARNED, Note, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
@@ -102,12 +102,11 @@ def load_log(
                     problem, where=path, remedy="remove suspended", argument="suspended"
                 )
             require_fixed_base(log, model, path)
-        log, lines = cleaned(log, str(path), period or 0.0)
-        for line in [
-            *lines,
-            *([f"{path}: {reader.assumption}"] if reader.assumption and not columns else []),
-        ]:
-            progress.note(line)
+        log, notes = cleaned(log, str(path), period or 0.0)
+        for note in notes:
+            progress.report(note)
+        if reader.assumption and not columns:
+            progress.note(f"{path}: {reader.assumption}")
         if period is not None:
             log = resample(log, period) if model is None else smooth_on_grid(log, period)
     if robot is not None and robot.base == "fixed" and model is None and log.load_inertia is None:
@@ -117,7 +116,7 @@ def load_log(
     if model is not None:
         log = with_loads(log, model)
         for finding in gravity_signs(log, model):
-            progress.note(f"{WARNING}{path}: {finding}")
+            progress.warn(f"{path}: {finding}")
     return log
 
 
@@ -143,10 +142,10 @@ def _of_robot(
     raise ConfigError(problem, where=path, remedy=remedy, argument="as_joint")
 
 
-def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, list[str]]:
-    """The log without rows in which a read failed, with a segment after every gap; and lines about both.
+def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, list[Note]]:
+    """The log without rows in which a read failed, a segment after every gap; and notes on both.
 
-    Lines begin with the ``name`` of the log. Further lines are warnings of the errors that
+    Notes begin with the ``name`` of the log. Further notes are warnings of the errors that
     `check_log` finds, of angles that precede their command, and of angles of another size.
 
     Raises:
@@ -174,10 +173,10 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
         )
         if each.severity == "error" or is_doubtful:
             warnings.append(str(each))
-    return log, [
-        *(f"{WARNING}{name}: {text}" for text in warnings),
-        *([f"{name}: {gaps}"] if gaps else []),
-    ]
+    notes = [Note("warning", f"{name}: {text}") for text in warnings]
+    if gaps:
+        notes.append(Note("info", f"{name}: {gaps}"))
+    return log, notes
 
 
 def _with_settings(

@@ -9,7 +9,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
-from motorprior.evaluation.errors import evaluate_replay, log_warnings, replay_errors
+from motorprior.evaluation.errors import evaluate_replay, notes_on_log, replay_errors
 from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
 from motorprior.evaluation.reference import WITHOUT_TORQUE, residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
@@ -20,7 +20,7 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
 from motorprior.priors.fit_prior import trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SILENT, WARNED, WARNING, Progress
+from motorprior.progress import SILENT, WARNED, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many
@@ -72,11 +72,11 @@ def adapt(
         if not allow_outliers:
             remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set allow_outliers"
             raise LogError(problem, where=log.source, argument="allow_outliers", remedy=remedy)
-        progress.note(f"{WARNING}{problem}")
+        progress.warn(problem)
     if progress is not SILENT:  # tuning a PD to compare with takes time
         recipe = recipe_of(prior)
-        for line in log_warnings(log, recipe):
-            progress.note(line)
+        for note in notes_on_log(log, recipe):
+            progress.report(note)
         if isinstance(prior.model, GreyBox):
             evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
         if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
@@ -158,7 +158,7 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
     """A warning if the prior was trained on this log."""
     if trained_on(prior, log):
         text = "errors, losses and p-values on it do not validate the prior"
-        progress.note(f"{WARNING}the prior was trained on {log.source}: {text}")
+        progress.warn(f"the prior was trained on {log.source}: {text}")
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:

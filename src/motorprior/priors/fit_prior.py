@@ -20,7 +20,7 @@ from motorprior.evaluation import reference
 from motorprior.evaluation.errors import (
     MAX_UNEXPLAINED,
     evaluate_replay,
-    log_warnings,
+    notes_on_log,
     replay_errors,
 )
 from motorprior.identification.identify import identify, work_of
@@ -164,12 +164,13 @@ def _fitted(
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
         deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
         progress.note(
-            f"note: {log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
+            f"{log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
             f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
             f"{RELIABLE_MOTORS} or more)"
         )
-    for line in (used_seconds_text(data, recipe), *log_warnings(log, recipe)):
-        progress.note(line)
+    progress.note(used_seconds_text(data, recipe))
+    for note in notes_on_log(log, recipe):
+        progress.report(note)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
         found = identify(data, recipe, seed, task.advance, checkpoint)
     model = found.model
@@ -186,8 +187,8 @@ def _fitted(
         **found.metrics,
     }
     metrics |= reference.reference_metrics(model, data, found.recipe, mean, log)
-    for line in found.notes:
-        progress.note(line)
+    for note in found.notes:
+        progress.report(note)
     if isinstance(model, GreyBox):
         errors = evaluate_replay(model.motors(mean), tuned, log, found.recipe, progress)
         unexplained = float(np.median(errors.unexplained("prior")))

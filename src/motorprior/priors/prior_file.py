@@ -56,13 +56,13 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     for name in dict.fromkeys(prior.joint_classes(robot)):
         if several and name not in recorded:
             yield (
-                f"note: no logs of the joint class {name}, only of {', '.join(recorded)}: its motors are sampled from "
+                f"no logs of the joint class {name}, only of {', '.join(recorded)}: its motors are sampled from "
                 "the distribution over all classes"
             )
     yield from _gear_note(prior, robot)
     if unknown := prior.metrics.get(UNKNOWN_TORQUE_SCALE):
         yield (
-            f"note: the logs do not identify the torque scale of {unknown:.0f} of the prior's {len(prior.mean)} "
+            f"the logs do not identify the torque scale of {unknown:.0f} of the prior's {len(prior.mean)} "
             f"motors, which may be several times too strong or too weak for {robot.name}"
         )
     highest = max(joint.torque_limit for joint in robot.joints)
@@ -73,7 +73,7 @@ def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
             else ""
         )
         yield (
-            f"note: the logs do not identify the prior's {limit_text(name, value)}{limit}; a policy may over-rely on "
+            f"the logs do not identify the prior's {limit_text(name, value)}{limit}; a policy may over-rely on "
             "it. Log motions that reach the limit"
         )
 
@@ -97,7 +97,7 @@ def _gain_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     ranges = [np.stack([gains.min(axis=1), gains.max(axis=1)], axis=1) for gains in (logged, own)]
     if not np.allclose(*ranges, rtol=0.01):
         in_logs, in_robot = (f"kp {range_text(*kp)} and kd {range_text(*kd)}" for kp, kd in ranges)
-        yield f"note: the logs of the prior have {in_logs}; the simulated motors use those of {robot.name}: {in_robot}"
+        yield f"the logs of the prior have {in_logs}; the simulated motors use those of {robot.name}: {in_robot}"
 
 
 def _gear_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:
@@ -108,6 +108,6 @@ def _gear_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     ratio = values["gear_stiffness"] / values["kp"]
     if ratio.min() < SOFT_GEAR:
         yield (
-            f"note: the gear stiffness of {robot.joint_names[int(ratio.argmin())]} is {ratio.min():.2g} times its "
+            f"the gear stiffness of {robot.joint_names[int(ratio.argmin())]} is {ratio.min():.2g} times its "
             "position gain; logs of suspended legs barely identify it. If the robot falls, identify with preset rigid"
         )

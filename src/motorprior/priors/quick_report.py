@@ -30,7 +30,7 @@ from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.logs.operations import joined
 from motorprior.priors.fit_prior import fit_recipe
-from motorprior.progress import WARNING, Progress
+from motorprior.progress import Note, Progress
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
@@ -51,16 +51,17 @@ def report_with_loads(
 ) -> Validation:
     """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows."""
     train = joined(list(logs.train.values()))
-    warnings = []
+    warnings: list[str] = []
     tuned = fitted_tuned_pd(train, progress)
 
-    def note(text: str) -> None:
-        warnings.extend([text] if text.startswith(WARNING) else [])
-        progress.note(text)
+    def keep_warning(note: Note) -> None:
+        if note.severity == "warning":
+            warnings.append(note.text)
+        progress.report(note)
 
-    notes = Progress(note, progress.line)
+    kept = Progress(keep_warning, progress.line)
     prior = fit_recipe(
-        train, PRESET, identification_preset(PRESET), seed, folder, notes, tuned=tuned
+        train, PRESET, identification_preset(PRESET), seed, folder, kept, tuned=tuned
     )
     models = {
         "tuned_pd": tuned,
@@ -77,8 +78,8 @@ def report_with_loads(
         quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()
     }
     found = validation_of(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
-    lines = [line.removeprefix(WARNING) for line in (*warnings, *found.warnings)]
-    return replace(found, warnings=lines, constants=prior.constants())
+    warnings += found.warnings
+    return replace(found, warnings=warnings, constants=prior.constants())
 
 
 def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:

@@ -7,7 +7,7 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bench_truth import log_coverage, zero_shot
-from motorprior.evaluation.errors import PRIOR, TUNED_PD, log_warnings
+from motorprior.evaluation.errors import PRIOR, TUNED_PD, notes_on_log
 from motorprior.evaluation.free_runs import (
     MEDIAN_AND_MEAN,
     MotorModel,
@@ -27,7 +27,7 @@ from motorprior.logs.operations import joined, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SHOWN, SILENT, WARNING, Progress
+from motorprior.progress import SHOWN, SILENT, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
@@ -94,8 +94,8 @@ def validate(
     train, test = _train_and_test(log, fitted_on, seconds)
     preset = recipe_of(prior)
     note_training_log(prior, log, progress)
-    for line in log_warnings(test, preset):
-        progress.note(line)
+    for note in notes_on_log(test, preset):
+        progress.report(note)
     runs = free_runs(test, preset)
     baseline_recipes(train, preset)  # a log that is too short is an error before anything is fitted
     with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
@@ -121,8 +121,8 @@ def validate(
             for level, share in log_coverage(prior, motors, each).items()
         ]
         task.advance()
-    for line in found.warnings:
-        progress.note(line)
+    for warning in found.warnings:
+        progress.warn(warning)
     trained = Results([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
     return replace(found, results=trained + found.results.where(log=None) + Results(coverages))
 
@@ -171,12 +171,12 @@ def fitted_baselines(
         try:
             out = None if folder is None else folder / name
             fitted = fit_recipe(
-                log, named, recipe, seed, out, Progress(SILENT.note, progress.line), tuned=tuned
+                log, named, recipe, seed, out, Progress(SILENT.report, progress.line), tuned=tuned
             )
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None
-            progress.note(f"{WARNING}baseline {name} counts as diverged: {error}")
+            progress.warn(f"baseline {name} counts as diverged: {error}")
     return models | {"tuned_pd": tuned}
 
 

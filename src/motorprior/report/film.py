@@ -40,7 +40,7 @@ def film(
         try:
             draw = stack.enter_context(renderer(robot))
         except ConfigError as error:
-            note(f"note: {error.problem}: the film has stick figures -> {error.remedy}")
+            note(f"{error.problem}: the film has stick figures -> {error.remedy}")
             draw = stick_figure(robot)
         for step in range(0, steps, stride):
             whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))

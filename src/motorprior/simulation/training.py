@@ -22,7 +22,7 @@ from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Point, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import prior_notes
-from motorprior.progress import SHOWN, WARNING, Progress, usable_threads
+from motorprior.progress import SHOWN, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.motors import MotorSource, motors_as_json, simulated_motors
@@ -168,13 +168,13 @@ METRICS = "metrics.jsonl"
 
 
 def weight_warning(policy: Policy, robot: Robot) -> str:
-    """A warning if a policy was trained on a robot of another weight, otherwise empty."""
+    """Text of the warning if a policy was trained on a robot of another weight, otherwise empty."""
     trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
     masses = f"{trained / GRAVITY:.2f} kg, this {robot.name} has {robot.weight / GRAVITY:.2f} kg"
     remedy = "train it again, or give the robot's earlier model"
-    return f"{WARNING}the policy was trained on a robot of {masses} -> {remedy}"
+    return f"the policy was trained on a robot of {masses} -> {remedy}"
 
 
 class Training:
@@ -227,7 +227,7 @@ class Training:
             progress.note(line)
         if self.robot.fleets and self._validation == self.robot.default_fleet:
             progress.note(
-                "note: results on the twin are biased: validation uses its fleet; evaluate on another fleet"
+                "results on the twin are biased: validation uses its fleet; evaluate on another fleet"
             )
         workers = workers if ray_address is not None else usable_threads(workers, progress)
         search = self.search

@@ -340,7 +340,7 @@ def walk_table(
     try:
         import_bullet()
     except ConfigError as error:
-        progress.note(f"note: skipped the environment pybullet: {error}")
+        progress.note(f"skipped the environment pybullet: {error}")
         environments = tuple(
             name for name, each in ENVIRONMENTS.items() if each.engine != "pybullet"
         )
@@ -384,8 +384,8 @@ def _walks_of(
     walks = read_walks(folder / WALKS)
     if diverged := sum(np.isnan(walk["upright"]) for walk in walks):
         name = f"bench {bench.seed}, {run.folder}"
-        progress.note(
-            f"warning: {diverged} of {len(walks)} walks of {name} diverged: excluded from all figures"
+        progress.warn(
+            f"{diverged} of {len(walks)} walks of {name} diverged: excluded from all figures"
         )
     task.advance(1, f"bench {bench.seed}, {run.folder}")
     return walks

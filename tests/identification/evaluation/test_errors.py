@@ -15,7 +15,7 @@ from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
     capped,
-    log_warnings,
+    notes_on_log,
     replay_errors,
 )
 from motorprior.evaluation.free_runs import (
@@ -120,8 +120,11 @@ def at(*volts: float) -> MotorLog:
 
 @pytest.mark.parametrize(("terms", "effect"), [((), "not modelled"), (("supply",), "extrapolated")])
 def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str, ...], effect: str):
-    (line,) = log_warnings(at(24.0, 11.0), replace(RECIPE, terms=terms))
-    assert all(text in line for text in ("supply_voltage", "11 to 24 V", "9.6 to 12 V", effect))
+    (note,) = notes_on_log(at(24.0, 11.0), replace(RECIPE, terms=terms))
+    assert note.severity == "warning"
+    assert all(
+        text in note.text for text in ("supply_voltage", "11 to 24 V", "9.6 to 12 V", effect)
+    )
 
 
 def a_log(moving: list[bool]) -> MotorLog:
