@@ -40,7 +40,11 @@ args = parser.parse_args()
 robot = mp.load_robot(args.robot)
 logs = [
     mp.load_log(
-        path, columns=args.columns, robot=robot, suspended=args.suspended, period=args.period
+        path,
+        columns=args.columns,
+        robot=robot,
+        suspended=args.suspended,
+        settings=mp.LogSettings(period=args.period),
     )
     for path in args.logs
 ]

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from motorprior.logs.doctor.checks import check_log as check_log
     from motorprior.logs.load_log import load_log as load_log
     from motorprior.logs.motor_log import MotorLog as MotorLog
+    from motorprior.logs.prepare_log import LogSettings as LogSettings
     from motorprior.logs.read_log import read_log as read_log
     from motorprior.logs.readers.motor_log_file import write_log as write_log
     from motorprior.priors.adapt import adapt as adapt

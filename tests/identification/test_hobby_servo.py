@@ -104,7 +104,10 @@ def test_duplicate_rows_and_single_failed_reads_are_left_out(tmp_path: Path):
     (tmp_path / "servo.csv").write_text("\n".join([HEADER, *rows]))
     (tmp_path / "columns.toml").write_text(COLUMNS)
     log = mp.load_log(
-        tmp_path / "servo.csv", columns=tmp_path / "columns.toml", period=None, progress=SILENT
+        tmp_path / "servo.csv",
+        columns=tmp_path / "columns.toml",
+        settings=mp.LogSettings(period=None),
+        progress=SILENT,
     )
     assert log.num_rows == 118  # without one duplicate and two failed reads
 

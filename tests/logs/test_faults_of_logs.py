@@ -12,8 +12,8 @@ import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
 from motorprior.logs.doctor.response import COMPARE
-from motorprior.logs.load_log import cleaned
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.prepare_log import cleaned
 from motorprior.progress import Note
 
 TIME = 0.01 * np.arange(1500)
@@ -113,9 +113,9 @@ def test_a_bench_log_becomes_one_of_the_robots_joints_by_one_option(tmp_path: Pa
     path = write_bam(tmp_path)
     for names, words in (((), "pendulum"), (("nose",), "nose")):
         with pytest.raises(mp.ConfigError, match=rf"{words}.*FR_hip") as error:
-            mp.load_log(path, robot="pupper_v2", as_joint=names)
+            mp.load_log(path, robot="pupper_v2", settings=mp.LogSettings(as_joint=names))
         assert error.value.argument == "as_joint"
-    log = mp.load_log(path, robot="pupper_v2", as_joint=["FR_hip"])
+    log = mp.load_log(path, robot="pupper_v2", settings=mp.LogSettings(as_joint=["FR_hip"]))
     assert (log.robot, log.joint_names, log.gain_unit) == ("pupper_v2", ("FR_hip",), "firmware")
     assert mp.load_log(path).robot == "pendulum"
 

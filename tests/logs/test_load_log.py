@@ -15,7 +15,13 @@ from motorprior.logs.motor_log import POSTURES, channels
 def test_a_log_of_a_fixed_robot_has_loads_and_is_what_an_import_writes(tmp_path: Path):
     robot = write_arm(tmp_path)
     table, columns = arm_table(slow_motion(robot).rows(slice(0, 300)), tmp_path)
-    log = mp.load_log(table, columns=columns, robot=mp.load_robot(robot), suspended=True, kp=20.0)
+    log = mp.load_log(
+        table,
+        columns=columns,
+        robot=mp.load_robot(robot),
+        suspended=True,
+        settings=mp.LogSettings(kp=20.0),
+    )
     import_logs(
         LogsImport((table,), tmp_path / "out", columns, kp=(20.0,), suspended=True, robot=robot)
     )
@@ -44,14 +50,19 @@ def test_given_settings_override_those_of_the_log(tmp_path: Path):
     log = mp.load_log(
         path,
         columns=columns,
-        period=None,
-        kp=3.0,
-        kd=0.1,
-        firmware=settings[0],
-        conditions=settings[1],
+        settings=mp.LogSettings(
+            period=None, kp=3.0, kd=0.1, firmware=settings[0], operating_conditions=settings[1]
+        ),
     )
     assert log.gains is not None and log.gains.tolist() == [[3.0, 3.0], [0.1, 0.1]]
-    assert log.firmware == settings[0] and log.conditions["supply_voltage"].tolist() == [7.0, 7.0]
+    assert log.firmware == settings[0] and log.operating_conditions["supply_voltage"].tolist() == [
+        7.0,
+        7.0,
+    ]
     np.testing.assert_array_equal(log.time, mp.read_log(path, columns=columns).time)
     with pytest.raises(mp.LogError, match="supply_voltage/pan is -1"):
-        mp.load_log(path, columns=columns, conditions={"supply_voltage": -1.0})
+        mp.load_log(
+            path,
+            columns=columns,
+            settings=mp.LogSettings(operating_conditions={"supply_voltage": -1.0}),
+        )

@@ -6,7 +6,8 @@ from functools import partial
 from pathlib import Path
 
 from motorprior.exceptions import ConfigError
-from motorprior.logs.load_log import PERIOD, load_log
+from motorprior.logs.load_log import load_log
+from motorprior.logs.prepare_log import PERIOD, LogSettings
 from motorprior.logs.read_log import reader_of, recording_name
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
@@ -39,8 +40,9 @@ class LogsImport:
     conditions: Mapping[str, float] = field(default_factory=dict)
     """supply_voltage [V] and motor_temperature [°C] of all motors; they override the log and ``columns``."""
     suspended: bool = False
-    """The robot was suspended with a level body, or has a fixed base: compute the loads of the motors from its model,
-    as `identify` and `adapt` need. Logs that record another posture are rejected."""
+    """The robot was suspended with a level body: compute the loads of the motors from its model, as
+    `identify` and `adapt` need. Logs that record another posture are rejected. A robot with a fixed
+    base needs no such statement."""
     fit_load: bool = False
     """The motors are on a static base and each carries a rigid body of unknown inertia, the same in all logs: fit
     inertia and weight, and print them with standard deviations. Needs ``columns``, kp in N·m/rad
@@ -62,16 +64,19 @@ def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:
         remedy = "give these, or suspended"
         raise ConfigError(problem, remedy=remedy, argument="fit_load")
     targets = _targets(config.paths, config.out)
-    load = partial(
-        load_log,
-        columns=config.columns,
-        suspended=config.suspended,
+    settings = LogSettings(
         period=None if config.fit_load else config.period,
         kp=config.kp,
         kd=config.kd,
         firmware=config.firmware,
-        conditions=config.conditions,
+        operating_conditions=config.conditions,
         as_joint=config.as_joint,
+    )
+    load = partial(
+        load_log,
+        columns=config.columns,
+        suspended=config.suspended,
+        settings=settings,
         progress=progress,
     )
 

@@ -10,10 +10,10 @@ import numpy as np
 from motorprior.evaluation.splits import excited_in_any, long_segments, split
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.doctor.signs import gravity_signs
-from motorprior.logs.load_log import PERIOD, cleaned
-from motorprior.logs.loads import require_fixed_base, with_loads
-from motorprior.logs.motor_log import POSTURES, MotorLog
+from motorprior.logs.loads import load_source, require_posture, with_loads
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
+from motorprior.logs.prepare_log import PERIOD, cleaned
 from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Results, read_results
@@ -74,7 +74,7 @@ def read_logs_of(config: QuickReport) -> LogFolder:
             )
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
         if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
-            require_fixed_base(log, robot, path)
+            require_posture(log, robot, path)
     if not excited_in_any(found.logs):
         problem = f"{', '.join(found.logs)}: no joint is excited"
         raise LogError(problem, where=config.logs, remedy="record with a moving command")
@@ -130,25 +130,14 @@ def loads_of(
     config: QuickReport, logs: dict[str, MotorLog], robot: Robot | None
 ) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
     """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
-    if all(
-        log.load_inertia is not None and log.external_torque is not None for log in logs.values()
-    ):
+    sources = [load_source(log, robot, config.suspended, config.logs) for log in logs.values()]
+    names = {source.name for source in sources}
+    if names == {"log"}:
         return lambda log: resample(log, PERIOD), "loads: from the logs"
-    unknown = "loads: unknown, so only responses are fitted, not motors"
-    if robot is None:
-        return None, f"{unknown} (set robot to a description of these joints)"
-    postures = [np.array([-1]) if log.posture is None else log.posture for log in logs.values()]
-    logged = {
-        POSTURES[code] if code >= 0 else "unknown"
-        for code in np.unique(np.concatenate(postures)).tolist()
-    }
-    if robot.base == "fixed" or config.suspended or logged == {"suspended"}:
-        known = f"loads: rigid bodies of {robot.name}, base fixed"
-        return lambda log: with_loads(smooth_on_grid(log, PERIOD), robot), known
-    return (
-        None,
-        f"{unknown} (posture of {robot.name}: {', '.join(sorted(logged))}; set suspended if it was)",
-    )
+    if names == {"model"} and robot is not None:
+        return lambda log: with_loads(smooth_on_grid(log, PERIOD), robot), str(sources[0])
+    unknown = next((source for source in sources if source.name == "unknown"), sources[0])
+    return None, f"{unknown}; only responses are fitted, not motors"
 
 
 def _on_grid(log: MotorLog) -> MotorLog:

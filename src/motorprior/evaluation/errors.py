@@ -199,7 +199,7 @@ def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
                 assumed = condition_text(name, nominal, nominal)
                 notes.append(Note("info", f"the log has no {name}: {assumed} is assumed"))
             continue
-        means = np.array([part.conditions[name] for part in log.segments()])
+        means = np.array([part.operating_conditions[name] for part in log.segments()])
         margin = min_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"

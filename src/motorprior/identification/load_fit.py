@@ -170,7 +170,7 @@ def with_fitted_loads(
     Inertia and weight, with their standard deviations, are reported to ``progress``.
 
     Args:
-        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with ``period=None``.
+        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with `LogSettings.period` None.
             Their own loads and torques are replaced.
         progress: where to report to.
 

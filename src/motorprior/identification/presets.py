@@ -174,7 +174,7 @@ def with_logged_settings(recipe: Recipe, log: MotorLog) -> Recipe:
         recipe = replace(recipe, gain_unit=log.gain_unit)
     conditions = []
     for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):
-        means = np.array([part.conditions[name] for part in log.segments()])
+        means = np.array([part.operating_conditions[name] for part in log.segments()])
         nominal = np.median(channels(log)[name])
         conditions.append((name, float(means.min()), float(nominal), float(means.max())))
     return replace(

@@ -153,7 +153,7 @@ def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndar
     """(2, M) mean supply voltage over the nominal one [-], motor temperature above it [K]; 1 and 0 if missing."""
     supply = np.ones(part.num_joints)
     temperature_rise = np.zeros(part.num_joints)
-    logged = {name: means for name, means in part.conditions.items() if name in nominal}
+    logged = {name: means for name, means in part.operating_conditions.items() if name in nominal}
     if "supply_voltage" in logged:
         supply = logged["supply_voltage"] / nominal["supply_voltage"]
     if "motor_temperature" in logged:

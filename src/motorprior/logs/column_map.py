@@ -126,7 +126,9 @@ class ColumnMap:
     segment: str | None = None  # column with the index of the recording
     posture: str | None = None
     base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
-    conditions: Mapping[str, float] = field(default_factory=dict)  # values for all rows and joints
+    operating_conditions: Mapping[str, float] = field(
+        default_factory=dict
+    )  # values for all rows and joints
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -184,7 +186,7 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         joints=_joints(table["joints"], units, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
-        conditions={
+        operating_conditions={
             name: table[name] * scales[name]
             for name in OPERATING_CONDITIONS
             if is_number(table.get(name))

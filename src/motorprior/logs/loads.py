@@ -1,4 +1,4 @@
-"""Loads of the motors of a robot with suspended or fixed base, by inverse dynamics, one joint at a time.
+"""Loads of the motors of a robot with suspended or fixed base, by inverse dynamics of one joint.
 
 With the base fixed, M(q)·q̈ + b(q, q̇) = τ, where M has the links' inertia only (a rotor's belongs
 to its motor) and b the gravity and Coriolis torques. For joint j this has the form of a bench with
@@ -23,23 +23,152 @@ backlash, twist and zero offset.
 # MuJoCo ships no type stubs; it is imported where it is used, since a robot's own computer has
 # none.
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from motorprior.exceptions import LogError
+from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
 LOADS = ("load_inertia", "external_torque", "load_stiffness")
-MAX_TILT = 0.15  # [rad] median roll or pitch of a level body
+MAX_TILT = 0.15  # median roll or pitch of a level body [rad]
+
+
+@dataclass(frozen=True)
+class LoadSource:
+    """Where the loads of a log come from: its own channels, the robot's model, or nowhere."""
+
+    name: Literal["log", "model", "unknown"]
+    reason: str  # for the user
+
+    def __str__(self) -> str:
+        return f"loads: {self.reason}"
+
+
+def load_source(
+    log: MotorLog, robot: Robot | None, suspended: bool, where: str | Path
+) -> LoadSource:
+    """Decide which loads a log gets, and why.
+
+    Logged loads stay. Otherwise the model of the robot gives them if its base does not move: a
+    fixed base, a base that the user states to be suspended, or the logged posture "suspended" in
+    every row. The log then needs all joints of the robot in their order, and a level base.
+
+    Raises:
+        ConfigError: ``suspended`` without a robot, or for a log that has loads.
+        LogError: ``suspended``, and the log lacks joints, is tilted or has another posture.
+    """
+    logged = [name for name in LOADS if getattr(log, name) is not None]
+    if suspended and logged:
+        raise ConfigError(
+            f"suspended: the log already contains its load ({logged[0]})",
+            where=where,
+            remedy="remove suspended",
+            argument="suspended",
+        )
+    if logged:
+        return LoadSource("log", "from the log")
+
+    if robot is None:
+        if suspended:
+            raise ConfigError(
+                "suspended: no model for the loads",
+                where=where,
+                remedy="give robot, its .toml file (docs/your-robot.md)",
+                argument="robot",
+            )
+        return LoadSource("unknown", "unknown, no robot is given")
+
+    if suspended:
+        require_posture(log, robot, where)
+    elif robot.base == "free" and not _is_suspended(log):
+        postures = ", ".join(_logged_postures(log))
+        remedy = "set suspended if it was suspended"
+        return LoadSource("unknown", f"unknown, posture of {robot.name}: {postures} ({remedy})")
+
+    try:
+        _require_level_robot(log, robot)
+    except LogError as error:
+        if suspended:
+            raise
+        return LoadSource("unknown", f"unknown, {error.problem}")
+    return LoadSource("model", f"rigid bodies of {robot.name}, base fixed")
+
+
+def _is_suspended(log: MotorLog) -> bool:
+    return _logged_postures(log) == ["suspended"]
+
+
+def _logged_postures(log: MotorLog) -> list[str]:
+    """Sorted names of the postures of a log's rows."""
+    if log.posture is None:
+        return ["unknown"]
+    return sorted(POSTURES[code] for code in np.unique(log.posture).tolist())
+
+
+def _posture(robot: Robot) -> str:
+    """Posture in which the base does not move."""
+    return "suspended" if robot.base == "free" else "fixed"
+
+
+def require_posture(log: MotorLog, robot: Robot, where: str | Path) -> None:
+    """Raise LogError if the log has rows of a posture in which the robot's base may move."""
+    if log.posture is None:
+        return
+    posture = _posture(robot)
+    rows = np.flatnonzero(log.posture != POSTURES.index(posture))
+    if not rows.size:
+        return
+    logged = POSTURES[log.posture[rows[0]]]
+    raise LogError(
+        f"row {rows[0]} has the posture {logged}; loads need {posture} in every row",
+        where=where,
+        remedy="correct the posture, cut those rows from the file, or import without suspended",
+        argument="suspended",
+    )
+
+
+def _require_level_robot(log: MotorLog, robot: Robot) -> None:
+    """Raise LogError unless the log has all joints of the robot in its order and a level base.
+
+    The load of each joint depends on the motion of all joints.
+    """
+    if log.joint_names != robot.joint_names:
+        problem = f"joints in the order {', '.join(log.joint_names)}"
+        missing = [name for name in robot.joint_names if name not in log.joint_names]
+        if missing:
+            count = f"{len(missing)} of the {robot.num_joints} joints of {robot.name}"
+            problem = f"it lacks {', '.join(missing)}: {count}"
+        order = f"in the order {', '.join(robot.joint_names)}"
+        raise LogError(
+            problem,
+            where=log.source,
+            remedy="loads come from the motion of all joints: record all, or give the file of a "
+            f"robot that has only these, {order}",
+        )
+
+    require_posture(log, robot, log.source)
+
+    if log.base_orientation is None:
+        return
+    tilts = np.median(np.abs(log.base_orientation), axis=0)
+    for axis, tilt in zip(BASE_AXES, tilts, strict=True):
+        if tilt > MAX_TILT:
+            raise LogError(
+                f"{axis} is {tilt:.2f} rad off level, by its median",
+                where=log.source,
+                remedy="suspend the robot with its body level, to "
+                f"{MAX_TILT:g} rad, and record again",
+            )
 
 
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
-    """The log with load_inertia [kg·m²], external_torque [N·m], load_stiffness [N·m/rad] and posture.
+    """The log with loads by the robot's model, and its posture.
 
+    The loads are load_inertia [kg·m²], external_torque [N·m] and load_stiffness [N·m/rad].
     Accelerations are derivatives of joint_vel, which should be smooth: see
     `operations.smooth_on_grid`.
 
@@ -49,52 +178,71 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     """
     _require_level_robot(log, robot)
     if log.joint_vel is None:
-        remedy = "load it with a period, which computes them from the angles"
         raise LogError(
-            "no velocities, and loads need accelerations", where=log.source, remedy=remedy
+            "no velocities, and loads need accelerations",
+            where=log.source,
+            remedy="load it with a period, which computes them from the angles",
         )
+
     dynamics = _Dynamics(robot)
-    inertia, external, stiffness = (np.empty_like(log.joint_pos) for _ in range(3))
-    axis, arm = np.empty((2, *log.joint_pos.shape, 3))
-    for part in log.segment_slices():
-        acceleration = np.gradient(log.joint_vel[part], log.time[part], axis=0)
-        for row, joint_acc in zip(range(part.start, part.stop), acceleration, strict=True):
-            found = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
-            inertia[row], external[row], axis[row], arm[row] = found
-        stiffness[part] = dynamics.gravity_stiffness(axis[part], arm[part])
-        mean = inertia[part].mean(axis=0)
-        external[part] -= (inertia[part] - mean) * acceleration
+    inertia = np.empty_like(log.joint_pos)
+    external = np.empty_like(log.joint_pos)
+    stiffness = np.empty_like(log.joint_pos)
+    axis = np.empty((*log.joint_pos.shape, 3))
+    arm = np.empty((*log.joint_pos.shape, 3))
+
+    for segment in log.segment_slices():
+        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
+        rows = range(segment.start, segment.stop)
+        for row, joint_acc in zip(rows, acceleration, strict=True):
+            load = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
+            inertia[row], external[row], axis[row], arm[row] = load
+        stiffness[segment] = dynamics.gravity_stiffness(axis[segment], arm[segment])
+
+        mean_inertia = inertia[segment].mean(axis=0)
+        external[segment] -= (inertia[segment] - mean_inertia) * acceleration
+        inertia[segment] = mean_inertia
         # a log has the mean to the next row
-        external[part][:-1] = 0.5 * (external[part][:-1] + external[part][1:])
-        inertia[part] = mean
-    posture = np.full(log.num_rows, POSTURES.index(_posture(robot)))
-    loads = dict(zip(LOADS, (inertia, external, stiffness), strict=True))
-    return checked(replace(log, **loads, joint_torque=None, posture=posture))
+        external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
+
+    return checked(
+        replace(
+            log,
+            load_inertia=inertia,
+            external_torque=external,
+            load_stiffness=stiffness,
+            joint_torque=None,
+            posture=np.full(log.num_rows, POSTURES.index(_posture(robot))),
+        )
+    )
 
 
 def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
-    """The log of a robot in any posture with load_inertia [kg·m²] and external_torque [N·m], from its joint_torque.
+    """The log of a robot in any posture with loads that balance its joint_torque.
 
-    external_torque = load_inertia·q̈ - joint_torque, with load_inertia the joint's own element of
-    the mass matrix at the median angles. Raises `LogError` without joint_torque or velocities, or
-    for other joints.
+    external_torque = load_inertia·q̈ - joint_torque [N·m], where load_inertia [kg·m²] is the joint's
+    own element of the mass matrix at the median angles.
+
+    Raises:
+        LogError: no joint_torque, no velocities, or other joints.
     """
     if log.joint_torque is None or log.joint_vel is None or log.joint_names != robot.joint_names:
-        problem = "no torques, no velocities, or not the joints of the robot"
         raise LogError(
-            problem, where=log.source, remedy="give the log of a robot that records currents"
+            "no torques, no velocities, or not the joints of the robot",
+            where=log.source,
+            remedy="give the log of a robot that records currents",
         )
+
     at_rest = np.zeros(log.num_joints)
     inertia = _Dynamics(robot).load(np.median(log.joint_pos, axis=0), at_rest, at_rest)[0]
+
     external = np.empty_like(log.joint_pos)
-    for part in log.segment_slices():
-        external[part] = (
-            inertia * np.gradient(log.joint_vel[part], log.time[part], axis=0)
-            - log.joint_torque[part]
-        )
-    return checked(
-        replace(log, load_inertia=np.tile(inertia, (log.num_rows, 1)), external_torque=external)
-    )
+    for segment in log.segment_slices():
+        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
+        external[segment] = inertia * acceleration - log.joint_torque[segment]
+
+    rows_of_inertia = np.tile(inertia, (log.num_rows, 1))
+    return checked(replace(log, load_inertia=rows_of_inertia, external_torque=external))
 
 
 def with_placeholder_load(log: MotorLog) -> MotorLog:
@@ -102,7 +250,9 @@ def with_placeholder_load(log: MotorLog) -> MotorLog:
     if log.external_torque is not None and log.load_inertia is not None:
         return log
     return replace(
-        log, external_torque=np.zeros_like(log.joint_pos), load_inertia=np.ones_like(log.joint_pos)
+        log,
+        external_torque=np.zeros_like(log.joint_pos),
+        load_inertia=np.ones_like(log.joint_pos),
     )
 
 
@@ -118,47 +268,14 @@ def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.nda
         return None
     if robot.base == "free" and log.posture is None:
         return None
+
     dynamics = _Dynamics(robot)
     at_rest = np.zeros(log.num_joints)
-    return lambda angles: np.stack([-dynamics.bias(pose, at_rest) for pose in angles])
 
+    def torque(angles: np.ndarray) -> np.ndarray:
+        return np.stack([-dynamics.bias(pose, at_rest) for pose in angles])
 
-def _posture(robot: Robot) -> str:
-    return "suspended" if robot.base == "free" else "fixed"
-
-
-def require_fixed_base(log: MotorLog, robot: Robot, where: str | Path) -> None:
-    """Raise LogError for a log, from the file ``where``, of another posture than suspended (free base) or fixed."""
-    wanted = _posture(robot)
-    if (
-        log.posture is None
-        or not (others := np.flatnonzero(log.posture != POSTURES.index(wanted))).size
-    ):
-        return
-    problem = f"row {others[0]} has the posture {POSTURES[log.posture[others[0]]]}; loads need {wanted} in every row"
-    remedy = "correct the posture, cut those rows from the file, or import without suspended"
-    raise LogError(problem, where=where, remedy=remedy, argument="suspended")
-
-
-def _require_level_robot(log: MotorLog, robot: Robot) -> None:
-    """Reject a log without all joints of the robot in its order, since each load depends on all; or a tilted base."""
-    if log.joint_names != robot.joint_names:
-        problem = f"joints in the order {', '.join(log.joint_names)}"
-        if missing := [name for name in robot.joint_names if name not in log.joint_names]:
-            problem = f"it lacks {', '.join(missing)}: {len(missing)} of the {robot.num_joints} joints of {robot.name}"
-        remedy = "loads come from the motion of all joints: record all, or give the file of a robot that has only "
-        raise LogError(
-            problem,
-            where=log.source,
-            remedy=f"{remedy}these, in the order {', '.join(robot.joint_names)}",
-        )
-    require_fixed_base(log, robot, log.source)
-    orientation = np.zeros((1, 2)) if log.base_orientation is None else log.base_orientation
-    for axis, angle in zip(BASE_AXES, np.median(np.abs(orientation), axis=0), strict=True):
-        if angle > MAX_TILT:
-            problem = f"{axis} is {angle:.2f} rad off level, by its median"
-            remedy = f"suspend the robot with its body level, to {MAX_TILT:g} rad, and record again"
-            raise LogError(problem, where=log.source, remedy=remedy)
+    return torque
 
 
 class _Dynamics:
@@ -171,20 +288,28 @@ class _Dynamics:
 
         self._mujoco: Any = mujoco
         self._model = build_model(robot, suspended=robot.base == "free")
-        self._data, self._units = mujoco.MjData(self._model), np.eye(self._model.nv)
+        self._data = mujoco.MjData(self._model)
+        self._units = np.eye(self._model.nv)
 
     def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
-        """Load inertia [kg·m²], external torque [N·m], (joints, 3) axis [1] and arm [m] of each joint in one state.
+        """Load of each joint in one state.
 
-        An arm goes from the joint to the centre of mass of what it carries.
+        Returns the load inertia [kg·m²], external torque [N·m], (joints, 3) axis [1] and (joints,
+        3) arm [m]. An arm goes from the joint to the centre of mass of what it carries.
         """
-        bias, (own, column) = self.bias(joint_pos, joint_vel), np.zeros((2, self._model.nv))
+        bias = self.bias(joint_pos, joint_vel)
+        column = np.zeros(self._model.nv)
+        inertia = np.zeros(self._model.nv)
         for joint, unit in enumerate(self._units):
             self._mujoco.mj_mulM(self._model, self._data, column, unit)
-            own[joint] = column[joint]
+            inertia[joint] = column[joint]
+
+        # torque of all accelerations, without the joint's own
         self._mujoco.mj_mulM(self._model, self._data, column, joint_acc)
+        external = -bias - (column - inertia * joint_acc)
+
         arm = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
-        return own, -bias - (column - own * joint_acc), self._data.xaxis, arm
+        return inertia, external, self._data.xaxis, arm
 
     def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""
@@ -196,10 +321,8 @@ class _Dynamics:
 
     def gravity_stiffness(self, axis: np.ndarray, arm: np.ndarray) -> np.ndarray:
         """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3)."""
-        weight = (
-            self._model.body_subtreemass[self._model.jnt_bodyid][:, None] * self._model.opt.gravity
-        )
-        hinge = self._model.jnt_type == self._mujoco.mjtJoint.mjJNT_HINGE
-        return np.where(
-            hinge, np.einsum("tji,tji->tj", axis, np.cross(np.cross(axis, arm), weight)), 0.0
-        )
+        mass = self._model.body_subtreemass[self._model.jnt_bodyid]
+        weight = mass[:, None] * self._model.opt.gravity
+        is_hinge = self._model.jnt_type == self._mujoco.mjtJoint.mjJNT_HINGE
+        torque = np.cross(np.cross(axis, arm), weight)
+        return np.where(is_hinge, np.einsum("tji,tji->tj", axis, torque), 0.0)

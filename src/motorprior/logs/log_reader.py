@@ -111,7 +111,7 @@ def read_mapped_log(
     for name in GAINS:
         if None not in (gains := [getattr(joint, name) for joint in joints]):
             values[f"logged_{name}"] = np.broadcast_to(gains, shape)
-    values |= {name: np.full(shape, value) for name, value in columns.conditions.items()}
+    values |= {name: np.full(shape, value) for name, value in columns.operating_conditions.items()}
     if columns.base_orientation:
         values["base_orientation"] = np.stack(
             [table[name] for name in columns.base_orientation], axis=1

@@ -61,8 +61,8 @@ class MotorLog(Printable):
 
     Construction does not check; `checked` does. A row holds the measurements at its time and the
     command in force. With a known load, load_inertia·q̈ = joint_torque + external_torque. Models
-    read gains, registers and conditions of a segment, or of the whole log, from `gains`, `firmware`
-    and `conditions`.
+    read gains, registers and operating conditions of a segment, or of the whole log, from `gains`,
+    `firmware` and `operating_conditions`.
     """
 
     time: np.ndarray  # (T,) [s], strictly increasing within a segment
@@ -222,7 +222,7 @@ class MotorLog(Printable):
         return np.median([self.logged_kp[first], kd[first]], axis=1)
 
     @property
-    def conditions(self) -> dict[str, np.ndarray]:
+    def operating_conditions(self) -> dict[str, np.ndarray]:
         """(J,) mean of each logged channel of OPERATING_CONDITIONS."""
         return {
             name: value.mean(axis=0)

@@ -22,6 +22,18 @@ READERS: tuple[LogReader, ...] = tuple(
 )
 
 
+@dataclass(frozen=True)
+class Recording:
+    """A log as its reader returns it, before `prepare_log`."""
+
+    log: MotorLog
+    path: Path  # named in notes and errors
+    # its reader has put it on the grid, since the format has more information than its rows
+    is_on_grid: bool = False
+    # a sentence for the user about what the reader assumes, since the format lacks it
+    assumption: str = ""
+
+
 def read_log(
     path: str | Path, robot: Robot | None = None, columns: ColumnMap | str | Path | None = None
 ) -> MotorLog:
@@ -35,25 +47,50 @@ def read_log(
             or the topics of a ROS 2 bag.
 
     Returns:
-        The log in SI units, checked for shape, order and finite numbers; `check_log` checks its
-        quality.
+        The recorded rows in SI units, checked for shape, order and finite numbers; `check_log`
+        checks their quality.
 
     Raises:
         LogError: no such file, an unknown format, or a damaged file; names row and column.
         ConfigError: the format needs a robot, or the map is for another one.
         ArtifactError: a bad column map.
     """
-    path, reader = Path(path), reader_of(Path(path), columns is not None)
-    if columns is None:
-        assert reader.read is not None
-        return reader.read(path, robot)
-    column_map = load_column_map(columns)
-    if robot is not None and column_map.robot not in ("", robot.name):
-        problem = f"robot {robot.name!r}, but the column map {column_map.source} is for {column_map.robot!r}"
-        remedy = f"give {column_map.robot!r} as robot, or correct robot in the map"
-        raise ConfigError(problem, where=path, remedy=remedy, argument="robot")
+    return read_recording(Path(path), robot, columns).log
+
+
+def read_recording(
+    path: Path,
+    robot: Robot | None = None,
+    columns: ColumnMap | str | Path | None = None,
+    period: float | None = None,
+    suspended: bool = False,
+) -> Recording:
+    """Read a log for `prepare_log`; arguments and errors as `read_log`.
+
+    A ``period`` [s] is for formats that have more information than their rows: their readers put
+    the log on the grid. ``suspended`` selects the activities of a robot that such a log contains.
+    """
+    reader = reader_of(path, columns is not None)
+    if columns is not None:
+        return Recording(_read_mapped(path, reader, load_column_map(columns), robot), path)
+    if period is not None and reader.on_grid is not None:
+        return Recording(reader.on_grid(path, robot, period, suspended), path, is_on_grid=True)
+    assert reader.read is not None
+    return Recording(reader.read(path, robot), path, assumption=reader.assumption)
+
+
+def _read_mapped(
+    path: Path, reader: LogReader, columns: ColumnMap, robot: Robot | None
+) -> MotorLog:
+    if robot is not None and columns.robot not in ("", robot.name):
+        raise ConfigError(
+            f"robot {robot.name!r}, but the column map {columns.source} is for {columns.robot!r}",
+            where=path,
+            remedy=f"give {columns.robot!r} as robot, or correct robot in the map",
+            argument="robot",
+        )
     assert reader.columns is not None
-    return read_mapped_log(path, column_map, reader.columns, robot)
+    return read_mapped_log(path, columns, reader.columns, robot)
 
 
 def reader_of(path: Path, with_columns: bool = False) -> LogReader:

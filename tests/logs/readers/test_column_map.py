@@ -136,7 +136,10 @@ def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path):
     np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
     number = ("[units]", 'supply_voltage = 74\n[units]\nvoltage = "dV"')
     np.testing.assert_allclose(
-        read_log(path, columns=a_map(tmp_path, TICKS, number)).conditions["supply_voltage"], 7.4
+        read_log(path, columns=a_map(tmp_path, TICKS, number)).operating_conditions[
+            "supply_voltage"
+        ],
+        7.4,
     )
 
 
