@@ -50,14 +50,14 @@ def in_mujoco(world: World, motors: Actuator, targets: np.ndarray) -> Motion:
 
 def in_bullet(world: BulletWorld, motors: Actuator, targets: np.ndarray) -> Motion:
     """Replay the targets in PyBullet."""
-    arrays = world.reset(motors)
+    simulation = world.reset(motors)
     joints = []
     base = []
     for target in targets:
-        joints.append(world.joints()[0])
-        base.append(world.base()[0])
+        joints.append(simulation.joints()[0])
+        base.append(simulation.base()[0])
         for _ in range(world.substeps):
-            world.physics_step(arrays, target)
+            simulation.physics_step(target)
     return np.array(joints), np.array(base)
 
 

@@ -3,11 +3,12 @@
     python benchmarks/speed.py --prior runs/prior/prior.safetensors
 
 Zero-policy trots of the prior's robot. Every path runs in turn in one process; figures are medians
-of REPEATS rounds, per core. Only ratios within a run are comparable between machines.
+of the rounds, per core. Only ratios within a run are comparable between machines.
 """
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,25 +20,44 @@ from motorprior.actuator.actuator import Actuator, ActuatorArrays
 from motorprior.actuator.kernels import without_refcounts
 from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
-from motorprior.locomotion.body import body_of, open_loop_gait
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gait import open_loop_gait, walker_arrays
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import load_prior
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.mujoco_library import mj_step
+from motorprior.simulation.physics import WorldArrays, physics_step
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, WorldArrays, mj_step, physics_step
+from motorprior.simulation.world import World
 
-STEPS = 500
-REPEATS = 7
-# control steps, and a call that returns their seconds on one core
-TimedPath = tuple[int, Callable[[], float]]
+LEARNED = "rollout"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the benchmark."""
+
+    prior: Path  # prior of the default robot
+    steps: int = 500  # maximum control steps of an episode
+    rounds: int = 7  # rounds of all paths
+
+
+@dataclass(frozen=True)
+class TimedPath:
+    """A path through the simulation."""
+
+    control_steps: int
+    run: Callable[[], float]  # runs the steps; returns their time on one core [s]
 
 
 @njit(cache=True, nogil=True)
-def recorded(
+def record_drive(
     world: WorldArrays, motors: ActuatorArrays, targets: np.ndarray, drive: np.ndarray
 ) -> None:
-    """Record in ``drive`` (2, physics steps, joints) the torque and damping that the engine gets for these targets."""
+    """Record torque and damping that the engine gets for these targets.
+
+    They are written to ``drive`` (2, physics steps, joints).
+    """
     applied = world.applied[world.applied.shape[0] - targets.shape[1] :]
     row = 0
     for step in range(targets.shape[0]):
@@ -49,7 +69,7 @@ def recorded(
 
 
 @njit(cache=True, nogil=True)
-def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
+def replay_drive(world: WorldArrays, drive: np.ndarray) -> None:
     """Run mj_step alone with recorded torque and damping."""
     world = without_refcounts(world)
     drive = without_refcounts(drive)
@@ -62,63 +82,68 @@ def mj_steps(world: WorldArrays, drive: np.ndarray) -> None:
 
 def timed(work: Callable[[], object]) -> float:
     """Time of a call [s]."""
-    started = time.perf_counter()
+    start = time.perf_counter()
     work()
-    return time.perf_counter() - started
+    return time.perf_counter() - start
 
 
-def paths_of(robot: mp.Robot, actuators: dict[str, Actuator]) -> dict[str, TimedPath]:
-    """Episodes with every actuator, and mj_step alone with the torques of the ``rollout`` episode."""
-    zero = PolicyShape(robot.num_joints).untrained()
-    learned = actuators["rollout"]
-    paths = {}
-    walk = WalkConfig(STEPS, commands=Commands.steady(robot.require_gait().forward[1]))
-    for name, motors in actuators.items():
-        physics_dt = robot.physics_step(motors.kind.max_step)
-        simulator = WalkSimulator(Scene(robot, lambda rng, motors=motors: motors, walk, physics_dt))
-        paths[name] = (
-            simulator.run(zero, 0).steps,
-            lambda own=simulator: timed(lambda: own.run(zero, 0)),
-        )
-    steps = paths["rollout"][0]
+def episode_path(robot: mp.Robot, actuator: Actuator, steps: int) -> TimedPath:
+    """A compiled episode on these motors."""
+    max_speed = robot.require_gait().forward[1]
+    walk = WalkConfig(steps, commands=Commands.steady(max_speed))
+    physics_dt = robot.physics_step(actuator.kind.max_step)
+    simulator = WalkSimulator(Scene(robot, lambda rng: actuator, walk, physics_dt))
+    trot = PolicyShape(robot.num_joints).untrained()
+    control_steps = simulator.run(trot, 0).steps
+    return TimedPath(control_steps, lambda: timed(lambda: simulator.run(trot, 0)))
+
+
+def engine_path(robot: mp.Robot, actuator: Actuator, steps: int) -> TimedPath:
+    """The engine alone, with the torques of an open-loop trot on these motors."""
     world = World(robot)
+    walker = walker_arrays(robot)
+    targets = open_loop_gait(walker, steps, walker.max_speed, walker.frequency, 0.0, 1.0)
     drive = np.zeros((2, steps * world.substeps, robot.num_joints))
-    body = body_of(robot)
-    targets = open_loop_gait(body, steps, body.max_speed, body.frequency, 0.0, 1.0)
-    recorded(world.arrays, world.reset(learned), targets, drive)
+    simulation = world.reset(actuator)
+    record_drive(simulation.arrays, simulation.motors, targets, drive)
 
-    def engine_alone() -> float:
-        world.reset(learned)
-        return timed(lambda: mj_steps(world.arrays, drive))
+    def run() -> float:
+        arrays = world.reset(actuator).arrays
+        return timed(lambda: replay_drive(arrays, drive))
 
-    return paths | {"mj_step": (steps, engine_alone)}
+    return TimedPath(steps, run)
 
 
-def measure(prior: Path) -> None:
-    """Measure and print."""
+def measure(settings: Settings) -> dict[str, float]:
+    """Figures of all paths."""
     robot = mp.load_robot(DEFAULT_ROBOT)
     fleet = load_robot_fleet(robot)
-    learned = load_prior(prior, robot)
+    prior = load_prior(settings.prior, robot)
     actuators: dict[str, Actuator] = {
         "ideal_pd": nominal_pd(fleet, robot.num_joints),
-        "rollout": learned.sample(robot.num_joints, np.random.default_rng(0)),
+        LEARNED: prior.sample(robot.num_joints, np.random.default_rng(0)),
         "physical": fleet.center(robot.num_joints).actuator(),
     }
-    seconds: dict[str, list[float]] = {}
-    paths = paths_of(robot, actuators)
-    for _ in range(REPEATS):
-        for name, (steps, run) in paths.items():
-            run()  # warm the caches
-            seconds.setdefault(name, []).append(run() / steps)
-    each = {name: np.array(values) for name, values in seconds.items()}
+    paths = {
+        name: episode_path(robot, actuator, settings.steps) for name, actuator in actuators.items()
+    }
+    paths["mj_step"] = engine_path(robot, actuators[LEARNED], paths[LEARNED].control_steps)
+
+    # seconds per control step, one per round
+    times = {name: np.zeros(settings.rounds) for name in paths}
+    for number in range(settings.rounds):
+        for name, path in paths.items():
+            path.run()  # warm the caches
+            times[name][number] = path.run() / path.control_steps
+
     figures = {
         f"control_steps_per_s/{name}": float(np.median(1.0 / values))
-        for name, values in each.items()
+        for name, values in times.items()
     }
-    figures["mj_step_share"] = float(np.median(each["mj_step"] / each["rollout"]))
-    figures["learned_over_pd"] = float(np.median(each["rollout"] / each["ideal_pd"]))
-    report(figures, None)
+    figures["mj_step_share"] = float(np.median(times["mj_step"] / times[LEARNED]))
+    figures["learned_over_pd"] = float(np.median(times[LEARNED] / times["ideal_pd"]))
+    return figures
 
 
 if __name__ == "__main__":
-    tyro.cli(measure, description=__doc__)
+    report(measure(tyro.cli(Settings, description=__doc__)), None)

@@ -13,7 +13,7 @@ from numba import njit
 from motorprior.cli.main import main
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.scene import WalkSimulator
-from motorprior.simulation.world import mj_step, prepare_mujoco
+from motorprior.simulation.mujoco_library import mj_step, prepare_mujoco
 
 FLOOR = '<size memory="2K"/><worldbody><geom type="plane" size="9 9 1"/>'
 XML = PUPPER_V2.model.path.read_text().replace("<worldbody>", FLOOR, 1).replace('contype="0" conaffinity="0"', "")

@@ -24,12 +24,13 @@ class Standing:
     def __init__(self, scene: Scene):
         self._scene = scene
         self._world = scene.world()
-        self.step = self._world.step
         self.close = self._world.close
 
     def reset(self, seed: int) -> RobotState:
-        self._scene.begin(self._world, seed)
-        return self._world.state()
+        motors, domain = self._scene.sample(seed)
+        simulation = self._world.reset(motors, domain=domain)
+        self.step = simulation.step
+        return simulation.state()
 
 
 def world_of(draw_motors, walk: WalkConfig) -> Standing:

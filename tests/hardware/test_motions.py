@@ -52,7 +52,7 @@ class CopiedBody:
 def test_motors_have_the_gains_that_were_sent_until_idle():
     env = WalkEnv(Scene(PUPPER_V2, draw_pd))
     env.reset(seed=0)
-    body = CopiedBody(env.world.state())
+    body = CopiedBody(env.simulation.state())
     firmware = Firmware(PUPPER_V2, body)
     for command in (Command(kp=30.0, kd=0.5, max_current=2.0), Command(pos=PUPPER_V2.nominal_pose)):
         firmware.receive(framed(command, 12))
@@ -77,14 +77,14 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
     action = np.zeros(17)
     observation, _ = env.reset(seed=0)
     schedule = Commands(hold=0.4).schedule(PUPPER_V2, 0, 500)
-    body = CopiedBody(env.world.state())
+    body = CopiedBody(env.simulation.state())
     firmware = Firmware(PUPPER_V2, body)
     reader = FrameReader(Telemetry, 12)
     gate = SafetyGate(PUPPER_V2, WIRE.safety)
     target = body.state.measured_joint_pos
     gate.arm(Gains.of(WIRE), PUPPER_V2.nominal_pose, 0.0)
     for step in range(200):
-        body.state = env.world.state()
+        body.state = env.simulation.state()
         (frame,) = [m for m in reader.feed(firmware.advance(10)) if isinstance(m, Telemetry)]
         assert body.command is not None
         np.testing.assert_allclose(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from policies import ACTIONS, OBSERVATIONS
 
-from motorprior.locomotion.body import MAX_COMMAND, body_of
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import (
     LEVEL_RATE,
@@ -26,9 +25,10 @@ from motorprior.locomotion.control_step import (
     observe,
     sliding,
 )
+from motorprior.locomotion.gait import MAX_COMMAND, walker_arrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-BODY = body_of(PUPPER_V2)
+WALKER = walker_arrays(PUPPER_V2)
 DT = PUPPER_V2.control_dt
 NOTHING = np.zeros(ACTIONS)
 
@@ -38,56 +38,59 @@ def followed(gait, forward=0.0, yaw_rate=0.0, steps=1, rate=0.0):
     gait.observation[:] = 0.0
     for _ in range(steps):
         gait.observation[4] = rate
-        follow_command(BODY, gait, forward, yaw_rate)
+        follow_command(WALKER, gait, forward, yaw_rate)
     return gait.observation.copy()
 
 
 def test_a_command_comes_into_force_within_half_a_second_and_at_a_bounded_rate():
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     speeds = np.array([followed(gait, 0.5, -0.6)[19:21] for _ in range(80)])
-    assert np.all(np.diff(speeds[:, 0]) <= BODY.max_speed * DT / RAMP + 1e-12)
+    assert np.all(np.diff(speeds[:, 0]) <= WALKER.max_speed * DT / RAMP + 1e-12)
     np.testing.assert_allclose(
         speeds[round(RAMP / DT) - 1 :], np.tile([0.5, -0.6], (31, 1)), atol=1e-12
     )
     assert speeds[round(RAMP / DT) // 2 - 1] == pytest.approx([0.25, -0.3])
     assert followed(gait, 0.0, 0.0, round(RAMP / DT))[19:21] == pytest.approx([0.0, 0.0], abs=1e-12)
-    ends = [MAX_COMMAND * BODY.max_speed, BODY.max_yaw_rate], [BODY.min_speed, -BODY.max_yaw_rate]
+    ends = (
+        [MAX_COMMAND * WALKER.max_speed, WALKER.max_yaw_rate],
+        [WALKER.min_speed, -WALKER.max_yaw_rate],
+    )
     assert [followed(gait, way * 9.0, way * 9.0, 300)[19:21].tolist() for way in (1, -1)] == [
         *map(pytest.approx, ends)
     ]
 
 
 def test_the_heading_error_is_the_turn_that_was_not_commanded():
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     assert followed(gait, forward=0.3, steps=100, rate=0.2)[18] == pytest.approx(0.2)
     assert followed(gait, forward=0.3, steps=1000, rate=0.2)[18] == MAX_HEADING_ERROR
-    turning = new_gait(BODY)
+    turning = new_gait(WALKER)
     commanded = 0.0
     for _ in range(150):  # a robot that turns as commanded, with the ramp
-        turning.observation[4] = min(BODY.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
-        follow_command(BODY, turning, 0.0, 0.4)
+        turning.observation[4] = min(WALKER.max_yaw_rate * (commanded + DT) / RAMP, 0.4)
+        follow_command(WALKER, turning, 0.0, 0.4)
         commanded += DT
     assert turning.observation[18] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_drift_is_the_way_aside_that_follows_from_the_heading_error():
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     followed(gait, 0.3, steps=100)
     followed(gait, 0.3, steps=10, rate=1.0)  # 0.1 rad
     before = gait.scalars[2]
     after = followed(gait, 0.3, steps=50)[17]
     assert after - before == pytest.approx(50 * DT * 0.3 * math.sin(0.1))
     assert followed(gait, 0.5, steps=3000, rate=0.1)[17] == pytest.approx(
-        MAX_DRIFT * BODY.max_speed
+        MAX_DRIFT * WALKER.max_speed
     )
-    standing = new_gait(BODY)
+    standing = new_gait(WALKER)
     assert followed(standing, 0.0, steps=100, rate=0.3)[17] == 0.0
 
 
 @pytest.mark.parametrize("forward", [0.3, -0.2])
 def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(forward: float):
     """The sign of both gains is one for both ways: a linear policy has no other."""
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     aside = []
     heading = 0.0
     seen = gait.observation
@@ -95,21 +98,21 @@ def test_a_turn_against_drift_and_heading_error_brings_a_robot_back_on_its_way(f
         # led astray by 0.1 rad at first
         seen[4] = 1.0 if step in range(100, 110) else -2.0 * seen[18] - 4.0 * seen[17]
         heading += DT * seen[4]
-        follow_command(BODY, gait, forward, 0.0)
+        follow_command(WALKER, gait, forward, 0.0)
         aside.append(abs(gait.scalars[2]))
     assert max(aside) > 0.005 and aside[-1] < 0.1 * max(aside) and abs(heading) < 0.01
 
 
 def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_needs_not():
     """Pitch is positive with the nose down, roll with the left side up."""
-    assert BODY.levelling_gain == 0.0
-    soft = BODY._replace(levelling_gain=0.5)
+    assert WALKER.levelling_gain == 0.0
+    soft = WALKER._replace(levelling_gain=0.5)
     seen = np.zeros(OBSERVATIONS)
     seen[:4] = 0.2, 0.1, 1.0, -0.5
     assert levelling(soft, seen) == pytest.approx(
         (0.5 * (0.1 - 0.5 * LEVEL_RATE), -0.5 * (0.2 + LEVEL_RATE))
     )
-    assert levelling(BODY, seen) == (0.0, 0.0)
+    assert levelling(WALKER, seen) == (0.0, 0.0)
     seen[2:4] = 0.0
     gait = new_gait(soft)
     flat = new_gait(soft)
@@ -123,32 +126,32 @@ def test_a_soft_robot_reaches_out_with_the_legs_on_its_low_side_and_a_stiff_one_
 
 
 def test_targets_never_change_faster_than_the_bound_nor_leave_the_joint_limits():
-    body = body_of(PUPPER_V2)
+    walker = walker_arrays(PUPPER_V2)
     rng = np.random.default_rng(0)
-    gait = new_gait(body)
+    gait = new_gait(walker)
     before = gait.target.copy()
     fastest = 0.0
     for _ in range(300):
-        follow_command(body, gait, rng.uniform(-0.5, 1.0), rng.uniform(-1.0, 1.0))
-        command_step(body, gait, rng.uniform(-3.0, 3.0, ACTIONS))
+        follow_command(walker, gait, rng.uniform(-0.5, 1.0), rng.uniform(-1.0, 1.0))
+        command_step(walker, gait, rng.uniform(-3.0, 3.0, ACTIONS))
         fastest = max(fastest, np.abs(gait.target - before).max() / DT)
-        assert np.all(gait.target >= body.lower) and np.all(gait.target <= body.upper)
+        assert np.all(gait.target >= walker.lower) and np.all(gait.target <= walker.upper)
         before = gait.target.copy()
     assert 0.3 * MAX_TARGET_SPEED < fastest <= MAX_TARGET_SPEED + 1e-9
 
 
 def feet_at(x, y=0.0, height=0.0):
     """(legs, 3) centres of feet whose lowest points are at this height."""
-    return np.stack([np.full(4, x), np.full(4, y), BODY.foot_radius + height], axis=1)
+    return np.stack([np.full(4, x), np.full(4, y), WALKER.foot_radius + height], axis=1)
 
 
 def test_feet_that_stay_down_and_move_slide_and_feet_in_the_air_do_not():
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     joints = PUPPER_V2.nominal_pose
 
     def slid(places):
         state = RobotState(np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3), joints, places, 0.0)
-        return sliding(BODY, gait.feet, state, 0.0, 0.0)
+        return sliding(WALKER, gait.feet, state, 0.0, 0.0)
 
     assert slid(feet_at(0.0)) == 0.0, "their earlier places are unknown"
     assert slid(feet_at(0.003, 0.004)) == pytest.approx(4 * 0.005 / DT)
@@ -184,7 +187,7 @@ def observed(quaternion, rates, joints) -> np.ndarray:
     state = RobotState(
         zero, np.array(quaternion), zero, np.array(rates), joints, np.zeros((4, 3)), 0.0
     )
-    observe(body_of(PUPPER_V2), state, out)
+    observe(walker_arrays(PUPPER_V2), state, out)
     assert np.isnan(out[17:]).all(), "what the gait follows is not the sensors'"
     return out
 
@@ -230,7 +233,7 @@ def test_reward_by_hand():
         torque=0.003,
         slip=0.4,
     )
-    gait = new_gait(BODY)
+    gait = new_gait(WALKER)
     feet = feet_at(0.0)
     rolled = np.array([math.cos(0.035), math.sin(0.035), 0.0, 0.0])
     gait.velocity_command[:] = 0.3, 0.1
@@ -246,9 +249,9 @@ def test_reward_by_hand():
         np.array([0.0, 0.0, 0.4]),
         PUPPER_V2.nominal_pose,
         feet,
-        5.0 * BODY.reference_torque**2,
+        5.0 * WALKER.reference_torque**2,
     )
-    assert evaluate_step(BODY, gait, state, weights.array()) == (pytest.approx(DT * 0.091), False)
+    assert evaluate_step(WALKER, gait, state, weights.array()) == (pytest.approx(DT * 0.091), False)
 
 
 def test_a_robot_has_fallen_beyond_its_limits_and_when_its_state_is_unknown():

@@ -10,11 +10,11 @@ from policies import ACTIONS, OBSERVATIONS, as_file_content, random_policy
 
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.locomotion.body import body_of
+from motorprior.locomotion.gait import walker_arrays
 from motorprior.locomotion.policy import Policy, act, low_pass
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
-BODY = body_of(PUPPER_V2)
+WALKER = walker_arrays(PUPPER_V2)
 
 
 def a_policy(units=3, **changes: Any):

@@ -8,7 +8,6 @@ import pytest
 from policies import ACTIONS, OBSERVATIONS, stats_of
 
 from motorprior.locomotion.ars import ArsConfig, RunningStats
-from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import (
     RobotState,
     command_step,
@@ -17,6 +16,7 @@ from motorprior.locomotion.control_step import (
     observe,
 )
 from motorprior.locomotion.executor import ThreadExecutor
+from motorprior.locomotion.gait import walker_arrays
 from motorprior.locomotion.policy import act
 from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape, mirror_of
@@ -148,9 +148,10 @@ def rng() -> np.random.Generator:
 )
 def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_rate: float, rng):
     """Both gaits run from the same phase, the mirrored one half a cycle later."""
-    (inputs, actions), body = mirror_of(PUPPER_V2), body_of(PUPPER_V2)._replace(levelling_gain=0.2)
-    one = new_gait(body)
-    other = new_gait(body)
+    inputs, actions = mirror_of(PUPPER_V2)
+    walker = walker_arrays(PUPPER_V2)._replace(levelling_gain=0.2)
+    one = new_gait(walker)
+    other = new_gait(walker)
     other.scalars[0] = 0.5
 
     def seen(state, quat, rates, joints, yaw_rate):
@@ -158,8 +159,8 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_
         at = RobotState(
             nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0
         )
-        observe(body, at, state.observation)
-        follow_command(body, state, forward, yaw_rate)
+        observe(walker, at, state.observation)
+        follow_command(walker, state, forward, yaw_rate)
         return state.observation
 
     for _ in range(60):
@@ -172,8 +173,8 @@ def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_
         reflected = seen(other, np.array([w, -x, y, -z]) / length, *turned, -yaw_rate)
         np.testing.assert_allclose(inputs[:-1, :-1] @ straight, reflected, atol=1e-12)
         action = rng.uniform(-1.0, 1.0, ACTIONS)
-        command_step(body, one, action)
-        command_step(body, other, actions @ action)
+        command_step(walker, one, action)
+        command_step(walker, other, actions @ action)
         np.testing.assert_allclose(ABDUCTIONS * one.target[RIGHT_TO_LEFT], other.target, atol=1e-12)
 
 

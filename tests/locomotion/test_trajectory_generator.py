@@ -12,23 +12,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.locomotion.body import add_support, body_of, foot_path, joint_targets, leg_angles
+from motorprior.locomotion.gait import (
+    add_support,
+    foot_path,
+    joint_targets,
+    leg_angles,
+    walker_arrays,
+)
 from motorprior.robots.build_model import build_model
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 
-BODY = body_of(PUPPER_V2)
-FREQUENCY = BODY.frequency
-LIFT = BODY.swing_height
+WALKER = walker_arrays(PUPPER_V2)
+FREQUENCY = WALKER.frequency
+LIFT = WALKER.swing_height
 LEGS = len(PUPPER_V2.legs)
 
 
 def targets(
-    phase, forward=0.3, yaw_rate=0.0, height=0.0, ratio=1.0, lift=LIFT, body=BODY, rise=(0.0, 0.0)
+    phase,
+    forward=0.3,
+    yaw_rate=0.0,
+    height=0.0,
+    ratio=1.0,
+    lift=LIFT,
+    walker=WALKER,
+    rise=(0.0, 0.0),
 ):
     out = np.full(PUPPER_V2.num_joints, np.nan)
-    joint_targets(body, phase, forward, yaw_rate, FREQUENCY, height, rise, ratio, lift, out)
+    joint_targets(walker, phase, forward, yaw_rate, FREQUENCY, height, rise, ratio, lift, out)
     return out
 
 
@@ -53,7 +66,7 @@ def feet():
 def stance_of(leg: int, ratio: float) -> np.ndarray:
     """Phases of the gait in the stance of a leg."""
     share = 1.0 / (1.0 + ratio)
-    return (np.linspace(1e-6, share - 1e-6, 80) - BODY.phases[leg]) % 1.0
+    return (np.linspace(1e-6, share - 1e-6, 80) - WALKER.phases[leg]) % 1.0
 
 
 def velocities(feet, leg: int, phases: np.ndarray, **command) -> np.ndarray:
@@ -73,7 +86,7 @@ def test_a_foot_in_stance_moves_back_at_the_commanded_speed(feet, speed, ratio):
 
 @pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.6), (0.0, -0.6), (0.3, 0.5)])
 def test_a_foot_in_stance_moves_as_the_ground_does_under_a_turning_body(feet, speed, turn):
-    for leg, (x, y) in enumerate(BODY.nominal_feet[:, :2]):
+    for leg, (x, y) in enumerate(WALKER.nominal_feet[:, :2]):
         moving = velocities(feet, leg, stance_of(leg, 1.0)[1:-1], forward=speed, yaw_rate=turn)
         ground = -np.array([speed - turn * y, turn * x])
         # the leg turns about its abduction axis, not about the hip's: a few percent of a slow
@@ -113,8 +126,8 @@ def test_a_swing_lifts_the_foot_by_the_stated_height(feet):
 def support(phase, share):
     """(legs, 3) torques of the support [N·m], by the gains of the robot's own motors."""
     out = np.zeros(PUPPER_V2.num_joints)
-    add_support(BODY, phase, 1.0, share, targets(phase), out)
-    return (out / BODY.compliance).reshape(LEGS, 3)
+    add_support(WALKER, phase, 1.0, share, targets(phase), out)
+    return (out / WALKER.compliance).reshape(LEGS, 3)
 
 
 def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
@@ -122,12 +135,12 @@ def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
     for phase in (0.1, 0.3, 0.6, 0.9):
         pose = targets(phase)
         torques = support(phase, 1.0)
-        for leg, joints in enumerate(BODY.legs):
-            down = (phase + BODY.phases[leg]) % 1.0 < 0.5
+        for leg, joints in enumerate(WALKER.legs):
+            down = (phase + WALKER.phases[leg]) % 1.0 < 0.5
             for place, joint in enumerate(joints[1:], start=1):
                 nudge = 1e-6 * np.eye(PUPPER_V2.num_joints)[joint]
                 low, high = feet(np.array([pose - nudge, pose + nudge]))[:, leg, 2]
-                work = -(high - low) / 2e-6 * BODY.weight / 2.0
+                work = -(high - low) / 2e-6 * WALKER.weight / 2.0
                 assert torques[leg, place] == pytest.approx(work if down else 0.0, abs=1e-6)
         assert not torques[:, 0].any()
 
@@ -139,7 +152,7 @@ def test_with_support_a_pd_stands_in_the_commanded_pose_and_without_it_sags():
     for share in (0.0, None):
         target = pose.copy()
         if share is not None:
-            add_support(BODY, 0.0, 1.0, share, pose, target)
+            add_support(WALKER, 0.0, 1.0, share, pose, target)
         played = replay(World(PUPPER_V2), motors, np.tile(target, (100, 1)))
         sag.append(PUPPER_V2.standing_height - played.base[-1, 2])
     assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
@@ -150,7 +163,7 @@ def test_the_diagonal_pairs_of_a_trot_touch_down_in_turn():
     cycle = (np.arange(400) + 0.5) / 400
     down = np.array(
         [
-            [foot_path(float((phase + own) % 1.0), 0.5)[1] == 0.0 for own in BODY.phases]
+            [foot_path(float((phase + own) % 1.0), 0.5)[1] == 0.0 for own in WALKER.phases]
             for phase in cycle
         ]
     )

@@ -10,8 +10,8 @@ from weighed_arm import MODEL as ARM
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.locomotion.body import body_of
 from motorprior.locomotion.command import Commands
+from motorprior.locomotion.gait import walker_arrays
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.build_model import build_model
 from motorprior.robots.load import load_robot
@@ -55,7 +55,7 @@ def test_an_arm_is_what_its_two_files_say(tmp_path: Path):
     ]
     np.testing.assert_array_equal(arm.nominal_pose, [0.1, -0.2])
     with pytest.raises(ConfigError, match="robot 'arm' cannot walk"):
-        body_of(arm)
+        walker_arrays(arm)
 
 
 def test_legs_get_their_lengths_and_the_height_of_the_base_from_the_model(dog: Robot):
@@ -106,7 +106,7 @@ def test_a_users_quadruped_has_the_gait_of_its_size(dog: Robot):
     speed = np.sqrt(9.81 * hips)
     assert gait.forward == pytest.approx((-0.16 * speed, 0.5 * speed), abs=0.005)
     assert (gait.yaw_rate, gait.residual) == (0.6, 0.3)
-    feet = body_of(dog).nominal_feet
+    feet = walker_arrays(dog).nominal_feet
     # folded evenly
     np.testing.assert_allclose(np.abs(feet[:, :2]), np.tile([0.2, 0.1], (4, 1)), atol=1e-9)
     np.testing.assert_allclose(feet[:, 2:], np.tile([0.0, 0.4 * np.cos(0.8)], (4, 1)), atol=1e-9)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.locomotion.ars import RunningStats
-from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.gait import action_size, observation_size
 from motorprior.locomotion.policy import Policy, PolicyArrays
 from motorprior.robots.shipped import SHIPPED
 

@@ -7,12 +7,13 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.fleet import load_fleet
-from motorprior.locomotion.body import body_of, open_loop_gait
+from motorprior.locomotion.gait import open_loop_gait, walker_arrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
+from motorprior.simulation.physics import physics_step
 from motorprior.simulation.playback import replay
-from motorprior.simulation.world import World, physics_step
+from motorprior.simulation.world import World
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11")
 
@@ -45,33 +46,33 @@ def make():
 
 
 def trot(steps):
-    body = body_of(PUPPER_V2)._replace(swing_height=0.02)
-    return open_loop_gait(body, steps, 0.15, 1.5, 0.0, 1.0)
+    walker = walker_arrays(PUPPER_V2)._replace(swing_height=0.02)
+    return open_loop_gait(walker, steps, 0.15, 1.5, 0.0, 1.0)
 
 
 def played(world, motors, targets):
     """(physics steps, 12) joint angles and torques, as `replay` records them."""
-    arrays = world.reset(motors)
+    simulation = world.reset(motors)
     joint_pos = []
     joint_torque = []
     for target in targets:
         for _ in range(world.substeps):
-            world.physics_step(arrays, target)
-            joint_torque.append(world.torque.copy())
-            joint_pos.append(world.joints()[0])
+            simulation.physics_step(target)
+            joint_torque.append(simulation.torque.copy())
+            joint_pos.append(simulation.joints()[0])
     return np.array(joint_pos), np.array(joint_torque)
 
 
 def moved(world, motors, pose, steps):
     """(steps, 12) joint angles of a suspended robot let go in ``pose``, in either engine."""
-    arrays = world.reset(motors, pose)
+    simulation = world.reset(motors, pose)
     angles = np.zeros((steps, 12))
     for row in angles:
         if isinstance(world, BulletWorld):
-            world.physics_step(arrays, pose)
-            row[:] = world.joints()[0]
+            simulation.physics_step(pose)
+            row[:] = simulation.joints()[0]
         else:
-            physics_step(world.arrays, arrays, pose)
+            physics_step(simulation.arrays, simulation.motors, pose)
             row[:] = world.data.qpos
     return angles
 

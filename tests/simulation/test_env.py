@@ -17,9 +17,10 @@ class GlidingWorld:
         self.fall_at = fall_at
         self.fail_at = fail_at
 
-    def reset(self, actuator, joint_pos=None, conditions=None):
+    def reset(self, actuator, joint_pos=None, domain=None):
         self.count = 0
         self.joints = PUPPER_V2.nominal_pose.copy()
+        return self
 
     def step(self, target):
         self.joints = target

@@ -12,9 +12,10 @@ from motorprior.actuator.actuator import Factors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.control_step import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.simulation.randomization import Randomization, nominal_conditions
+from motorprior.simulation.physics import hold_target, physics_step, read_joints
+from motorprior.simulation.randomization import Randomization, nominal_domain
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.world import World, hold_target, physics_step, read_joints
+from motorprior.simulation.world import MujocoSimulation, World
 
 EVERYTHING = Randomization(
     armature=(0.0, 0.002), damping=(0.0, 0.05), friction=(0.6, 1.4), mass=(0.8, 1.2), com=0.01, gravity_tilt=0.05,
@@ -50,7 +51,7 @@ def test_every_range_alone_changes_the_walk_and_nothing_else_does(name):
 
 
 def test_draws_fill_their_ranges():
-    draws = [EVERYTHING.conditions(PUPPER_V2, seed, STEPS) for seed in range(300)]
+    draws = [EVERYTHING.domain(PUPPER_V2, seed, STEPS) for seed in range(300)]
     for name in ("armature", "damping", "friction", "mass", "strength", *Factors._fields):
         low, high = getattr(EVERYTHING, name)
         values = np.array(
@@ -68,14 +69,14 @@ def test_draws_fill_their_ranges():
 
 
 def test_friction_and_inertia_reach_mujoco_until_the_next_reset():
-    conditions = EVERYTHING.conditions(PUPPER_V2, 1, STEPS)
+    domain = EVERYTHING.domain(PUPPER_V2, 1, STEPS)
     world = World(PUPPER_V2)
     plain = World(PUPPER_V2).model
-    world.reset(WITH_FRICTION, conditions=conditions)
+    world.reset(WITH_FRICTION, domain=domain)
     np.testing.assert_allclose(
-        world.model.body_inertia[1:], plain.body_inertia[1:] * conditions.mass[:, None]
+        world.model.body_inertia[1:], plain.body_inertia[1:] * domain.mass[:, None]
     )
-    np.testing.assert_allclose(world.model.pair_friction[:, 0], 0.45 * conditions.friction)
+    np.testing.assert_allclose(world.model.pair_friction[:, 0], 0.45 * domain.friction)
     world.reset(PD)
     for name in (
         "body_mass",
@@ -92,31 +93,29 @@ def test_an_encoder_zero_shifts_what_is_measured_and_where_the_motor_goes():
     offset = np.linspace(-0.05, 0.05, 12)
     world = World(PUPPER_V2, suspended=True)
     world.model.opt.gravity[:] = 0.0
-    motors = world.reset(
-        PD, conditions=replace(nominal_conditions(PUPPER_V2), encoder_offset=offset)
-    )
+    simulation = world.reset(PD, domain=replace(nominal_domain(PUPPER_V2), encoder_offset=offset))
     measured = np.zeros(12)
     target = PUPPER_V2.nominal_pose + 0.1
     for _ in range(200):
-        hold_target(world.arrays, motors, target)
-    read_joints(world.arrays, motors, measured)
+        hold_target(simulation.arrays, simulation.motors, target)
+    read_joints(simulation.arrays, simulation.motors, measured)
     np.testing.assert_allclose(measured, target, atol=1e-4)
     np.testing.assert_allclose(world.data.qpos, target - offset, atol=1e-4)
 
 
 def test_a_late_target_is_the_one_before_until_it_comes():
     targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (20, 12))
-    late = Randomization(command_jitter=0.01).conditions(PUPPER_V2, 1, 20).command_jitter
+    late = Randomization(command_jitter=0.01).domain(PUPPER_V2, 1, 20).command_jitter
     assert 0.0 <= late.min() < 0.002 and 0.008 < late.max() <= 0.01
     ours, theirs = (World(PUPPER_V2, physics_dt=0.001, suspended=True) for _ in range(2))
-    one = ours.reset(PD, conditions=replace(nominal_conditions(PUPPER_V2), command_jitter=late))
+    one = ours.reset(PD, domain=replace(nominal_domain(PUPPER_V2), command_jitter=late))
     other = theirs.reset(PD)
     before = PUPPER_V2.nominal_pose
     for target, age in zip(targets, late, strict=True):
-        hold_target(ours.arrays, one, target)
+        hold_target(one.arrays, one.motors, target)
         for substep in range(10):
             in_force = before if substep < round(age / 0.001) else target
-            physics_step(theirs.arrays, other, np.ascontiguousarray(in_force))
+            physics_step(other.arrays, other.motors, np.ascontiguousarray(in_force))
         before = target
         np.testing.assert_array_equal(ours.data.qpos, theirs.data.qpos)
 
@@ -129,14 +128,16 @@ def falling(engine, randomization):
     walk = WalkConfig(30, randomization=randomization, engine=engine)
     scene = Scene(PUPPER_V2, lambda rng: SOFT, walk, 0.001)
     world = scene.world()
-    scene.begin(world, 3)
-    if isinstance(world, World):
-        world.data.qpos[2] += 10.0
+    motors, domain = scene.sample(3)
+    simulation = world.reset(motors, domain=domain)
+    if isinstance(simulation, MujocoSimulation):
+        simulation.world.data.qpos[2] += 10.0
     else:
-        (x, y, z), quat = world.call("getBasePositionAndOrientation", world.body)
-        world.call("resetBasePositionAndOrientation", world.body, [x, y, z + 10.0], quat)
+        call = simulation.client.call
+        (x, y, z), quat = call("getBasePositionAndOrientation", simulation.robot_id)
+        call("resetBasePositionAndOrientation", simulation.robot_id, [x, y, z + 10.0], quat)
     targets = PUPPER_V2.nominal_pose + np.random.default_rng(0).uniform(-0.2, 0.2, (30, 12))
-    states = [world.step(target) for target in targets]
+    states = [simulation.step(target) for target in targets]
     world.close()
     return np.array(
         [np.r_[state.measured_joint_pos, state.base_pos, state.base_quat] for state in states]
@@ -174,7 +175,7 @@ def test_on_a_slope_roll_and_pitch_are_those_against_gravity():
     for seed in range(20):
         up = slope.sensors(PUPPER_V2, seed, STEPS).up
         np.testing.assert_allclose(
-            slope.conditions(PUPPER_V2, seed, STEPS).gravity, -9.81 * up, atol=1e-12
+            slope.domain(PUPPER_V2, seed, STEPS).gravity, -9.81 * up, atol=1e-12
         )
         body = Rotation.from_euler("ZYX", rng.uniform(-1.0, 1.0, 3))
         level = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0]

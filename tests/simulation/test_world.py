@@ -17,37 +17,40 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
+from motorprior.simulation.physics import FAULTS, physics_step
 from motorprior.simulation.playback import replay
 from motorprior.simulation.scene import Scene, WalkConfig, WalkSimulator
-from motorprior.simulation.world import FAULTS, World, physics_step
+from motorprior.simulation.world import World
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003)
 
 
 def test_the_reported_torque_is_the_motors_with_the_engines_share():
     world = World(PUPPER_V2, suspended=True)
-    motors = world.reset(PD)
+    simulation = world.reset(PD)
     world.data.qvel[:] = np.linspace(-3, 3, 12)
     error = np.linspace(0.1, -0.1, 12)
     speed = world.data.qvel.copy()
-    total = physics_step(world.arrays, motors, PUPPER_V2.nominal_pose + error)
+    target = PUPPER_V2.nominal_pose + error
+    total = physics_step(simulation.arrays, simulation.motors, target)
     law = np.clip(8.8 * error - 0.84 * speed, -1.26, 1.26)
     np.testing.assert_allclose(world.data.qfrc_applied, law + 0.84 * speed, atol=1e-12)
     # the engine damps implicitly: by the velocity at the end of the step
     done = law + 0.84 * (speed - world.data.qvel)
-    np.testing.assert_allclose(world.arrays.torque, done, atol=1e-12)
+    np.testing.assert_allclose(simulation.arrays.torque, done, atol=1e-12)
     assert total == pytest.approx(np.sum(done**2)) and np.max(np.abs(done - law)) > 1e-3
 
 
 def test_the_engine_takes_the_damping_that_the_motors_renew(grey_box):
     world = World(PUPPER_V2, suspended=True)
     target = PUPPER_V2.nominal_pose + 0.2
-    motors = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
+    simulation = world.reset(GreyBoxActuator(grey_box(), np.zeros((12, 3))))
     seen = []
     for _ in range(60):
-        physics_step(world.arrays, motors, target)
-        np.testing.assert_array_equal(world.model.dof_damping, motors.damping)
-        seen.append(motors.damping.copy())
+        physics_step(simulation.arrays, simulation.motors, target)
+        damping = simulation.motors.damping
+        np.testing.assert_array_equal(world.model.dof_damping, damping)
+        seen.append(damping.copy())
     assert np.min(seen) == 0.0 < np.max(seen)  # in the play, and touching
     world.reset(PD)
     np.testing.assert_array_equal(world.model.dof_damping, 0.84)

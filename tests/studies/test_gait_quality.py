@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.locomotion.body import body_of
 from motorprior.locomotion.control_step import follow_command, new_gait
+from motorprior.locomotion.gait import walker_arrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import Episode
 from motorprior.studies.gait_quality import gait_quality, walk_measures
@@ -83,12 +83,12 @@ def test_a_commanded_turn_is_no_error():
 
 def commanded_heading(rate: float) -> np.ndarray:
     """(steps,) heading [rad] before every control step that follows `follow_command` exactly."""
-    body = body_of(ROBOT)
-    gait = new_gait(body_of(ROBOT))
+    walker = walker_arrays(ROBOT)
+    gait = new_gait(walker_arrays(ROBOT))
     headings = [0.0]
     for _ in range(STEPS - 1):
         gait.observation[:] = 0.0
-        follow_command(body, gait, 0.3, rate)
+        follow_command(walker, gait, 0.3, rate)
         headings.append(headings[-1] + DT * gait.velocity_command[1])
     return np.array(headings)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from motorprior.artifacts import atomic_path
 from motorprior.bounds import require_count
-from motorprior.locomotion.executor import ExecutorKind
+from motorprior.locomotion.executor import ExecutorName
 from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results, write_results
@@ -32,7 +32,7 @@ class Walk(WalkSettings):
     gait if not given."""
     workers: int = min(2, os.cpu_count() or 1)
     """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not depend on it."""
-    executor: ExecutorKind = "threads"
+    executor: ExecutorName = "threads"
     """Threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
     """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""

@@ -15,7 +15,6 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Session, check_before_arming
 from motorprior.hardware.teleop import Print, Teleop
-from motorprior.locomotion.body import YAW_RATE, action_size, body_of, open_loop_gait
 from motorprior.locomotion.control_step import (
     begin_gait,
     command_step,
@@ -23,6 +22,7 @@ from motorprior.locomotion.control_step import (
     new_gait,
     write_readings,
 )
+from motorprior.locomotion.gait import YAW_RATE, action_size, open_loop_gait, walker_arrays
 from motorprior.locomotion.policy import Policy, act
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
@@ -43,8 +43,8 @@ class PolicyMotion:
     def __init__(self, robot: Robot, policy: Policy, has_imu: bool = True):
         self._policy = policy.arrays
         self._has_imu = has_imu
-        self._body = body_of(robot.with_speed_range(policy.forward))
-        self.gait = new_gait(self._body)
+        self._walker = walker_arrays(robot.with_speed_range(policy.forward))
+        self.gait = new_gait(self._walker)
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
         # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
@@ -56,18 +56,18 @@ class PolicyMotion:
         telemetry = measurement.telemetry
         rates = np.array(telemetry.rates) - self.gyro_bias
         write_readings(
-            self._body, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation
+            self._walker, telemetry.roll, telemetry.pitch, rates, telemetry.pos, gait.observation
         )
         if not self._has_imu:  # the policy would steer against a measured yaw rate of 0
             gait.observation[YAW_RATE] = gait.velocity_command[1]
-        follow_command(self._body, gait, self.forward, self.yaw_rate)
+        follow_command(self._walker, gait, self.forward, self.yaw_rate)
         act(self._policy, gait.observation, self._action)
-        command_step(self._body, gait, self._action)
+        command_step(self._walker, gait, self._action)
         return gait.target.copy()
 
     def stopping(self) -> Motion:
         """Slow down and step in place."""
-        steps = iter(range(round(_STOPPING_TIME / self._body.control_dt)))
+        steps = iter(range(round(_STOPPING_TIME / self._walker.control_dt)))
 
         def target(measurement: Measurement) -> np.ndarray | None:
             self.forward = self.yaw_rate = 0.0
@@ -78,7 +78,7 @@ class PolicyMotion:
     def warm_up(self, measurement: Measurement) -> None:
         """Compile, or load compiled code, and reset."""
         self(measurement)
-        begin_gait(self._body, self.gait)
+        begin_gait(self._walker, self.gait)
 
 
 def gains_for(
@@ -259,10 +259,10 @@ def _away(
     if kind == "trot":
         # it keeps its shape
         over = None
-        body = body_of(robot)
-        forward = _SLOW * body.max_speed
-        frequency = _SLOW * body.frequency
-        gait = open_loop_gait(body, steps, forward, frequency, 0.0, 1.0)
+        walker = walker_arrays(robot)
+        forward = _SLOW * walker.max_speed
+        frequency = _SLOW * walker.frequency
+        gait = open_loop_gait(walker, steps, forward, frequency, 0.0, 1.0)
         away = gait - robot.nominal_pose
     else:
         excitation = excitation_of(kind, OF_ROBOTS)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.bounds import require_number, require_range
-from motorprior.locomotion.body import MAX_COMMAND
+from motorprior.locomotion.gait import MAX_COMMAND
 from motorprior.robots.robot import Robot
 
 _STREAM = 0xC0DE

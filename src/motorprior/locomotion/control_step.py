@@ -23,11 +23,11 @@ from motorprior.bounds import require_number
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
 from motorprior.locomotion import policy
-from motorprior.locomotion.body import (
+from motorprior.locomotion.gait import (
     MAX_COMMAND,
     NUM_COMMAND_OBSERVATIONS,
     NUM_IMU_READINGS,
-    Body,
+    WalkerArrays,
     action_size,
     add_support,
     advance_phase,
@@ -96,9 +96,9 @@ class GaitState(NamedTuple):
         return float(self.scalars[_SPEED_ERRORS])
 
 
-def new_gait(body: Body) -> GaitState:
+def new_gait(walker: WalkerArrays) -> GaitState:
     """Memory of a robot's gait, at the beginning of an episode."""
-    joints = len(body.nominal_pose)
+    joints = len(walker.nominal_pose)
     actions = action_size(joints)
     shapes = (
         observation_size(joints),
@@ -108,26 +108,26 @@ def new_gait(body: Body) -> GaitState:
         (2, joints),
         2,
         7,
-        (len(body.legs), 4),
+        (len(walker.legs), 4),
     )
     gait = GaitState(*(np.zeros(shape) for shape in shapes))
-    begin_gait(body, gait)
+    begin_gait(walker, gait)
     return gait
 
 
 @njit(cache=True)
-def begin_gait(body: Body, gait: GaitState) -> None:
+def begin_gait(walker: WalkerArrays, gait: GaitState) -> None:
     """Nominal pose, phase 0, no speed, no heading error and no drift."""
     gait.filtered[:] = 0.0
     gait.velocity_command[:] = 0.0
     gait.scalars[:] = 0.0
-    gait.target[:] = body.nominal_pose
+    gait.target[:] = walker.nominal_pose
     gait.feet[:] = np.nan
 
 
 @njit(cache=True)
 def complete_observation(
-    body: Body,
+    walker: WalkerArrays,
     gait: GaitState,
     sensors: "SensorErrors",
     schedule: np.ndarray,
@@ -141,11 +141,11 @@ def complete_observation(
     """
     apply_sensor_errors(sensors, step, base_quat, gait.observation)
     row = min(step, schedule.shape[0] - 1)
-    follow_command(body, gait, schedule[row, 0], schedule[row, 1])
+    follow_command(walker, gait, schedule[row, 0], schedule[row, 1])
 
 
 @njit(cache=True)
-def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float) -> None:
+def follow_command(walker: WalkerArrays, gait: GaitState, forward: float, yaw_rate: float) -> None:
     """Complete an observation after its readings: drift, heading error, command in force, phase.
 
     The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the
@@ -156,24 +156,28 @@ def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float)
     """
     observation = gait.observation
     velocity = gait.velocity_command
-    step = body.control_dt / RAMP
-    forward = min(MAX_COMMAND * body.max_speed, max(body.min_speed, forward))
-    yaw_rate = min(body.max_yaw_rate, max(-body.max_yaw_rate, yaw_rate))
-    velocity[0] += min(step * body.max_speed, max(-step * body.max_speed, forward - velocity[0]))
-    velocity[1] += min(
-        step * body.max_yaw_rate, max(-step * body.max_yaw_rate, yaw_rate - velocity[1])
+    step = walker.control_dt / RAMP
+    forward = min(MAX_COMMAND * walker.max_speed, max(walker.min_speed, forward))
+    yaw_rate = min(walker.max_yaw_rate, max(-walker.max_yaw_rate, yaw_rate))
+    velocity[0] += min(
+        step * walker.max_speed, max(-step * walker.max_speed, forward - velocity[0])
     )
-    share = gait_share(body, velocity[0], velocity[1])
+    velocity[1] += min(
+        step * walker.max_yaw_rate, max(-step * walker.max_yaw_rate, yaw_rate - velocity[1])
+    )
+    share = gait_share(walker, velocity[0], velocity[1])
     angle = 2.0 * math.pi * gait.scalars[_PHASE]
-    gait.scalars[_COMMANDED_HEADING] += body.control_dt * velocity[1]
+    gait.scalars[_COMMANDED_HEADING] += walker.control_dt * velocity[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
-        gait.scalars[_HEADING] += body.control_dt * (heading_rate(observation) - velocity[1])
+        gait.scalars[_HEADING] += walker.control_dt * (heading_rate(observation) - velocity[1])
     gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
-    drift = gait.scalars[_DRIFT] + body.control_dt * velocity[0] * math.sin(gait.scalars[_HEADING])
+    drift = gait.scalars[_DRIFT] + walker.control_dt * velocity[0] * math.sin(
+        gait.scalars[_HEADING]
+    )
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has
     # changed.
-    max_drift = MAX_DRIFT * body.max_speed
-    along = gait_share(body, velocity[0], 0.0)
+    max_drift = MAX_DRIFT * walker.max_speed
+    along = gait_share(walker, velocity[0], 0.0)
     gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
     # Positive to the left of the direction of motion, so that the same turn corrects it forward and
@@ -187,18 +191,18 @@ def follow_command(body: Body, gait: GaitState, forward: float, yaw_rate: float)
 
 
 @njit(cache=True)
-def levelling(body: Body, observation: np.ndarray) -> tuple[float, float]:
+def levelling(walker: WalkerArrays, observation: np.ndarray) -> tuple[float, float]:
     """Slope of the legs' extension, forward and to the left [m/m]: level · (tilt + LEVEL_RATE · its rate).
 
     Legs on the low side extend further, which stiffens a body on soft motors against tilt.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
-    return body.levelling_gain * forward, body.levelling_gain * left
+    return walker.levelling_gain * forward, walker.levelling_gain * left
 
 
 @njit(cache=True)
-def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
+def command_step(walker: WalkerArrays, gait: GaitState, action: np.ndarray) -> None:
     """Convert an action to the position targets ``gait.target``, and advance the phase.
 
     Low-pass and scale the (actions,) action, which is clipped to [-1, 1]; targets = gait + lead ·
@@ -206,11 +210,11 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
     support compensates the PD's deflection under the weight. The lead compensates its damping,
     which acts on joint_vel and not on the velocity error: an error of kd/kp times the speed.
     """
-    policy.low_pass(action, body.control_dt, gait.filtered)
-    policy.action_to_command(body, gait.filtered, gait.command)
+    policy.low_pass(action, walker.control_dt, gait.filtered)
+    policy.action_to_command(walker, gait.filtered, gait.command)
     joints = gait.target.shape[0]
     command = gait.command
-    share = gait_share(body, gait.velocity_command[0], gait.velocity_command[1])
+    share = gait_share(walker, gait.velocity_command[0], gait.velocity_command[1])
     frequency = float(command[joints + policy.FREQUENCY])
     ratio = float(command[joints + policy.SWING_STANCE_RATIO])
     height = float(command[joints + policy.HEIGHT])
@@ -219,32 +223,32 @@ def command_step(body: Body, gait: GaitState, action: np.ndarray) -> None:
         command[joints + policy.STRIDE_SCALE] * gait.velocity_command[1]
         + share * command[joints + policy.TURN]
     )
-    lift = share * body.swing_height
+    lift = share * walker.swing_height
     phase = float(gait.scalars[_PHASE])
-    rise = levelling(body, gait.observation)
-    later = advance_phase(phase, frequency, body.control_dt)
+    rise = levelling(walker, gait.observation)
+    later = advance_phase(phase, frequency, walker.control_dt)
     joint_targets(
-        body, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0]
+        walker, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0]
     )
     joint_targets(
-        body, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1]
+        walker, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1]
     )
     for joint in range(joints):
         command[joint] += (
-            body.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / body.control_dt
+            walker.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / walker.control_dt
         )
-    add_support(body, phase, ratio, share, gait.path[0], command)
-    max_change = MAX_TARGET_SPEED * body.control_dt
+    add_support(walker, phase, ratio, share, gait.path[0], command)
+    max_change = MAX_TARGET_SPEED * walker.control_dt
     for joint in range(joints):
         change = gait.path[0, joint] + command[joint] - gait.target[joint]
         target = gait.target[joint] + min(max_change, max(-max_change, change))
-        gait.target[joint] = min(body.upper[joint], max(body.lower[joint], target))
+        gait.target[joint] = min(walker.upper[joint], max(walker.lower[joint], target))
     gait.scalars[_PHASE] = later
 
 
 @njit(cache=True)
 def evaluate_step(
-    body: Body, gait: GaitState, state: RobotState, weights: np.ndarray
+    walker: WalkerArrays, gait: GaitState, state: RobotState, weights: np.ndarray
 ) -> tuple[float, bool]:
     """Readings from the state after the physics; returns reward [m], and whether the robot fell or the engine failed.
 
@@ -253,13 +257,13 @@ def evaluate_step(
     """
     if state.fault != 0:
         return 0.0, True
-    observe(body, state, gait.observation)
+    observe(walker, state, gait.observation)
     roll, pitch, yaw = roll_pitch_yaw(state.base_quat)
-    down = fallen(roll, pitch, state.base_pos[2], body.min_height, body.max_height)
+    down = fallen(roll, pitch, state.base_pos[2], walker.min_height, walker.max_height)
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
     velocity = state.base_lin_vel
-    share = 1.0 - math.exp(-body.control_dt / SPEED_FILTER)
+    share = 1.0 - math.exp(-walker.control_dt / SPEED_FILTER)
     scalars = gait.scalars
     scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
@@ -270,12 +274,12 @@ def evaluate_step(
     heading_error = wrapped(yaw - scalars[_COMMANDED_HEADING])
     yaw_rate_error = state.base_ang_vel[2] - gait.velocity_command[1]
     earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
-    effort = state.torque_squared_sum / (body.reference_torque * body.reference_torque)
-    slip = sliding(body, gait.feet, state, pitch, yaw)
+    effort = state.torque_squared_sum / (walker.reference_torque * walker.reference_torque)
+    slip = sliding(walker, gait.feet, state, pitch, yaw)
     earned = (
         earned - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
     )
-    return body.control_dt * earned, down
+    return walker.control_dt * earned, down
 
 
 MAX_TILT = 0.4  # [rad] of roll or pitch
@@ -308,7 +312,7 @@ class TaskWeights:
 
 @njit(cache=True)
 def write_readings(
-    body: Body,
+    walker: WalkerArrays,
     roll: float,
     pitch: float,
     rates: np.ndarray,
@@ -323,15 +327,15 @@ def write_readings(
     observation[1] = pitch
     for axis in range(3):
         observation[2 + axis] = rates[axis]
-    for joint in range(body.nominal_pose.shape[0]):
-        observation[NUM_IMU_READINGS + joint] = joint_pos[joint] - body.nominal_pose[joint]
+    for joint in range(walker.nominal_pose.shape[0]):
+        observation[NUM_IMU_READINGS + joint] = joint_pos[joint] - walker.nominal_pose[joint]
 
 
 @njit(cache=True)
-def observe(body: Body, state: RobotState, observation: np.ndarray) -> None:
+def observe(walker: WalkerArrays, state: RobotState, observation: np.ndarray) -> None:
     """`write_readings` of a state."""
     roll, pitch, _ = roll_pitch_yaw(state.base_quat)
-    write_readings(body, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
+    write_readings(walker, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
 
 
 @njit(cache=True)
@@ -349,7 +353,9 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True)
-def sliding(body: Body, feet: np.ndarray, state: RobotState, pitch: float, yaw: float) -> float:
+def sliding(
+    walker: WalkerArrays, feet: np.ndarray, state: RobotState, pitch: float, yaw: float
+) -> float:
     """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
 
     Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the
@@ -360,9 +366,9 @@ def sliding(body: Body, feet: np.ndarray, state: RobotState, pitch: float, yaw: 
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
     joint_pos = state.measured_joint_pos
-    for leg in range(body.legs.shape[0]):
-        angle = pitch + joint_pos[body.legs[leg, 1]] + joint_pos[body.legs[leg, 2]]
-        radius = body.foot_radius[leg]
+    for leg in range(walker.legs.shape[0]):
+        angle = pitch + joint_pos[walker.legs[leg, 1]] + joint_pos[walker.legs[leg, 2]]
+        radius = walker.foot_radius[leg]
         before = feet[leg]
         foot = state.foot_pos[leg]
         # false for NaN
@@ -370,7 +376,7 @@ def sliding(body: Body, feet: np.ndarray, state: RobotState, pitch: float, yaw: 
             rolled = radius * (angle - before[3])
             x = foot[0] - before[0] - rolled * cosine
             y = foot[1] - before[1] - rolled * sine
-            total += math.sqrt(x * x + y * y) / body.control_dt
+            total += math.sqrt(x * x + y * y) / walker.control_dt
         before[:3] = foot
         before[3] = angle
     return total

@@ -25,7 +25,7 @@ from typing import Any, Literal, TypeVar
 from motorprior.exceptions import ConfigError, SimulationFault
 
 T = TypeVar("T")
-ExecutorKind = Literal["threads", "ray"]
+ExecutorName = Literal["threads", "ray"]
 RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
@@ -39,7 +39,7 @@ _NUMBERS = itertools.count()
 def make_executor(
     make_simulator: Callable[[], Any],
     workers: int,
-    kind: ExecutorKind = "threads",
+    kind: ExecutorName = "threads",
     address: str | None = None,
 ) -> "Executor":
     """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
@@ -55,7 +55,7 @@ def make_executor(
     )
 
 
-def require_executor(kind: ExecutorKind, address: str | None) -> None:
+def require_executor(kind: ExecutorName, address: str | None) -> None:
     """Raise ConfigError if Ray is not installed, no cluster answers, or an address is given without Ray."""
     if kind != "ray" and address is not None:
         raise ConfigError(

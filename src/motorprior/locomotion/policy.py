@@ -17,7 +17,7 @@ from motorprior.artifacts import write_tensors
 from motorprior.bounds import TABLE, TEXT, many, number
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
-from motorprior.locomotion.body import NUM_MODULATIONS, Body, action_size, observation_size
+from motorprior.locomotion.gait import NUM_MODULATIONS, WalkerArrays, action_size, observation_size
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
@@ -115,7 +115,7 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
+def action_to_command(walker: WalkerArrays, action: np.ndarray, out: np.ndarray) -> None:
     """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual trot.
 
     Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], stride scale 1 + 0.75 a,
@@ -124,13 +124,15 @@ def action_to_command(body: Body, action: np.ndarray, out: np.ndarray) -> None:
     """
     joints = out.shape[0] - NUM_MODULATIONS
     for joint in range(joints):
-        out[joint] = body.max_residual * action[joint]
-    out[joints + FREQUENCY] = body.frequency * (1.0 + FREQUENCY_SHARE * action[joints + FREQUENCY])
+        out[joint] = walker.max_residual * action[joint]
+    out[joints + FREQUENCY] = walker.frequency * (
+        1.0 + FREQUENCY_SHARE * action[joints + FREQUENCY]
+    )
     out[joints + STRIDE_SCALE] = 1.0 + STRIDE_SCALE_SHARE * action[joints + STRIDE_SCALE]
-    out[joints + HEIGHT] = HEIGHT_SHARE * body.swing_height * action[joints + HEIGHT]
+    out[joints + HEIGHT] = HEIGHT_SHARE * walker.swing_height * action[joints + HEIGHT]
     ratio = math.exp(action[joints + SWING_STANCE_RATIO] * math.log(MAX_RATIO))
     out[joints + SWING_STANCE_RATIO] = ratio
-    out[joints + TURN] = body.max_yaw_rate * action[joints + TURN]
+    out[joints + TURN] = walker.max_yaw_rate * action[joints + TURN]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import RunningStats
-from motorprior.locomotion.body import action_size, observation_size
+from motorprior.locomotion.gait import action_size, observation_size
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.robots.robot import Robot
 

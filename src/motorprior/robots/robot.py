@@ -66,7 +66,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Gait:
-    """Size and frequency of a gait, see `locomotion.body`."""
+    """Size and frequency of a gait, see `locomotion.gait`."""
 
     frequency: float  # of the steps of one leg, before modulation by the policy [Hz]
     swing_height: float  # lift of a foot in swing [m]

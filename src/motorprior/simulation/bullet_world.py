@@ -1,4 +1,4 @@
-"""One robot in PyBullet, the paper's engine: the same links, motors and clocks as in `world`, another solver.
+"""One robot in PyBullet, the paper's engine: links, motors and clocks as in `world`, another solver.
 
 Bullet has no reflected inertia and integrates joint damping explicitly, which is unstable on a
 light leg. So each rotor is a link of its own that a gear constraint couples to the joint (the
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
+from motorprior.actuator.actuator import Actuator, require_motors, with_factors
 from motorprior.actuator.kernels import (
     make_explicit,
     measure_joint_pos,
@@ -31,8 +31,9 @@ from motorprior.exceptions import ConfigError
 from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.model_source import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import Robot
-from motorprior.simulation.randomization import EpisodeConditions, nominal_conditions
-from motorprior.simulation.world import control_steps_late, has_diverged, substeps_of
+from motorprior.simulation.physics import control_steps_late, has_diverged
+from motorprior.simulation.randomization import Domain, nominal_domain
+from motorprior.simulation.world import substeps_of
 
 PHYSICS_DT = 0.001  # [s] as in puppersim
 # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
@@ -41,11 +42,19 @@ SOLVER_ITERATIONS = 20
 # explicit here, so stiffer gears are unstable: 400 N·m/rad chatters on a bare shank (3.4e-4 kg·m²).
 EXPLICIT_STIFFNESS = 3e-4
 
+_BASE = -1  # Bullet's index of the base link
+
 
 class BulletWorld:
-    """A simulated robot in its own PyBullet client, which `close` ends; ``suspended`` fixes the base in the air.
+    """A robot in PyBullet; `close` ends its client.
 
-    ConfigError if PyBullet is not installed, or the robot has no URDF.
+    Attributes:
+        robot: the robot.
+        suspended: whether a free base is fixed in the air.
+        substeps: physics steps per control step.
+
+    Raises:
+        ConfigError: PyBullet is not installed, or the robot has no URDF.
     """
 
     def __init__(self, robot: Robot, suspended: bool = False):
@@ -53,96 +62,179 @@ class BulletWorld:
         self.suspended = suspended
         self.substeps = substeps_of(robot.control_dt, PHYSICS_DT)
         self._bullet = import_bullet()
-        self._client = -1
+        self._client: BulletClient | None = None
         if robot.model.urdf is None:
-            raise ConfigError(
-                f"robot {robot.name!r} has no URDF with rotors", remedy="use engine mujoco"
-            )
+            problem = f"robot {robot.name!r} has no URDF with rotors"
+            raise ConfigError(problem, remedy="use engine mujoco")
         self._urdf = robot.model.urdf
-        self._nominal = self._conditions = nominal_conditions(robot)
-        self.torque = np.zeros(robot.num_joints)  # (joints,) of the latest physics step [N·m]
+        self._nominal_domain = nominal_domain(robot)
 
     def reset(
         self,
         actuator: Actuator,
         joint_pos: np.ndarray | None = None,
-        conditions: EpisodeConditions | None = None,
-    ) -> ActuatorArrays:
-        """See `World.reset`."""
+        domain: Domain | None = None,
+    ) -> "BulletSimulation":
+        """Begin a simulation; see `World.reset`."""
         joint_pos = self.robot.nominal_pose if joint_pos is None else joint_pos
-        conditions = self._nominal if conditions is None else conditions
+        domain = self._nominal_domain if domain is None else domain
         require_motors(actuator, self.robot.num_joints)
-        actuator = with_factors(actuator, conditions.factors)
-        # only a fresh client gives the same bytes: resetSimulation and restoreState keep some
-        # caches
+        actuator = with_factors(actuator, domain.factors)
+
+        # Only a fresh client gives the same bytes: resetSimulation and restoreState keep some
+        # caches.
         self.close()
-        self._client = self._bullet.connect(self._bullet.DIRECT)
-        self._conditions = conditions
-        self._damping = conditions.strength * np.asarray(actuator.damping, np.float64)
-        self._passive = self._damping + conditions.damping
-        self._build(
-            actuator.armature + conditions.armature + PHYSICS_DT * self._passive, conditions
-        )
-        self._delays = conditions.delay_steps(PHYSICS_DT)
-        self._clock = 0
-        oldest = -(-int(self._delays.max()) // self.substeps)
-        self._commands = deque([joint_pos] * (oldest + 1), oldest + 1)
-        self._prepare_joints(np.asarray(joint_pos, dtype=np.float64))
-        self._joints = self.joints()
-        self._set_friction_and_masses(conditions)
-        self._motors = actuator.arrays(PHYSICS_DT)
-        actuator.kind.limit_stiffness(self._motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
-        reset_actuator(
-            self._motors, np.ascontiguousarray(joint_pos), np.ascontiguousarray(joint_pos)
-        )
-        return self._motors
+        self._client = BulletClient(self._bullet)
+        passive_damping = _passive_damping(actuator, domain)
+        rotors = actuator.armature + domain.armature + PHYSICS_DT * passive_damping
+        urdf = self._urdf(rotors, tuple(domain.com.tolist()))
+        links = _build(self._client, self.robot, self.suspended, urdf, domain)
+        _prepare_joints(self._client, links, self.robot, np.asarray(joint_pos, dtype=np.float64))
+        _set_friction_and_masses(self._client, links, self.robot, domain)
+        return BulletSimulation(self._client, links, self.robot, actuator, domain, joint_pos)
 
     def close(self) -> None:
-        """Close the client."""
-        if self._client >= 0:
-            self._bullet.disconnect(self._client)
-            self._client = -1
+        """End the client."""
+        if self._client is not None:
+            self._client.close()
+            self._client = None
+
+
+class BulletClient:
+    """A physics client of PyBullet.
+
+    Attributes:
+        constants: the module ``pybullet``, for its constants.
+    """
+
+    def __init__(self, bullet: Any):
+        self.constants = bullet
+        self._number = bullet.connect(bullet.DIRECT)
+
+    def call(self, name: str, *args: Any, **options: Any) -> Any:
+        """Call a function of PyBullet on this client."""
+        return getattr(self.constants, name)(*args, **options, physicsClientId=self._number)
+
+    def close(self) -> None:
+        """Disconnect the client."""
+        self.constants.disconnect(self._number)
+
+
+class _Links:
+    """Bullet's indices of a robot and its links.
+
+    Attributes:
+        robot_id: the robot.
+        by_name: link index by the name of its joint.
+        joints: (joints,) indices, in the order of the robot.
+        base_com: (3,) centre of mass of the base in the frame of its origin [m].
+    """
+
+    def __init__(self, client: BulletClient, robot_id: int, robot: Robot):
+        self.robot_id = robot_id
+        self.by_name: dict[str, int] = {}
+        for index in range(client.call("getNumJoints", robot_id)):
+            name = client.call("getJointInfo", robot_id, index)[1].decode()
+            self.by_name[name] = index
+        self.joints = [self.by_name[name] for name in robot.joint_names]
+        self.base_com = np.array(client.call("getDynamicsInfo", robot_id, _BASE)[3])
+
+
+class BulletSimulation:
+    """A robot on motors, from a reset of its world to the next one.
+
+    Attributes:
+        client: PyBullet's client.
+        robot_id: Bullet's number of the robot.
+        torque: (joints,) torque of the motors in the last physics step [N·m].
+    """
+
+    def __init__(
+        self,
+        client: BulletClient,
+        links: _Links,
+        robot: Robot,
+        actuator: Actuator,
+        domain: Domain,
+        joint_pos: np.ndarray,
+    ):
+        self.client = client
+        self.robot_id = links.robot_id
+        self.torque = np.zeros(robot.num_joints)
+        self._links = links
+        self._domain = domain
+        self._substeps = substeps_of(robot.control_dt, PHYSICS_DT)
+        self._unknown_feet = np.full((len(robot.legs), 3), np.nan)
+
+        self._damping = domain.strength * np.asarray(actuator.damping, np.float64)
+        self._passive_damping = _passive_damping(actuator, domain)
+
+        self._clock = 0  # control steps since the reset
+        self._delays = domain.delay_steps(PHYSICS_DT)
+        max_age = -(-int(self._delays.max()) // self._substeps)
+        self._commands = deque([joint_pos] * (max_age + 1), max_age + 1)
+
+        self._joints = self.joints()
+        self._motors = actuator.arrays(PHYSICS_DT)
+        actuator.kind.limit_stiffness(self._motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
+        static_pos = np.ascontiguousarray(joint_pos)
+        reset_actuator(self._motors, static_pos, static_pos)
 
     def step(self, target: np.ndarray) -> RobotState:
-        """See `World.step`."""
-        self._commands.append(target - self._conditions.encoder_offset)
-        pushes = self._conditions.push
-        total = 0.0
+        """Hold targets for one control step; see `MujocoSimulation.step`."""
+        self._commands.append(target - self._domain.encoder_offset)
+        pushes = self._domain.push
         push = pushes[self._clock % len(pushes)] if len(pushes) else None
-        # a state that broke down is reported as a fault
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k in range(self.substeps):
-                late = control_steps_late(self._delays, self._clock, k, self.substeps)
-                total += self.physics_step(self._motors, self._commands[-1 - late], push)
-        self._clock += 1
-        return self.state(total / self.substeps)
 
-    def physics_step(
-        self, motors: ActuatorArrays, target: np.ndarray, push: np.ndarray | None = None
-    ) -> float:
-        """See `world.physics_step`; ``push`` is a (2,) horizontal force on the origin of the chassis [N]."""
+        total = 0.0
+        # a state that diverged is reported as a fault
+        with np.errstate(over="ignore", invalid="ignore"):
+            for substep in range(self._substeps):
+                late = control_steps_late(self._delays, self._clock, substep, self._substeps)
+                total += self.physics_step(self._commands[-1 - late], push)
+
+        self._clock += 1
+        return self.state(total / self._substeps)
+
+    def physics_step(self, target: np.ndarray, push: np.ndarray | None = None) -> float:
+        """One physics step towards (joints,) targets; returns Σ torque² over the joints [(N·m)²].
+
+        ``push`` is a (2,) horizontal force on the origin of the chassis [N].
+        """
+        bullet = self.client.constants
+        joint_pos, joint_vel = self._joints
+        strength = self._domain.strength
         forces = _drive(
-            motors, target, *self._joints, self._conditions.strength, self._passive, self.torque
-        ).tolist()
-        self.call(
+            self._motors,
+            target,
+            joint_pos,
+            joint_vel,
+            strength,
+            self._passive_damping,
+            self.torque,
+        )
+        self.client.call(
             "setJointMotorControlArray",
-            self.body,
-            self._indices,
-            self._bullet.TORQUE_CONTROL,
-            forces=forces,
+            self.robot_id,
+            self._links.joints,
+            bullet.TORQUE_CONTROL,
+            forces=forces.tolist(),
         )
         if push is not None:
-            where = self.base()[0].tolist()
-            self.call(
-                "applyExternalForce", self.body, -1, [*push, 0.0], where, self._bullet.WORLD_FRAME
+            force = [*push, 0.0]
+            origin = self.base()[0].tolist()
+            self.client.call(
+                "applyExternalForce", self.robot_id, _BASE, force, origin, bullet.WORLD_FRAME
             )
-        self.call("stepSimulation")
+
+        self.client.call("stepSimulation")
+
         self._joints = self.joints()
         self.torque -= self._damping * self._joints[1]
         return float(self.torque @ self.torque)
 
     def state(self, torque_squared_sum: float = 0.0) -> RobotState:
-        """State of a free robot; the positions of its feet are unknown."""
+        """State of a robot with a free base; the positions of its feet are unknown."""
         pos, quat, lin_vel, ang_vel = self.base()
         joint_pos, joint_vel = self.joints()
         measured = np.zeros_like(joint_pos)
@@ -150,119 +242,141 @@ class BulletWorld:
         qpos = np.concatenate([pos, quat, joint_pos])
         qvel = np.concatenate([lin_vel, ang_vel, joint_vel])
         return RobotState(
-            pos,
-            quat,
-            lin_vel,
-            ang_vel,
-            measured + self._conditions.encoder_offset,
-            np.full((len(self.robot.legs), 3), np.nan),
-            torque_squared_sum,
-            int(has_diverged(qpos, qvel)),
+            base_pos=pos,
+            base_quat=quat,
+            base_lin_vel=lin_vel,
+            base_ang_vel=ang_vel,
+            measured_joint_pos=measured + self._domain.encoder_offset,
+            foot_pos=self._unknown_feet.copy(),
+            torque_squared_sum=torque_squared_sum,
+            fault=int(has_diverged(qpos, qvel)),
         )
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """True joint angles (joints,) [rad] and velocities (joints,) [rad/s]."""
-        pos, vel, *_ = zip(*self.call("getJointStates", self.body, self._indices), strict=True)
+        states = self.client.call("getJointStates", self.robot_id, self._links.joints)
+        pos, vel, *_ = zip(*states, strict=True)
         return np.array(pos), np.array(vel)
 
     def base(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Chassis frame: position [m], quaternion (w, x, y, z), velocity in world [m/s], rates in body axes [rad/s]."""
-        centre, xyzw = self.call("getBasePositionAndOrientation", self.body)
-        lin_vel, ang_vel = (np.array(value) for value in self.call("getBaseVelocity", self.body))
-        rotation = np.array(self._bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
-        arm = -rotation @ self._com  # from the centre of mass, the origin of Bullet's own frame
-        velocity = lin_vel + _cross(ang_vel.tolist(), arm.tolist())
-        return (
-            np.array(centre) + arm,
-            np.array([xyzw[3], *xyzw[:3]]),
-            velocity,
-            rotation.T @ ang_vel,
+        """State of the chassis frame.
+
+        Position [m], quaternion (w, x, y, z), velocity in the world [m/s] and rates about the body
+        axes [rad/s].
+        """
+        centre, xyzw = self.client.call("getBasePositionAndOrientation", self.robot_id)
+        centre_vel, world_rates = self.client.call("getBaseVelocity", self.robot_id)
+        rates = np.array(world_rates)
+        rotation = np.array(self.client.constants.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
+
+        # from the centre of mass, which is the origin of Bullet's own frame, to the chassis' origin
+        arm = -rotation @ self._links.base_com
+
+        pos = np.array(centre) + arm
+        quat = np.array([xyzw[3], *xyzw[:3]])
+        velocity = np.array(centre_vel) + _cross(rates.tolist(), arm.tolist())
+        return pos, quat, velocity, rotation.T @ rates
+
+
+def _passive_damping(actuator: Actuator, domain: Domain) -> np.ndarray:
+    """(joints,) damping of the joints, by motors and domain [N·m·s/rad]."""
+    return domain.strength * np.asarray(actuator.damping, np.float64) + domain.damping
+
+
+def _build(
+    client: BulletClient, robot: Robot, suspended: bool, urdf: str, domain: Domain
+) -> _Links:
+    """Load floor and robot into an empty client."""
+    client.call("setTimeStep", PHYSICS_DT)
+    client.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
+    client.call("setGravity", *domain.gravity.tolist())
+
+    if not suspended:
+        plane = client.call("createCollisionShape", client.constants.GEOM_PLANE)
+        floor = client.call("createMultiBody", 0.0, plane)
+        client.call("changeDynamics", floor, _BASE, lateralFriction=1.0, restitution=0.0)
+
+    height = robot.suspended_height if suspended else robot.standing_height
+    inertia_of_file = client.constants.URDF_USE_INERTIA_FROM_FILE
+    order_of_file = client.constants.URDF_MAINTAIN_LINK_ORDER
+    with TemporaryDirectory(prefix="motorprior-") as folder:  # PyBullet only reads files
+        path = Path(folder) / "robot.urdf"
+        path.write_text(urdf, encoding="utf-8")
+        robot_id = client.call(
+            "loadURDF",
+            str(path),
+            [0, 0, height],
+            flags=inertia_of_file | order_of_file,
+            useFixedBase=suspended,
         )
+    return _Links(client, robot_id, robot)
 
-    def call(self, name: str, *args: Any, **options: Any) -> Any:
-        """Call a function of PyBullet on this world's client."""
-        return getattr(self._bullet, name)(*args, **options, physicsClientId=self._client)
 
-    def _build(self, rotors: np.ndarray, conditions: EpisodeConditions) -> None:
-        self.call("setTimeStep", PHYSICS_DT)
-        self.call("setPhysicsEngineParameter", numSolverIterations=SOLVER_ITERATIONS)
-        self.call("setGravity", *conditions.gravity.tolist())
-        if not self.suspended:
-            floor = self.call(
-                "createMultiBody", 0.0, self.call("createCollisionShape", self._bullet.GEOM_PLANE)
-            )
-            self.call("changeDynamics", floor, -1, lateralFriction=1.0, restitution=0.0)
-        self.body = self._load_robot(self._urdf(rotors, tuple(conditions.com.tolist())))
-        links = range(self.call("getNumJoints", self.body))
-        self._names = {
-            self.call("getJointInfo", self.body, index)[1].decode(): index for index in links
-        }
-        self._indices = [self._names[name] for name in self.robot.joint_names]
-        self._com = np.array(self.call("getDynamicsInfo", self.body, -1)[3])
+def _prepare_joints(
+    client: BulletClient, links: _Links, robot: Robot, joint_pos: np.ndarray
+) -> None:
+    """Remove Bullet's own motors and damping, and couple the rotors to their joints."""
+    robot_id = links.robot_id
+    bullet = client.constants
+    client.call("changeDynamics", robot_id, _BASE, linearDamping=0.0, angularDamping=0.0)
+    undamped = {
+        "linearDamping": 0.0,
+        "angularDamping": 0.0,
+        "jointDamping": 0.0,
+        "maxJointVelocity": 1e9,
+    }
+    for link in links.by_name.values():
+        client.call("changeDynamics", robot_id, link, **undamped)
+        client.call("setJointMotorControl2", robot_id, link, bullet.VELOCITY_CONTROL, force=0.0)
 
-    def _load_robot(self, text: str) -> int:
-        height = self.robot.suspended_height if self.suspended else self.robot.standing_height
-        flags = self._bullet.URDF_USE_INERTIA_FROM_FILE | self._bullet.URDF_MAINTAIN_LINK_ORDER
-        with TemporaryDirectory(prefix="motorprior-") as folder:  # PyBullet only reads files
-            path = Path(folder) / "robot.urdf"
-            path.write_text(text, encoding="utf-8")
-            return self.call(
-                "loadURDF", str(path), [0, 0, height], flags=flags, useFixedBase=self.suspended
-            )
+    for joint, name, angle in zip(links.joints, robot.joint_names, joint_pos, strict=True):
+        client.call("resetJointState", robot_id, joint, angle)
+        rotor = links.by_name.get(f"{name}_rotor")
+        if rotor is not None:
+            client.call("resetJointState", robot_id, rotor, ROTOR_GEAR_RATIO * angle)
+            _couple(client, robot_id, joint, rotor)
 
-    def _prepare_joints(self, joint_pos: np.ndarray) -> None:
-        """Remove Bullet's own motors and damping, couple rotors to their joints."""
-        self.call("changeDynamics", self.body, -1, linearDamping=0.0, angularDamping=0.0)
-        free = {
-            "linearDamping": 0.0,
-            "angularDamping": 0.0,
-            "jointDamping": 0.0,
-            "maxJointVelocity": 1e9,
-        }
-        for index in self._names.values():
-            self.call("changeDynamics", self.body, index, **free)
-            self.call(
-                "setJointMotorControl2", self.body, index, self._bullet.VELOCITY_CONTROL, force=0.0
-            )
-        for joint, name, angle in zip(
-            self._indices, self.robot.joint_names, joint_pos, strict=True
-        ):
-            rotor = self._names.get(f"{name}_rotor")
-            self.call("resetJointState", self.body, joint, angle)
-            if rotor is not None:
-                self.call("resetJointState", self.body, rotor, ROTOR_GEAR_RATIO * angle)
-                axis = self.call("getJointInfo", self.body, joint)[13]
-                ends = [[0, 0, 0], [0, 0, 0]]
-                kind = self._bullet.JOINT_GEAR
-                gear = self.call(
-                    "createConstraint", self.body, joint, self.body, rotor, kind, axis, *ends
-                )
-                self.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
 
-    def _set_friction_and_masses(self, conditions: EpisodeConditions) -> None:
-        friction = self.robot.foot_friction * conditions.friction
-        for number, index in enumerate([-1, *self._indices]):
-            self.call("changeDynamics", self.body, index, lateralFriction=friction, restitution=0.0)
-            factor = float(conditions.mass[number])
-            if factor != 1.0:
-                info = self.call("getDynamicsInfo", self.body, index)
-                inertia = [factor * value for value in info[2]]
-                self.call(
-                    "changeDynamics",
-                    self.body,
-                    index,
-                    mass=factor * info[0],
-                    localInertiaDiagonal=inertia,
-                )
+def _couple(client: BulletClient, robot_id: int, joint: int, rotor: int) -> None:
+    """Couple a rotor to its joint by a gear constraint."""
+    axis = client.call("getJointInfo", robot_id, joint)[13]
+    origin = [0, 0, 0]
+    gear = client.call(
+        "createConstraint",
+        robot_id,
+        joint,
+        robot_id,
+        rotor,
+        client.constants.JOINT_GEAR,
+        axis,
+        origin,
+        origin,
+    )
+    client.call("changeConstraint", gear, gearRatio=-1.0 / ROTOR_GEAR_RATIO, maxForce=1e6)
+
+
+def _set_friction_and_masses(
+    client: BulletClient, links: _Links, robot: Robot, domain: Domain
+) -> None:
+    robot_id = links.robot_id
+    friction = robot.foot_friction * domain.friction
+    for number, link in enumerate([_BASE, *links.joints]):
+        client.call("changeDynamics", robot_id, link, lateralFriction=friction, restitution=0.0)
+        factor = float(domain.mass[number])
+        if factor != 1.0:
+            info = client.call("getDynamicsInfo", robot_id, link)
+            mass = factor * info[0]
+            inertia = [factor * value for value in info[2]]
+            client.call("changeDynamics", robot_id, link, mass=mass, localInertiaDiagonal=inertia)
 
 
 @njit(cache=True, nogil=True)
-def _drive(motors, target, joint_pos, joint_vel, strength, passive, torque):
+def _drive(motors, target, joint_pos, joint_vel, strength, passive_damping, torque):
     """Write the motors' torque (joints,) [N·m]; returns it less the joints' damping, for Bullet."""
     step_actuator(motors, PHYSICS_DT, target, joint_pos, joint_vel, torque)
     make_explicit(motors, joint_vel, torque)
     torque *= strength
-    return torque - passive * joint_vel
+    return torque - passive_damping * joint_vel
 
 
 def _cross(a: list[float], b: list[float]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Replay of given position targets on a simulated robot, recording every joint's motion."""
+"""Replay of position targets on a simulated robot, recording the motion of every joint."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,10 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.motors import MotorSource, simulated_motors
-from motorprior.simulation.world import FAULTS, World, find_fault, physics_step, read_joints
+from motorprior.simulation.physics import FAULTS, find_fault, physics_step, read_joints
+from motorprior.simulation.world import World
+
+_EXCITATION_STREAM = 0x51E7  # not the random stream of the motors
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ def _play(world, motors, targets, joint_pos, joint_torque, measured, base):
     world = without_refcounts(world)
     motors = without_refcounts(motors)
     targets = without_refcounts(targets)
-    n = targets.shape[1]
+
+    joints = targets.shape[1]
     row = 0
     for step in range(targets.shape[0]):
         read_joints(world, motors, measured[step])
@@ -43,7 +47,7 @@ def _play(world, motors, targets, joint_pos, joint_torque, measured, base):
         for _ in range(world.substeps):
             physics_step(world, motors, targets[step])
             joint_torque[row] = world.torque
-            joint_pos[row] = world.qpos[world.qpos.shape[0] - n :]
+            joint_pos[row] = world.qpos[world.qpos.shape[0] - joints :]
             row += 1
 
 
@@ -55,28 +59,50 @@ def replay(
     lead_in: np.ndarray | None = None,
     tolerate_fault: bool = False,
 ) -> Playback:
-    """Reset the world to rest at ``start``, and hold each row of ``targets`` (C, joints) [rad] for one control step.
+    """Reset the world, and hold each row of the targets for one control step.
 
-    ``start`` (joints,) [rad] is the nominal pose if not given; the targets ``lead_in`` (L, joints)
-    are held before the recording begins; a diverged simulation is a SimulationFault unless
-    ``tolerate_fault``.
+    Args:
+        world: the robot in MuJoCo.
+        actuator: motors, one per joint.
+        targets: (C, joints) position targets [rad].
+        start: (joints,) angles at rest [rad]; the nominal pose if not given.
+        lead_in: (L, joints) targets that are held before the recording begins [rad].
+        tolerate_fault: return the recording of a diverged simulation, too.
+
+    Raises:
+        SimulationFault: the simulation diverged, unless ``tolerate_fault``.
     """
-    held = targets if lead_in is None else np.concatenate([lead_in, targets])
-    held = np.ascontiguousarray(held, dtype=np.float64)
-    steps, n = held.shape
-    physics = steps * world.substeps
-    before = steps - len(targets)
-    pos = np.zeros((physics, n))
-    torque = np.zeros((physics, n))
-    measured = np.zeros((steps, n))
+    played_targets = targets if lead_in is None else np.concatenate([lead_in, targets])
+    played_targets = np.ascontiguousarray(played_targets, dtype=np.float64)
+    steps, joints = played_targets.shape
+    physics_steps = steps * world.substeps
+    joint_pos = np.zeros((physics_steps, joints))
+    joint_torque = np.zeros((physics_steps, joints))
+    measured = np.zeros((steps, joints))
     base = np.zeros((0 if world.is_fixed else steps, 7))
-    motors = world.reset(actuator, start)
-    _play(world.arrays, motors, held, pos, torque, measured, base)
-    fault = find_fault(world.arrays)
+
+    simulation = world.reset(actuator, start)
+    _play(
+        simulation.arrays,
+        simulation.motors,
+        played_targets,
+        joint_pos,
+        joint_torque,
+        measured,
+        base,
+    )
+    fault = find_fault(simulation.arrays)
     if fault and not tolerate_fault:
         raise SimulationFault(FAULTS[fault], remedy="shorten physics_dt or check the motors' gains")
-    first = before * world.substeps
-    return Playback(pos[first:], torque[first:], measured[before:], base[before:])
+
+    first_step = steps - len(targets)
+    first_row = first_step * world.substeps
+    return Playback(
+        joint_pos[first_row:],
+        joint_torque[first_row:],
+        measured[first_step:],
+        base[first_step:],
+    )
 
 
 def simulate(
@@ -87,50 +113,67 @@ def simulate(
     seed: int | np.random.Generator = 0,
     suspended: bool = False,
 ) -> Playback:
-    """Simulate a robot that starts at rest in its nominal pose; each row of ``targets`` lasts one control step.
+    """Simulate a robot that starts at rest in its nominal pose.
 
     Args:
         robot: a name, the path of a .toml file, or the result of `load_robot`; with legs or
             without.
         motors: one per joint, or a prior, posterior or fleet to sample.
-        targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``.
-        seed: of the sample of motors.
+        targets: (C, joints) position targets [rad], in the order of ``robot.joint_names``; each row
+            lasts one control step.
+        seed: seed of the sample of motors.
         suspended: suspend a free base in the air.
 
     Raises:
         ConfigError, ArtifactError: motors or targets that do not fit the robot, or a robot that
-        cannot be read.
+            cannot be read.
         SimulationFault: NaN, a reset or a full buffer of the engine.
     """
     robot = as_robot(robot)
-    found = simulated_motors(motors, robot)
-    wanted = require_array("targets", targets, (len(targets), robot.num_joints))
-    return replay(World(robot, found.physics_dt, suspended), found.draw(generator_of(seed)), wanted)
+    source = simulated_motors(motors, robot)
+    targets = require_array("targets", targets, (len(targets), robot.num_joints))
+    world = World(robot, source.physics_dt, suspended)
+    actuator = source.draw(generator_of(seed))
+    return replay(world, actuator, targets)
 
 
 def excitation_targets(
-    robot: Robot, kind: str, seconds: float, amplitude: float, seed: int
+    robot: Robot, excitation_name: str, seconds: float, amplitude: float, seed: int
 ) -> np.ndarray:
-    """(control steps, joints) targets [rad]: every joint has its own signal about the nominal pose."""
-    excitation = excitation_of(kind)
-    rng = np.random.default_rng([seed, 0x51E7])  # not the random stream of the motors
+    """(control steps, joints) targets [rad]: each joint has its own signal about the nominal pose.
+
+    The maximum distance from the nominal pose is ``amplitude`` [rad]; a bounded excitation may stay
+    below it.
+    """
+    excitation = excitation_of(excitation_name)
+    rng = np.random.default_rng([seed, _EXCITATION_STREAM])
     steps = max(2, round(seconds / robot.control_dt))
-    away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
-    min_range = amplitude if excitation.is_bounded else 1e-9
-    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=0))
-    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
+    streams = excitation.streams(rng, steps, robot.control_dt, robot.joint_names)
+    offset = streams.position_target
+
+    min_reach = amplitude if excitation.is_bounded else 1e-9
+    reach = np.maximum(min_reach, np.abs(offset).max(axis=0))
+    offset *= amplitude / reach
+    return np.clip(robot.nominal_pose + offset, robot.lower, robot.upper)
 
 
 def simulated_log(
     robot: Robot, motors: Actuator, targets: np.ndarray, physics_dt: float
 ) -> MotorLog:
-    """Log of the motors of a fixed or suspended robot, a row per physics step; velocities are differences of angles."""
+    """Log of the motors of a fixed or suspended robot; velocities are differences of angles.
+
+    The rows are the robot's physics steps; ``physics_dt`` is the step of the simulation [s], which
+    divides the robot's.
+    """
     world = World(robot, physics_dt, suspended=robot.base == "free")
     played = replay(world, motors, targets, targets[0])
-    every = round(robot.physics_dt / physics_dt)
-    rows = slice(every - 1, None, every)
+
+    # angles at the beginning of each of the robot's physics steps
+    stride = round(robot.physics_dt / physics_dt)
+    after_steps = played.joint_pos[stride - 1 :: stride]
+    joint_pos = np.concatenate([targets[:1], after_steps[:-1]])
+
     substeps = round(robot.control_dt / robot.physics_dt)
-    joint_pos = np.concatenate([targets[:1], played.joint_pos[rows][:-1]])
     log = MotorLog(
         time=robot.physics_dt * np.arange(len(joint_pos)),
         position_target=np.repeat(targets, substeps, axis=0),

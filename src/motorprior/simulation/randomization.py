@@ -1,24 +1,45 @@
 """Domain randomization of robot, sensors and surroundings. Off by default.
 
-One `EpisodeConditions` is sampled per episode; both engines apply it without compiling the model
-again. The motors of an episode are sampled by `DrawMotors` from another random stream, so that
-enabling a range changes no motor.
+One `Domain` is sampled per episode; both engines apply it without compiling the model again. The
+motors of an episode are sampled by `DrawMotors` from another random stream, so that enabling a
+range changes no motor.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 
 import numpy as np
 
 from motorprior.actuator.actuator import Factors
 from motorprior.bounds import require_number, require_range
-from motorprior.locomotion.body import NUM_IMU_READINGS
 from motorprior.locomotion.control_step import SensorErrors, perfect_sensors
+from motorprior.locomotion.gait import NUM_IMU_READINGS
 from motorprior.robots.robot import GRAVITY, Robot
 
 MAX_DELAY = 0.2  # [s] of sensors and commands
+# random streams of the robot and its surroundings, of sensors and of motors
 _STREAM = 0xD12A
 _SENSOR_STREAM = 0x5E50
 _MOTOR_STREAM = 0x307A
+# bounds of the ranges in `Randomization`, unless 0 and 1000
+_MIN_VALUES = {
+    "friction": 0.01,
+    "strength": 0.01,
+    "kp": 0.01,
+    "kd": 0.01,
+    "torque_limit": 0.01,
+    "mass": 0.1,
+    "push_interval": 1e-3,
+}
+_MAX_VALUES = {
+    "sensor_delay": MAX_DELAY,
+    "command_delay": MAX_DELAY,
+    "sensor_jitter": MAX_DELAY,
+    "command_jitter": MAX_DELAY,
+    "gravity_tilt": 0.5,
+    "com": 0.1,
+    "dropped": 0.5,
+}
+
 Range = tuple[float, float]
 
 
@@ -43,8 +64,9 @@ class Randomization:
     mass: Range = (1.0, 1.0)  # range of the factor on mass and inertia of each link [-]
     com: float = 0.0  # largest shift of the chassis' centre of mass along each axis [m]
     gravity_tilt: float = 0.0
-    """Largest angle between gravity and the normal of the ground [rad], equivalent to a slope. Roll and pitch are
-    observed relative to gravity; reward and termination use them relative to the ground."""
+    """Largest angle between gravity and the normal of the ground [rad], equivalent to a slope. Roll
+    and pitch are observed relative to gravity; reward and termination use them relative to the
+    ground."""
     # largest error of each encoder's zero [rad]; it also acts in the motor's control loop
     encoder_offset: float = 0.0
     joint_noise: float = 0.0  # standard deviation of white noise on the observed joint angles [rad]
@@ -52,7 +74,8 @@ class Randomization:
     tilt_noise: float = 0.0
     rate_noise: float = 0.0  # standard deviation of white noise on the observed rates [rad/s]
     gyro_bias: float = 0.0
-    """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading drifts."""
+    """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading
+    drifts."""
     sensor_delay: Range = (0.0, 0.0)  # range of the age of the observations [s]
     sensor_jitter: float = 0.0  # largest additional age of a single reading [s]
     dropped: float = 0.0  # share of lost sensor frames; the policy uses the last one received [-]
@@ -64,34 +87,31 @@ class Randomization:
     push_interval: float = 1.0  # time between two pushes [s]
 
     def __post_init__(self) -> None:
-        lower = dict.fromkeys(("friction", "strength", "kp", "kd", "torque_limit"), 0.01)
-        lower |= {"mass": 0.1, "push_interval": 1e-3}
-        upper = dict.fromkeys(
-            ("sensor_delay", "command_delay", "sensor_jitter", "command_jitter"), MAX_DELAY
-        )
-        upper |= {"gravity_tilt": 0.5, "com": 0.1, "dropped": 0.5}
         for field in fields(self):
-            value = getattr(self, field.name)
-            check = require_number
-            if isinstance(field.default, tuple):
-                # a list from JSON
-                value = tuple(value) if isinstance(value, list) else value
-                check = require_range
-                object.__setattr__(self, field.name, value)
-            check(
-                f"randomization.{field.name}",
-                value,
-                lower.get(field.name, 0.0),
-                upper.get(field.name, 1e3),
-            )
+            self._require_valid(field)
 
-    def conditions(self, robot: Robot, seed: int, episode_steps: int) -> "EpisodeConditions":
-        """Sample the conditions of the robot and its surroundings in the episode of this seed."""
+    def _require_valid(self, field: Field) -> None:
+        name = f"randomization.{field.name}"
+        value = getattr(self, field.name)
+        minimum = _MIN_VALUES.get(field.name, 0.0)
+        maximum = _MAX_VALUES.get(field.name, 1e3)
+        if not isinstance(field.default, tuple):
+            require_number(name, value, minimum, maximum)
+            return
+
+        if isinstance(value, list):  # from JSON
+            value = tuple(value)
+        object.__setattr__(self, field.name, value)
+        require_range(name, value, minimum, maximum)
+
+    def domain(self, robot: Robot, seed: int, episode_steps: int) -> "Domain":
+        """Sample the robot and its surroundings in the episode of this seed."""
         rng = np.random.default_rng([_STREAM, seed])
-        motors = np.random.default_rng([_MOTOR_STREAM, seed])
+        motor_rng = np.random.default_rng([_MOTOR_STREAM, seed])
         joints = robot.num_joints
+        jitter_steps = episode_steps if self.command_jitter else 0
         up = self._up(rng)
-        return EpisodeConditions(
+        return Domain(
             armature=rng.uniform(*self.armature, joints),
             damping=rng.uniform(*self.damping, joints),
             friction=float(rng.uniform(*self.friction)),
@@ -101,20 +121,18 @@ class Randomization:
             encoder_offset=rng.uniform(-self.encoder_offset, self.encoder_offset, joints),
             command_delay=float(rng.uniform(*self.command_delay)),
             push=self._pushes(rng, robot.control_dt, episode_steps),
-            command_jitter=rng.uniform(
-                0.0, self.command_jitter, episode_steps if self.command_jitter else 0
-            ),
-            strength=motors.uniform(*self.strength, joints),
+            command_jitter=rng.uniform(0.0, self.command_jitter, jitter_steps),
+            strength=motor_rng.uniform(*self.strength, joints),
             factors=Factors(
-                kp=motors.uniform(*self.kp, joints),
-                kd=motors.uniform(*self.kd, joints),
-                torque_limit=motors.uniform(*self.torque_limit, joints),
-                coulomb=motors.uniform(*self.coulomb, joints),
+                kp=motor_rng.uniform(*self.kp, joints),
+                kd=motor_rng.uniform(*self.kd, joints),
+                torque_limit=motor_rng.uniform(*self.torque_limit, joints),
+                coulomb=motor_rng.uniform(*self.coulomb, joints),
             ),
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
-        """(3,) unit vector against gravity, from the first two random numbers of an episode's conditions."""
+        """(3,) unit vector against gravity, from the first two random numbers of a domain."""
         tilt = self.gravity_tilt * np.sqrt(rng.uniform())
         bearing = rng.uniform(0.0, 2.0 * np.pi)
         across = np.sin(tilt)
@@ -126,78 +144,103 @@ class Randomization:
         """(episode_steps, 2) horizontal force [N] in every control step; no rows without pushes."""
         if self.push == 0.0:
             return np.zeros((0, 2))
+
         force = np.zeros((episode_steps, 2))
-        every = max(1, round(self.push_interval / control_dt))
-        for step in range(every, episode_steps, every):
-            strength = rng.uniform(0.0, self.push)
+        interval = max(1, round(self.push_interval / control_dt))
+        for step in range(interval, episode_steps, interval):
+            impulse = rng.uniform(0.0, self.push)
             bearing = rng.uniform(0.0, 2.0 * np.pi)
-            force[step] = strength / control_dt * np.array([np.cos(bearing), np.sin(bearing)])
+            direction = np.array([np.cos(bearing), np.sin(bearing)])
+            force[step] = impulse / control_dt * direction
         return force
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> SensorErrors:
-        """Sample the sensor errors in the episode of this seed, on the slope of its `conditions`."""
-        level = perfect_sensors()
-        up = self._up(np.random.default_rng([_STREAM, seed]))
-        late = self.sensor_delay[1] or self.sensor_jitter or self.dropped
-        if not (late or self.joint_noise or self.tilt_noise or self.rate_noise or self.gyro_bias):
-            return level._replace(up=up)
-        count = NUM_IMU_READINGS + robot.num_joints
-        deviation = np.full(count, self.joint_noise)
+        """Sample the sensor errors in the episode of this seed, on the slope of its `domain`."""
+        ground = perfect_sensors()._replace(up=self._up(np.random.default_rng([_STREAM, seed])))
+        has_delay = bool(self.sensor_delay[1] or self.sensor_jitter or self.dropped)
+        has_noise = bool(self.joint_noise or self.tilt_noise or self.rate_noise)
+        if not (has_delay or has_noise or self.gyro_bias):
+            return ground
+
+        readings = NUM_IMU_READINGS + robot.num_joints
+        deviation = np.full(readings, self.joint_noise)
         deviation[:2] = self.tilt_noise
         deviation[2:NUM_IMU_READINGS] = self.rate_noise
+
         rng = np.random.default_rng([_SENSOR_STREAM, seed])
         delay = float(rng.uniform(*self.sensor_delay)) / robot.control_dt
-        rows = episode_steps + 1 if deviation.any() or self.gyro_bias else 0
-        noise = deviation * rng.standard_normal((rows, count))
-        noise[:, 2:NUM_IMU_READINGS] += self.gyro_bias * rng.standard_normal(NUM_IMU_READINGS - 2)
+
+        noise_rows = episode_steps + 1 if deviation.any() or self.gyro_bias else 0
+        noise = deviation * rng.standard_normal((noise_rows, readings))
+        bias = self.gyro_bias * rng.standard_normal(NUM_IMU_READINGS - 2)
+        noise[:, 2:NUM_IMU_READINGS] += bias
+
         ages = delay + self._jitter(rng, robot.control_dt, episode_steps + 1)
-        return SensorErrors(
-            noise, ages, np.zeros((int(ages.max()) + 2 if ages.any() else 0, count)), up
-        )
+        delay_rows = int(ages.max()) + 2 if ages.any() else 0
+        return ground._replace(noise=noise, ages=ages, past=np.zeros((delay_rows, readings)))
 
     def _jitter(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
-        """(observations,) additional ages [control steps] by jitter and lost frames; the first frame is never lost."""
-        late = np.zeros(observations)
+        """(observations,) additional ages by jitter and lost frames [control steps].
+
+        The first frame is never lost.
+        """
+        ages = np.zeros(observations)
         if self.sensor_jitter:
-            late += self.sensor_jitter / control_dt * rng.uniform(size=observations)
+            ages += self.sensor_jitter / control_dt * rng.uniform(size=observations)
         if self.dropped:
-            for lost in np.flatnonzero(rng.uniform(size=observations - 1) < self.dropped) + 1:
-                late[lost] = late[lost - 1] + 1.0
-        return late
+            is_lost = rng.uniform(size=observations - 1) < self.dropped
+            for frame in np.flatnonzero(is_lost) + 1:
+                ages[frame] = ages[frame - 1] + 1.0
+        return ages
 
 
 @dataclass(frozen=True, eq=False)
-class EpisodeConditions:
-    """One sample of the ranges, in the order of the robot's joints and of its model's links."""
+class Domain:
+    """Robot and surroundings of one episode: a sample of the ranges of `Randomization`.
 
-    armature: np.ndarray  # (joints,) added [kg·m²]
-    damping: np.ndarray  # (joints,) added, passive [N·m·s/rad]
-    friction: float  # factor
+    Arrays are in the order of the robot's joints and of its model's links.
+    """
+
+    armature: np.ndarray  # (joints,) added reflected inertia [kg·m²]
+    damping: np.ndarray  # (joints,) added passive damping [N·m·s/rad]
+    friction: float  # factor on the friction of the feet
     mass: np.ndarray  # (links,) factors on mass and inertia
     com: np.ndarray  # (3,) shift of the chassis' centre of mass [m]
     gravity: np.ndarray  # (3,) [m/s²]
     encoder_offset: np.ndarray  # (joints,) reading at true zero [rad]
-    command_delay: float  # [s]
+    command_delay: float  # age of the position targets [s]
     # (steps, 2) horizontal force on the chassis' origin in every control step [N], or (0, 2)
     push: np.ndarray
     # (steps,) additional age of the targets in every control step [s], or (0,)
     command_jitter: np.ndarray
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
-    factors: Factors  # on constants of the motors
+    factors: Factors  # factors on constants of the motors
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
-        """(steps,) or (1,) age of the position targets in every control step [physics steps of ``physics_dt`` s]."""
-        late = self.command_jitter if len(self.command_jitter) else np.zeros(1)
-        return np.round((self.command_delay + late) / physics_dt).astype(np.int64)
+        """(steps,) or (1,) age of the position targets in every control step.
+
+        The unit is a physics step of ``physics_dt`` s.
+        """
+        jitter = self.command_jitter if len(self.command_jitter) else np.zeros(1)
+        return np.round((self.command_delay + jitter) / physics_dt).astype(np.int64)
 
 
-def nominal_conditions(robot: Robot) -> EpisodeConditions:
-    """Conditions without randomization."""
-    return Randomization().conditions(robot, 0, 0)
+def nominal_domain(robot: Robot) -> Domain:
+    """The robot and its surroundings without randomization."""
+    return Randomization().domain(robot, 0, 0)
 
 
 # For a robot with uncertain floor, load and sensors; the ranges are assumptions.
 ROBUST = Randomization(
-    friction=(0.7, 1.6), mass=(0.85, 1.15), com=0.01, gravity_tilt=0.05, joint_noise=0.001, tilt_noise=0.002,
-    rate_noise=0.01, gyro_bias=0.002, sensor_delay=(0.0, 0.02), push=0.3, push_interval=1.5,
-)  # fmt: skip
+    friction=(0.7, 1.6),
+    mass=(0.85, 1.15),
+    com=0.01,
+    gravity_tilt=0.05,
+    joint_noise=0.001,
+    tilt_noise=0.002,
+    rate_noise=0.01,
+    gyro_bias=0.002,
+    sensor_delay=(0.0, 0.02),
+    push=0.3,
+    push_interval=1.5,
+)

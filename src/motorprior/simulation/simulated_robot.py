@@ -1,4 +1,7 @@
-"""A simulated robot for the virtual firmware: physical motors, steps of 1 ms, gains that change while it moves."""
+"""A simulated robot for the virtual firmware.
+
+It has physical motors, steps of 1 ms, and gains that change while it moves.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -14,18 +17,23 @@ from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 from motorprior.rotations import roll_pitch_yaw
-from motorprior.simulation.world import World, WorldArrays, physics_step, read_joints
+from motorprior.simulation.physics import WorldArrays, physics_step, read_joints
+from motorprior.simulation.world import World
 
-# Standard deviations of the noise on attitude [rad] and rates [rad/s], assumed for a MEMS sensor at
-# 100 Hz
-IMU_NOISE = (0.002, 0.01)
+# Standard deviations of the IMU's noise, assumed for a MEMS sensor at 100 Hz
+ATTITUDE_NOISE = 0.002  # [rad]
+RATE_NOISE = 0.01  # [rad/s]
 # separates the motors of virtual robots from those of benches, training and transfer studies
 _STREAM = 0x7710
 
 
 def draw_motors(robot: Robot, fleet: Fleet, seed: int) -> PhysicalMotors:
-    """The motors of virtual robot number ``seed``, whose firmware sets their gains; ConfigError unless geared."""
-    return require_geared(fleet.sample(robot.num_joints, np.random.default_rng([_STREAM, seed])))
+    """The motors of virtual robot number ``seed``, whose firmware sets their gains.
+
+    ConfigError if the motors of the fleet are not geared.
+    """
+    rng = np.random.default_rng([_STREAM, seed])
+    return require_geared(fleet.sample(robot.num_joints, rng))
 
 
 @njit(cache=True, nogil=True)
@@ -38,66 +46,81 @@ class SimulatedRobot:
     """A `hardware.virtual_robot.RobotBody`, on its belly with folded legs at first, or suspended.
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on
-    it. The gains and torque limits of ``motors`` are those at the wire's own gains and current
-    limit; ``seed`` is of the IMU's noise.
+    it.
+
+    Args:
+        robot: a robot with a wire.
+        motors: motors whose gains and torque limits are those at the wire's own gains and current
+            limit.
+        suspended: suspend the robot in the air.
+        seed: seed of the IMU's noise.
     """
 
     def __init__(self, robot: Robot, motors: PhysicalMotors, suspended: bool, seed: int):
         self._wire = robot.require_wire()
-        self._motors = motors
+        self._physical_motors = motors
         self._suspended = suspended
         self._signs = self._wire.joint_signs
         self._dt = robot.twin_physics_dt
         self._rng = np.random.default_rng([_STREAM, seed, 1])
-        self._command = None
+        self._command: MotorCommand | None = None
+
         self._world = World(robot, self._dt, suspended)
         model = self._world.model
         floor = model.geom(FLOOR).id
         base = model.body(1)
-        model.geom_contype[floor] = model.body_contype[0] = 1
-        model.geom_conaffinity[base.geomadr[0]] = model.body_conaffinity[base.id] = 1
+        model.geom_contype[floor] = 1
+        model.body_contype[0] = 1
+        model.geom_conaffinity[base.geomadr[0]] = 1
+        model.body_conaffinity[base.id] = 1
+
         folded = self._wire.folded_pose
-        self._arrays = self._world.reset(PhysicalActuator(motors), folded)
+        self._simulation = self._world.reset(PhysicalActuator(motors), folded)
         if not suspended:
             self._world.data.qpos[2] = max(leg.hip_height(folded) for leg in robot.legs)
-        _advance(self._world.arrays, self._arrays, folded, 0)  # compile before real time starts
+        # compile before real time starts
+        _advance(self._simulation.arrays, self._simulation.motors, folded, 0)
 
     def advance(self, milliseconds: int, command: MotorCommand) -> None:
         """Simulate under a constant command; each motor keeps its torque per ampere."""
-        motors = self._motors
+        motors = self._physical_motors
         wire = self._wire
-        scaled = replace(
+        motors_at_command = replace(
             motors,
             kp=motors.kp * command.kp / wire.kp,
             kd=motors.kd * command.kd / wire.kd,
             torque_limit=motors.torque_limit * (command.max_current / wire.max_current),
         )
-        self._arrays.parameters[:] = PhysicalActuator(scaled).arrays(self._dt).parameters
+        parameters = PhysicalActuator(motors_at_command).arrays(self._dt).parameters
+        self._simulation.motors.parameters[:] = parameters
+
         self._command = command
-        _advance(
-            self._world.arrays,
-            self._arrays,
-            np.ascontiguousarray(self._signs * command.target),
-            milliseconds,
-        )
+        target = np.ascontiguousarray(self._signs * command.target)
+        _advance(self._simulation.arrays, self._simulation.motors, target, milliseconds)
 
     def sense(self) -> SensorReadings:
         """The present readings; the current is that of the control law at the present target."""
         data = self._world.data
         measured = np.zeros(len(self._signs))
-        read_joints(self._world.arrays, self._arrays, measured)
+        read_joints(self._simulation.arrays, self._simulation.motors, measured)
+
         noise = self._rng.standard_normal(6)
         attitude = np.zeros(3)
         rates = np.zeros(3)
         if not self._suspended:
             attitude = np.array(roll_pitch_yaw(data.qpos[3:7]))
             rates = data.qvel[3:6]
+
         count = 2.0 * np.pi / self._wire.encoder_counts
         pos = self._signs * (count * np.round(measured / count))
-        vel = self._signs * self._arrays.memory[FILTERED_VEL]
+        vel = self._signs * self._simulation.motors.memory[FILTERED_VEL]
         current = np.zeros_like(pos) if self._command is None else self._command.current(pos, vel)
         return SensorReadings(
-            pos, vel, current, attitude + IMU_NOISE[0] * noise[:3], rates + IMU_NOISE[1] * noise[3:]
+            pos,
+            vel,
+            current,
+            attitude + ATTITUDE_NOISE * noise[:3],
+            rates + RATE_NOISE * noise[3:],
         )
 
     def position(self) -> np.ndarray:

@@ -17,7 +17,7 @@ from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.locomotion.executor import ExecutorKind, make_executor, require_executor
+from motorprior.locomotion.executor import ExecutorName, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Point, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
@@ -26,9 +26,9 @@ from motorprior.progress import SHOWN, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.motors import MotorSource, motors_as_json, simulated_motors
+from motorprior.simulation.physics import FAULTS, TOO_STIFF
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig, simulator_of
-from motorprior.simulation.world import FAULTS, TOO_STIFF
 from motorprior.stage import description, digest, is_finished, working
 from motorprior.texts import Printable
 
@@ -72,7 +72,7 @@ def train_policy(
     start: Policy | str | Path | None = None,
     out: str | Path | None = None,
     workers: int | None = None,
-    executor: ExecutorKind = "threads",
+    executor: ExecutorName = "threads",
     ray_address: str | None = None,
     name: str = "train",
     progress: Progress = SHOWN,
@@ -213,7 +213,7 @@ class Training:
         workers: int,
         progress: Progress,
         name: str,
-        executor: ExecutorKind,
+        executor: ExecutorName,
         ray_address: str | None,
         files: tuple[Path, Mapping[str, Any]] | None = None,
     ) -> None:

@@ -20,7 +20,7 @@ from motorprior.evaluation.bench_truth import (
 )
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
-from motorprior.locomotion.body import body_of, open_loop_gait
+from motorprior.locomotion.gait import open_loop_gait, walker_arrays
 from motorprior.progress import Task
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
@@ -89,12 +89,12 @@ def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarr
     Frequency 0.4-0.7 of the usual, speed 0.4-0.8 of the maximum, height raised by up to a quarter
     of the swing height: within these bounds the robot does not roll over in open loop.
     """
-    body = body_of(robot)
-    frequency = rng.uniform(0.4, 0.7) * body.frequency
-    forward = rng.uniform(0.4, 0.8) * body.max_speed
-    height = rng.uniform(0.0, 0.25) * body.swing_height
+    walker = walker_arrays(robot)
+    frequency = rng.uniform(0.4, 0.7) * walker.frequency
+    forward = rng.uniform(0.4, 0.8) * walker.max_speed
+    height = rng.uniform(0.0, 0.25) * walker.swing_height
     ratio = float(np.exp(rng.uniform(-0.3, 0.3)))
-    return open_loop_gait(body, steps, forward, frequency, height, ratio)
+    return open_loop_gait(walker, steps, forward, frequency, height, ratio)
 
 
 def robot_fidelity(

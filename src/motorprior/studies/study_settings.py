@@ -12,7 +12,7 @@ from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR
 from motorprior.locomotion.command import Commands
-from motorprior.locomotion.executor import ExecutorKind, require_executor
+from motorprior.locomotion.executor import ExecutorName, require_executor
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -127,7 +127,7 @@ class Study:
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
     """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
-    executor: ExecutorKind = "threads"
+    executor: ExecutorName = "threads"
     """Threads of this process, or walks on Ray's processes."""
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray."""

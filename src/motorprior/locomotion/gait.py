@@ -35,7 +35,7 @@ LEAD_SHARE = 0.9
 _MAX_COSINE = 0.999
 
 
-class Body(NamedTuple):
+class WalkerArrays(NamedTuple):
     """Arrays of a robot with n joints and L legs; see `robots.robot.Robot` for sources."""
 
     control_dt: float  # control period [s]
@@ -65,10 +65,10 @@ class Body(NamedTuple):
     reference_torque: float  # unit of torque in the reward's penalty [N·m]
 
 
-def body_of(robot: Robot) -> Body:
+def walker_arrays(robot: Robot) -> WalkerArrays:
     """The arrays of a legged robot; ConfigError if it cannot walk."""
     gait = robot.require_gait()
-    return Body(
+    return WalkerArrays(
         control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,
         lower=robot.lower,
@@ -183,14 +183,14 @@ def foot_path(leg_phase: float, stance_share: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def gait_share(body: Body, forward: float, yaw_rate: float) -> float:
+def gait_share(walker: WalkerArrays, forward: float, yaw_rate: float) -> float:
     """Share of the full gait for a command: 0 standing, 1 from a tenth of the highest speed or yaw rate."""
-    return min(1.0, 10.0 * (abs(forward) / body.max_speed + abs(yaw_rate) / body.max_yaw_rate))
+    return min(1.0, 10.0 * (abs(forward) / walker.max_speed + abs(yaw_rate) / walker.max_yaw_rate))
 
 
 @njit(cache=True)
 def joint_targets(
-    body: Body,
+    walker: WalkerArrays,
     phase: float,
     forward: float,
     yaw_rate: float,
@@ -213,27 +213,27 @@ def joint_targets(
     nominal pose [m], ``lift`` that of a foot in the middle of its swing [m], ``rise`` an additional
     slope of the legs' extension, forward and to the left of the origin [m/m].
     """
-    out[:] = body.nominal_pose
+    out[:] = walker.nominal_pose
     stance_share = 1.0 / (1.0 + swing_stance_ratio)
     stance_time = stance_share / frequency
-    for leg in range(body.phases.shape[0]):
-        leg_phase = phase + body.phases[leg]
+    for leg in range(walker.phases.shape[0]):
+        leg_phase = phase + walker.phases[leg]
         ahead, lifted = foot_path(leg_phase - math.floor(leg_phase), stance_share)
-        x, y, rest_forward, rest_below = body.nominal_feet[leg]
+        x, y, rest_forward, rest_below = walker.nominal_feet[leg]
         along = rest_forward + ahead * (forward - yaw_rate * y) * stance_time
         aside = ahead * yaw_rate * x * stance_time
         below = rest_below + height + rise[0] * x + rise[1] * y - lift * lifted
-        abduction, hip, knee = body.legs[leg]
-        side = 1.0 if body.nominal_pose[knee] > 0.0 else -1.0
+        abduction, hip, knee = walker.legs[leg]
+        side = 1.0 if walker.nominal_pose[knee] > 0.0 else -1.0
         out[hip], out[knee] = leg_angles(
-            body.lengths[leg, 0], body.lengths[leg, 1], along, below, side
+            walker.lengths[leg, 0], walker.lengths[leg, 1], along, below, side
         )
         out[abduction] += math.atan2(aside, rest_below)
 
 
 @njit(cache=True)
 def add_support(
-    body: Body,
+    walker: WalkerArrays,
     phase: float,
     swing_stance_ratio: float,
     share: float,
@@ -248,32 +248,41 @@ def add_support(
     friction. ``out`` (joints,) [rad] is added to in place.
     """
     stance_share = 1.0 / (1.0 + swing_stance_ratio)
-    legs = body.phases.shape[0]
+    legs = walker.phases.shape[0]
     carrying = 0
     for leg in range(legs):
-        leg_phase = phase + body.phases[leg]
+        leg_phase = phase + walker.phases[leg]
         carrying += 1 if leg_phase - math.floor(leg_phase) < stance_share else 0
     for leg in range(legs):
-        leg_phase = phase + body.phases[leg]
-        force = (1.0 - share) * body.weight / legs
+        leg_phase = phase + walker.phases[leg]
+        force = (1.0 - share) * walker.weight / legs
         if leg_phase - math.floor(leg_phase) < stance_share:
-            force += share * body.weight / carrying
-        _, hip, knee = body.legs[leg]
-        thigh, shank = body.lengths[leg]
+            force += share * walker.weight / carrying
+        _, hip, knee = walker.legs[leg]
+        thigh, shank = walker.lengths[leg]
         by_hip, by_knee = lever_arms(thigh, shank, float(pose[hip]), float(pose[knee]))
-        out[hip] += force * by_hip * body.compliance[hip]
-        out[knee] += force * by_knee * body.compliance[knee]
+        out[hip] += force * by_hip * walker.compliance[hip]
+        out[knee] += force * by_knee * walker.compliance[knee]
 
 
 def open_loop_gait(
-    body: Body, steps: int, forward: float, frequency: float, height: float, ratio: float
+    walker: WalkerArrays, steps: int, forward: float, frequency: float, height: float, ratio: float
 ) -> np.ndarray:
     """(steps, joints) angles [rad] of a gait without modulation or lead, from phase 0; see `joint_targets`."""
-    targets = np.zeros((steps, len(body.nominal_pose)))
+    targets = np.zeros((steps, len(walker.nominal_pose)))
     phase = 0.0
     for row in targets:
         joint_targets(
-            body, phase, forward, 0.0, frequency, height, (0.0, 0.0), ratio, body.swing_height, row
+            walker,
+            phase,
+            forward,
+            0.0,
+            frequency,
+            height,
+            (0.0, 0.0),
+            ratio,
+            walker.swing_height,
+            row,
         )
-        phase = advance_phase(phase, frequency, body.control_dt)
+        phase = advance_phase(phase, frequency, walker.control_dt)
     return targets
