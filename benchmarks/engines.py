@@ -19,7 +19,7 @@ from motorprior.signals import rmse
 from motorprior.simulation.bullet_world import BulletWorld
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.studies.robot_fidelity import trot_targets
+from virtual_fleets.robot_fidelity import trot_targets
 
 TROTS = 12
 STEPS = 200

@@ -50,10 +50,10 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.studies.robot_fidelity import robot_fidelity, trot_targets
 from motorprior.studies.statistics import Estimate, estimate, means, summarise
 from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import study_walks
+from virtual_fleets.robot_fidelity import robot_fidelity, trot_targets
 from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
 
 PLACES = {"standing": False, "suspended": True}

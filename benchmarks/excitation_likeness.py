@@ -7,8 +7,8 @@ import numpy as np
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.bench.recording import BENCH_PRESETS
-from motorprior.priors.held_out import standardise, two_sample_auc
 from motorprior.results import Result, Results
+from virtual_fleets.two_sample import standardise, two_sample_auc
 
 BANDS = (0.0, 2.0, 5.0, 10.0, 50.0)  # of the target's spectrum [Hz]
 FEATURES = (

@@ -12,13 +12,13 @@ import tyro
 
 import simulated_arms
 from figures import PROGRESS, markdown
+from fleet_validation import validate_on_bench
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench, record_bench
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.priors.fit_prior import PRIOR, fit_recipe, provenance_of
 from motorprior.results import Result, Results, write_results
 from motorprior.stage import FIGURES, MARKER
-from motorprior.studies.bench_validation import validate_on_bench
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",

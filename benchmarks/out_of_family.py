@@ -18,12 +18,12 @@ import numpy as np
 
 import fidelity
 from figures import PROGRESS, run_benchmark
+from fleet_validation import validate_on_bench
 from motorprior.bench.bench_folder import read_bench
-from motorprior.evaluation.bench_truth import HELD_OUT, MAX_WORK, bench_errors
-from motorprior.priors.held_out import ADAPTED_SECONDS, held_out_motors
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.studies.bench_validation import validate_on_bench
+from virtual_fleets.held_out_motors import ADAPTED_SECONDS, held_out_motors
+from virtual_fleets.held_out_trials import HELD_OUT, MAX_WORK, bench_errors
 
 PRESETS = ("rollout", "per_motor", "latent_network")
 EXCITATIONS = {

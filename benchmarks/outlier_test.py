@@ -15,11 +15,11 @@ import tyro
 from figures import markdown
 from motorprior.bench.bench_folder import bench_from_json
 from motorprior.bench.recording import bench_preset, record
-from motorprior.evaluation.bench_truth import HELD_OUT_SEED, bench_errors
 from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.priors.prior_file import load_prior
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from virtual_fleets.held_out_trials import HELD_OUT_SEED, bench_errors
 
 CHANGES: dict[str, dict[str, float]] = {
     "none": {},

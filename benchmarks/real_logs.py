@@ -31,7 +31,7 @@ import numpy as np
 import motorprior as mp
 from figures import PROGRESS, run_benchmark
 from motorprior.artifacts import read_json, write_json
-from motorprior.evaluation.bench_truth import log_coverage, zero_shot
+from motorprior.evaluation.bands import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.evaluation.splits import first_and_rest, window
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd

@@ -30,14 +30,14 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.excitation import gait, zero_order_hold
 from motorprior.bench.families import require_geared
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
-from motorprior.evaluation.bench_truth import HELD_OUT_SEED
 from motorprior.identification.identify import identify
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
-from motorprior.studies.robot_fidelity import CUTOFF, robot_fidelity
+from virtual_fleets.held_out_trials import HELD_OUT_SEED
+from virtual_fleets.robot_fidelity import CUTOFF, robot_fidelity
 
 STEPS = 10_000
 MOTORS = 32

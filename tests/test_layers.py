@@ -225,8 +225,6 @@ ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
     "bench/excitation.py": "sines of a multisine",
     "bench/learned_excitation.py": "numbers of a window's code",
-    "priors/held_out.py": "the variance of a rank sum",
-    "studies/robot_fidelity.py": "draws of motors",
 }
 """Where the number 12 is not the joints of some robot."""
 

@@ -13,8 +13,8 @@ from motorprior.bench.dynamometer import Trial, run
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_trial
-from motorprior.evaluation.bench_truth import HELD_OUT
 from motorprior.signals import rms
+from virtual_fleets.held_out_trials import HELD_OUT
 
 MOTORS = 16
 

@@ -23,8 +23,7 @@ Edit = Callable[[Path], object]
         ("bench --seed 99999999999999999999", ("--seed", "to 2147483647")),
         ("bench --fleet nowhere.toml", ("nowhere.toml", ".toml file")),
         ("identify {bench} --preset unknown", ("'unknown'", "rollout", "one_network")),
-        ("validate", ("no priors given",)),
-        ("validate {prior} {prior}", ("two priors", "rollout")),
+        ("validate {prior} nowhere.parquet", ("nowhere.parquet", "no such file")),
         ("walk --motors pd:kd=nan", ("--motors 'pd:kd=nan'", "finite number")),
         ("walk --motors pd --task.alive nan", ("--task.alive nan",)),
         ("walk --motors prior", ("file is missing",)),
@@ -66,7 +65,6 @@ def resave(**changes: object) -> Edit:
 
 BROKEN_PRIORS = {
     "truncated": (truncate, ("not a complete safetensors file",)),
-    "other robot": (resave(robot="go1"), ("'go1'", "pupper_v2")),
     "newer schema": (
         resave(schema_version=SCHEMA_VERSION + 1),
         (
@@ -79,13 +77,21 @@ BROKEN_PRIORS = {
 
 @pytest.mark.parametrize(("edit", "words"), BROKEN_PRIORS.values(), ids=list(BROKEN_PRIORS))
 def test_a_broken_prior_is_rejected_by_every_reader(
-    refused: Command, tmp_path: Path, prior: Path, edit: Edit, words: tuple[str, ...]
+    refused: Command, tmp_path: Path, bench: Path, prior: Path, edit: Edit, words: tuple[str, ...]
 ):
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
     edit(copy)
     out = ("--out", tmp_path / "out")
-    refused("validate", copy, *out, words=(str(copy), *words))
-    refused("walk", "--motors", f"prior:{copy}", *out, words=(str(copy), *words))
+    words = (str(copy), *words)
+    refused("validate", copy, bench / "log.parquet", *out, words=words)
+    refused("walk", "--motors", f"prior:{copy}", *out, words=words)
+
+
+def test_a_prior_of_another_robot_does_not_walk(refused: Command, tmp_path: Path, prior: Path):
+    copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
+    resave(robot="go1")(copy)
+    words = (str(copy), "'go1'", "pupper_v2")
+    refused("walk", "--motors", f"prior:{copy}", "--out", tmp_path / "out", words=words)
 
 
 BROKEN_POLICIES = {

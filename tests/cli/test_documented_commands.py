@@ -29,7 +29,7 @@ SMALL = {
     "simulate": "--seconds 2",
     "adapt": "--allow-outliers",
     "replay": "--samples 2",
-    "validate-log": "--adam-steps 4",
+    "validate": "--adam-steps 4",
 }
 """What makes a command small enough for a test."""
 

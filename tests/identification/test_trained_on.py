@@ -12,7 +12,7 @@ from motor_logs import log_of
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.identify import Identify, run_identify
-from motorprior.commands.validate_log import ValidateLog, run_validate_log
+from motorprior.commands.validate import Validate, run_validate
 from motorprior.exceptions import ArtifactError
 from motorprior.identification.presets import PRESETS, recipe_of
 from motorprior.logs.motor_log import MotorLog
@@ -75,7 +75,7 @@ def test_validation_on_a_training_log_warns(
     output = io.StringIO()
     path = folder / f"{seed}.parquet"
     with pytest.raises(InterruptedError):
-        run_validate_log(
-            ValidateLog(folder / "prior.safetensors", path, folder / f"out{seed}"), Lines(output)
+        run_validate(
+            Validate(folder / "prior.safetensors", path, folder / f"out{seed}"), Lines(output)
         )
     assert (str(path) in output.getvalue()) is known

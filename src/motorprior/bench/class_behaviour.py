@@ -8,7 +8,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.behaviour import respond
+from motorprior.bench.dynamometer import respond_alike
 
 LOAD = 3.0  # inertia of the load over the motor's armature [-]
 # before the step [s], its height [rad], time after it [s]
@@ -60,7 +60,7 @@ def _responses(motors: Actuator, inertia: float, period: float) -> dict[str, np.
     phase = 2.0 * np.pi * time * (low + 0.5 * (high - low) * time / CHIRP_DURATION)
     targets = {"step": target, "chirp": CHIRP_AMPLITUDE * np.sin(phase)}
     found = {
-        name: respond(motors, each, inertia, 0.0, period).joint_pos.T
+        name: respond_alike(motors, each, inertia, 0.0, period).joint_pos.T
         for name, each in targets.items()
     }
     if isinstance(motors, GreyBoxActuator):

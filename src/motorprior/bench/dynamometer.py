@@ -131,6 +131,25 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     return Response(*out)
 
 
+def respond_alike(
+    actuator: Actuator,
+    target: np.ndarray,
+    inertia: float,
+    external: np.ndarray | float,
+    period: float,
+) -> Response:
+    """Response of all motors to the same target (steps,) [rad] on the same load.
+
+    The external torque [N·m] is (steps,) or constant, the load inertia is in kg·m², the period of
+    the targets in s.
+    """
+    shape = (len(target), actuator.num_motors)
+    targets = np.broadcast_to(target[:, None], shape)
+    torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
+    load = np.full(actuator.num_motors, inertia)
+    return run(actuator, Trial(targets, torque, load, period))
+
+
 BENCH = "bench"  # robot name in the log of a bench
 
 

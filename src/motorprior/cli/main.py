@@ -31,7 +31,6 @@ from motorprior.commands.play import Play  # noqa: E402
 from motorprior.commands.replay import Replay  # noqa: E402
 from motorprior.commands.simulate import Simulate, run_simulate  # noqa: E402
 from motorprior.commands.validate import Validate  # noqa: E402
-from motorprior.commands.validate_log import ValidateLog  # noqa: E402
 from motorprior.commands.walk import Walk  # noqa: E402
 from motorprior.exceptions import ConfigError, MotorPriorError  # noqa: E402
 
@@ -60,8 +59,7 @@ COMMANDS: dict[str, tuple[type, Any]] = {
     "bench": (Bench, partial(run_bench, progress=TERMINAL)),
     "identify": (_positional(Identify, logs=PATHS), _printing(run_identify)),
     "show": (_positional(show.Show, file=Path), lambda config: print(show.described(config))),
-    "validate": (_positional(Validate, priors=PATHS), show.validate),
-    "validate-log": (_positional(ValidateLog, prior=Path, log=Path), show.validate_log),
+    "validate": (_positional(Validate, prior=Path, log=Path), show.validate),
     "adapt": (_positional(Adapt, prior=Path, log=Path), _printing(run_adapt)),
     "export": (_positional(Export, motors_of=Path), partial(run_export, progress=TERMINAL)),
     "simulate": (Simulate, partial(run_simulate, progress=TERMINAL)),

@@ -22,11 +22,12 @@ from motorprior.commands.play import Play, run_play
 from motorprior.commands.replay import Replay, run_replay
 from motorprior.commands.transfer import Transfer, run_study, run_transfer
 from motorprior.commands.validate import Validate, run_validate
-from motorprior.commands.validate_log import ValidateLog, run_validate_log
 from motorprior.commands.walk import PICTURE as CURVES
 from motorprior.commands.walk import SEED_FOLDER, Walk, run_walk, run_walk_seeds
 from motorprior.evaluation import errors as log_errors
 from motorprior.evaluation import free_runs
+from motorprior.evaluation.bands import LEVELS
+from motorprior.evaluation.errors import PRIOR
 from motorprior.exceptions import ArtifactError, ConfigError, LogError
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.doctor.checks import check_log
@@ -39,17 +40,9 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT, SHIPPED
 from motorprior.stage import FIGURES, PAGE
 from motorprior.studies.compare import NUM_WALKS
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS
 from motorprior.studies.study_settings import Study
 
 TERMINAL = Lines()
-_DISTRIBUTION = (
-    "adapt_rmse_ratio",
-    "adapt_false_alarms",
-    "coverage50",
-    "coverage90",
-    "two_sample_auc",
-)
 
 
 def command_line() -> str:
@@ -168,44 +161,27 @@ def described(config: Show) -> str:
 
 
 def validate(config: Validate) -> None:
-    """See `run_validate`; priors without physics have no table of the distribution."""
+    """See `run_validate`."""
     results = run_validate(config, TERMINAL)
-    titles = {
-        "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
-        "physical: the true motors, started 4 mrad off",
-        "held_out": "The same on held-out motors, adapted to 10 s of log each",
-    }
-    for motors, title in titles.items():
-        table(title, *tables.fidelity_table(results, FIDELITY_METRICS, motors))
-    if figures := results.where(quantity=_DISTRIBUTION).to_figures():
-        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
-        table("Preset rollout on held-out motors", ["figure", "value"], rows)
-
-
-def validate_log(config: ValidateLog) -> None:
-    """See `run_validate_log`."""
-    results = run_validate_log(config, TERMINAL)
     trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if trained else ""
     table(
         f"Free runs, joint RMSE [mrad], over joints{warning}",
         *free_runs.error_table(results, SPANS),
     )
-    shares = [
-        [
-            model,
-            span,
-            *(
-                f"{100 * results.value(quantity=f'{coverage}{level}', model=model):.0f}"
-                for level in (50, 90)
-            ),
-        ]
-        for model in (ADAPTED, "prior")
-        for coverage, span in zip(COVERAGE.values(), SPANS.values(), strict=True)
-    ]
+
+    shares = []
+    for model in (ADAPTED, PRIOR):
+        for quantity, span in SPANS.items():
+            row = [model, span]
+            for level in LEVELS:
+                share = results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model)
+                row.append(f"{100 * share:.0f}")
+            shares.append(row)
+    bands = [f"{level} % band" for level in LEVELS]
     table(
         f"Recorded angles inside the bands [%]{warning}",
-        ["model", "free runs", "50 % band", "90 % band"],
+        ["model", "free runs", *bands],
         shares,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import read_logs
-from motorprior.evaluation.bench_truth import band
+from motorprior.evaluation.bands import band
 from motorprior.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results, read_results, write_results

@@ -1,30 +1,79 @@
-"""Closed-loop fidelity of motor priors, compared with the physical motors that they learned from."""
+"""Errors of a prior and of baselines on held-out rows of a log."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from motorprior.actuator.motor_prior import MotorPrior, prior_path
+from motorprior.artifacts import write_text
+from motorprior.evaluation.free_runs import Validation
+from motorprior.logs.readers.motor_log_file import read_parquet
+from motorprior.priors.adapt import note_training_log
+from motorprior.priors.prior_file import load_prior
+from motorprior.priors.validate import validate
 from motorprior.progress import SILENT, Progress
-from motorprior.results import Results
-from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.studies.bench_validation import ADAPT_SECONDS, validate_on_bench
+from motorprior.results import Results, read_results
+from motorprior.stage import PAGE, description, is_finished, working
+
+BASELINES = "baselines"  # folder with the fits of the baselines
 
 
 @dataclass(frozen=True)
 class Validate:
-    """Compare priors with the physical motors of a bench, and with held-out motors."""
+    """Compare a prior and baselines with the motors of a held-out log."""
 
-    priors: tuple[Path, ...]
-    """Prior files that `motorprior identify` wrote, all from benches of the same motors."""
+    prior: Path
+    """Prior that `motorprior identify` wrote from other logs of the robot that the log names, or a
+    shipped motor card by name."""
+    log: Path
+    """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
-    """Folder for figures.json."""
+    """Folder for figures.json and report.html."""
+    fitted_on: tuple[Path, ...] = ()
+    """Other logs of the same motors: the prior is adapted to them, the baselines are fitted to
+    them, and the whole log is the test. If none is given, the log's first half is used for this,
+    and its second half is the test."""
+    seconds: float | None = None
+    """Use the log's first seconds [s] in place of its first half; not with fitted_on."""
+    adam_steps: int | None = None
+    """Adam steps of the pooled network; the preset's own number if not given."""
     seed: int = 0
-    """Seed of the held-out excitation."""
-    adapt_seconds: tuple[float, ...] = ADAPT_SECONDS
-    """Lengths of log [s] to which the prior is adapted for held-out motors."""
-    robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Seed of the baselines' searches and weights."""
 
 
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
-    """Measure, or read the results of the finished stage; errors as `validate_on_bench`."""
-    return validate_on_bench(**asdict(config), progress=progress)
+    """Call `validate`, and write its results and a page; read the results of a finished stage.
+
+    Raises the errors of `validate`, and ArtifactError or LogError for an unreadable file.
+    """
+    paths = (config.log, *config.fitted_on)
+    log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in paths)
+    prior = load_prior(config.prior, log)
+
+    stage = description("validate", asdict(config), [prior_path(config.prior), *paths])
+    if is_finished(config.out, stage):
+        note_training_log(prior, log, progress)
+        return read_results(config.out)
+    with working(config.out, stage):
+        validation = validate(
+            prior,
+            log,
+            fitted_on=fitted_on,
+            seconds=config.seconds,
+            adam_steps=config.adam_steps,
+            seed=config.seed,
+            folder=config.out / BASELINES,
+            progress=progress,
+        )
+        _write_page(config, prior, validation)
+    return read_results(config.out)
+
+
+def _write_page(config: Validate, prior: MotorPrior, validation: Validation) -> None:
+    # here: they import matplotlib
+    from motorprior.report.page import page
+    from motorprior.report.sections import models_of_logs, samples, write_validation
+
+    write_validation(config.out, validation)
+    title = f"Motors in a held-out log: {config.log.name}"
+    sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(prior)]
+    write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
-from motorprior.evaluation.bench_truth import log_coverage, zero_shot
+from motorprior.evaluation.bands import log_coverage, zero_shot
 from motorprior.evaluation.errors import PRIOR, TUNED_PD, notes_on_log
 from motorprior.evaluation.free_runs import (
     MEDIAN_AND_MEAN,

@@ -44,7 +44,7 @@ def write_validation(folder: Path, found: Validation, lines: Sequence[str] = ())
 
 
 def models_of_logs(folder: Path, title: str, quantity: str) -> Section:
-    """Models of the motors in logs, from the files of the quick report or of `motorprior validate-log`."""
+    """Models of the motors in logs, from the files of the quick report or of `motorprior validate`."""
     results = read_results(folder)
     notes = read_json(folder / _NOTES)
     tables = [

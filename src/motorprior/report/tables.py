@@ -1,10 +1,6 @@
 """Rows of the tables on the page and on the terminal."""
 
-from collections.abc import Sequence
-
-from motorprior.evaluation.errors import MAX_ERROR
 from motorprior.results import Results
-from motorprior.studies.robot_fidelity import DIVERGED
 
 ColumnsAndRows = tuple[list[str], list[list[str]]]
 
@@ -48,26 +44,6 @@ def _mean_cell(means: Results) -> str:
         return cell
     low, high = (1000 * means.value(statistic=side) for side in ("p05", "p95"))
     return f"{cell} ({low:.1f}-{high:.1f})"
-
-
-def fidelity_table(results: Results, columns: Sequence[str], motors: str) -> ColumnsAndRows:
-    """Medians of those ``columns`` that were measured; hf is torque above 20 Hz."""
-    found = results.where(motors=motors, statistic="median")
-    columns = [column for column in columns if found.where(quantity=column)]
-    models = found.where(quantity=columns[0]).distinct("model") if columns else []
-    titles = [
-        column.replace("_rmse", "").replace("_torque_hf", " hf").replace("_", " ")
-        for column in columns
-    ]
-    return ["model", *titles], [
-        [model, *(_fidelity_cell(found, name, model) for name in columns)] for model in models
-    ]
-
-
-def _fidelity_cell(results: Results, quantity: str, model: str) -> str:
-    value = results.value(quantity=quantity, model=model)
-    limit = MAX_ERROR if "rmse" in quantity else DIVERGED
-    return f"{value:.4f}" if value < limit else "diverged"
 
 
 def calibration_errors(results: Results) -> ColumnsAndRows:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.evaluation.bench_truth import log_coverage
+from motorprior.evaluation.bands import log_coverage
 from motorprior.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns

@@ -10,7 +10,6 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
-from motorprior.evaluation.bench_truth import bench_errors
 from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
@@ -35,6 +34,7 @@ from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT
 from motorprior.signals import rms
+from virtual_fleets.held_out_trials import bench_errors
 
 MOTORS = 3
 PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)

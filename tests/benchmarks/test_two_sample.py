@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.bench.behaviour import behaviours
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
-from motorprior.priors.held_out import area_under_curve, two_sample_auc
+from virtual_fleets.behaviour import behaviours
+from virtual_fleets.two_sample import area_under_curve, two_sample_auc
 
 COUNT = 64
 

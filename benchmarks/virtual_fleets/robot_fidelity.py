@@ -1,8 +1,8 @@
 """Closed-loop fidelity of models of motors, on the bench and inside the robot, compared with the physical motors.
 
-Inside the robot all follow the same trot targets, held at 100 Hz for 2 s, standing and suspended.
-The physical motors run at the twin's physics step; the floor ("physical") is a second simulation of
-them that starts 4 mrad away.
+Inside the robot all models follow the same trot targets, held at 100 Hz for 2 s, standing and
+suspended. The physical motors run at the twin's physics step. The floor ("physical") is a second
+simulation of the physical motors that starts 4 mrad away.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,13 +11,6 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.families import TrueMotors
-from motorprior.evaluation.bench_truth import (
-    FLOOR_OFFSET,
-    HELD_OUT,
-    HELD_OUT_SEED,
-    ModelOfMotors,
-    bench_errors,
-)
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays
@@ -27,6 +20,13 @@ from motorprior.robots.robot import Robot
 from motorprior.signals import high_frequency_rms, rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
+from virtual_fleets.held_out_trials import (
+    FLOOR_OFFSET,
+    HELD_OUT,
+    HELD_OUT_SEED,
+    ModelOfMotors,
+    bench_errors,
+)
 
 BENCH_METRICS = {
     "bench_sine_rmse": "sine",
@@ -39,6 +39,7 @@ ROBOT_METRICS = ("standing_rmse", "suspended_rmse", "standing_torque_hf", "suspe
 # joint RMSE [rad] and torque above 20 Hz [N·m], over motors and trials; robots without legs have
 # only the bench's
 FIDELITY_METRICS = (*BENCH_METRICS, *ROBOT_METRICS)
+POSTURES = {"standing": False, "suspended": True}  # posture -> whether the robot is suspended
 # torque [N·m] and displacement [m] of a model whose simulation diverges; its angle error is
 # MAX_ERROR
 DIVERGED = 1e3
@@ -56,31 +57,45 @@ def fidelity(
     seed: int,
     task: Task,
 ) -> Results:
-    """Medians and means of `FIDELITY_METRICS` and the displacement error of the base; three advances of ``task``."""
+    """Medians and means of `FIDELITY_METRICS`, and the median displacement error of the base.
+
+    ``task`` advances three times for a robot with legs, otherwise once.
+    """
+    # (quantity, unit) -> model -> values of motors or of samples
+    measured: dict[tuple[str, str], Mapping[str, np.ndarray]] = {}
     errors = bench_errors(motors, models, seed, HELD_OUT.for_robot(robot))
-    measured = {(quantity, "rad"): errors[kind] for quantity, kind in BENCH_METRICS.items()}
+    for quantity, excitation in BENCH_METRICS.items():
+        measured[quantity, "rad"] = errors[excitation]
     task.advance()
-    for posture, suspended in (("standing", False), ("suspended", True)) if robot.legs else ():
-        found = robot_fidelity(robot, motors, models, suspended, seed)
-        units = {"rmse": "rad", "torque_hf": "N·m"} | (
-            {} if suspended else {"displacement_error": "m"}
-        )
-        for row, (quantity, unit) in enumerate(units.items()):
-            measured[f"{posture}_{quantity}", unit] = {
-                name: each[row] for name, each in found.items()
-            }
+
+    for posture, suspended in POSTURES.items() if robot.legs else ():
+        of_models = robot_fidelity(robot, motors, models, suspended, seed)
+        quantities = [("rmse", "rad"), ("torque_hf", "N·m")]
+        if not suspended:
+            quantities.append(("displacement_error", "m"))
+        for row, (quantity, unit) in enumerate(quantities):
+            by_model = {name: values[row] for name, values in of_models.items()}
+            measured[f"{posture}_{quantity}", unit] = by_model
         task.advance()
+    return _statistics(measured, motor_set)
+
+
+def _statistics(
+    measured: Mapping[tuple[str, str], Mapping[str, np.ndarray]], motor_set: str
+) -> Results:
+    """Median and mean of each quantity and model; of displacements only the median."""
     statistics: dict[str, Callable[[np.ndarray], np.floating]] = {
         "median": np.median,
         "mean": np.mean,
     }
-    return Results(
-        Result(quantity, unit, float(function(values)), model, motor_set, statistic)
-        for (quantity, unit), by_model in measured.items()
-        for model, values in by_model.items()
-        for statistic, function in statistics.items()
-        if unit != "m" or statistic == "median"
-    )
+    rows = []
+    for (quantity, unit), by_model in measured.items():
+        for model, values in by_model.items():
+            for statistic, function in statistics.items():
+                if unit != "m" or statistic == "median":
+                    value = float(function(values))
+                    rows.append(Result(quantity, unit, value, model, motor_set, statistic))
+    return Results(rows)
 
 
 def trot_targets(robot: Robot, rng: np.random.Generator, steps: int) -> np.ndarray:
@@ -104,28 +119,35 @@ def robot_fidelity(
     suspended: bool,
     seed: int,
 ) -> dict[str, np.ndarray]:
-    """(3, samples) results of `compare_playbacks`, by model and of the floor; a diverged simulation has the largest."""
+    """(3, samples) results of `compare_playbacks`, by model and of the floor.
+
+    A simulation that diverged has the largest values.
+    """
     fast = World(robot, suspended=suspended)
     fine = World(robot, robot.twin_physics_dt, suspended)
     rows: dict[str, list[tuple[float, float, float]]] = {}
-    for draw in range(NUM_SAMPLES):
-        rng = np.random.default_rng([HELD_OUT_SEED, seed, draw, ROBOT_STREAM])
+    for sample in range(NUM_SAMPLES):
+        rng = np.random.default_rng([HELD_OUT_SEED, seed, sample, ROBOT_STREAM])
         index = rng.permutation(len(motors))[: robot.num_joints]
         targets = trot_targets(robot, rng, STEPS)
+
         physical = motors.take(index).actuator()
         truth = replay(fine, physical, targets)
         start = robot.nominal_pose + FLOOR_OFFSET * rng.choice([-1.0, 1.0], robot.num_joints)
         floor = replay(fine, physical, targets, start)
+
         rows.setdefault("physical", []).append(compare_playbacks(floor, truth, robot.control_dt))
         for name, model in models.items():
-            rows.setdefault(name, []).append(_try(fast, model(index), targets, truth))
+            rows.setdefault(name, []).append(_compared(fast, model(index), targets, truth))
+
     limits = np.array([[MAX_ERROR], [DIVERGED], [DIVERGED]])
     return {name: capped(np.array(values).T, limits) for name, values in rows.items()}
 
 
-def _try(
+def _compared(
     world: World, model: Actuator, targets: np.ndarray, truth: Playback
 ) -> tuple[float, float, float]:
+    """`compare_playbacks` of a model; infinite if its simulation diverges."""
     try:
         return compare_playbacks(replay(world, model, targets), truth, world.control_dt)
     except SimulationFault:
@@ -135,14 +157,18 @@ def _try(
 def compare_playbacks(
     model: Playback, truth: Playback, control_dt: float
 ) -> tuple[float, float, float]:
-    """RMSE at the ends of control steps [rad], the model's torque above CUTOFF [N·m], base displacement error [m]."""
+    """RMSE at the ends of control steps [rad], torque above CUTOFF [N·m], displacement error [m].
+
+    The torque is that of the model; the displacement is that of the base, from start to end.
+    """
     error = rmse(_at_control_steps(model), _at_control_steps(truth))
     period = control_dt * len(model.measured_joint_pos) / len(model.joint_torque)
     chatter = float(high_frequency_rms(model.joint_torque, period, CUTOFF).mean())
     apart = model.base[-1:, :2] - truth.base[-1:, :2]
-    return float(error), chatter, float(np.hypot(apart[:, 0], apart[:, 1]).sum())
+    displacement = float(np.hypot(apart[:, 0], apart[:, 1]).sum())
+    return float(error), chatter, displacement
 
 
-def _at_control_steps(recorded: Playback) -> np.ndarray:
-    substeps = len(recorded.joint_pos) // len(recorded.measured_joint_pos)
-    return recorded.joint_pos[substeps - 1 :: substeps]
+def _at_control_steps(playback: Playback) -> np.ndarray:
+    substeps = len(playback.joint_pos) // len(playback.measured_joint_pos)
+    return playback.joint_pos[substeps - 1 :: substeps]

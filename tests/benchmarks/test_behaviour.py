@@ -7,9 +7,9 @@ import pytest
 
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.bench import behaviour
 from motorprior.bench.families import require_geared
 from motorprior.bench.fleet import load_fleet
+from virtual_fleets import behaviour
 
 KP = np.array([8.0, 12.0])
 KD = np.array([0.8, 0.9])

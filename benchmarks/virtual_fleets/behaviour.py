@@ -12,7 +12,7 @@ of 0 from one of 0.0003.
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.dynamometer import Response, Trial, run
+from motorprior.bench.dynamometer import Response, respond_alike
 
 PERIOD = 0.002  # sample period of all trials [s]
 # inertia of a leg, and of one that carries the robot [kg·m²]
@@ -96,13 +96,12 @@ def respond(
     target: np.ndarray,
     inertia: float = LOAD_INERTIA,
     external: np.ndarray | float = -PRELOAD,
-    period: float = PERIOD,
 ) -> Response:
-    """Response of all motors to one target (steps,) [rad] and one external torque, (steps,) or constant [N·m]."""
-    shape = (len(target), actuator.num_motors)
-    torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
-    load = np.full(actuator.num_motors, inertia)
-    return run(actuator, Trial(np.broadcast_to(target[:, None], shape), torque, load, period))
+    """Response of all motors to one target (steps,) [rad] and one external torque [N·m].
+
+    The torque is (steps,) or constant.
+    """
+    return respond_alike(actuator, target, inertia, external, PERIOD)
 
 
 def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,1 @@
+"""Models of motors compared with the true motors of virtual fleets."""
