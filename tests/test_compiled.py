@@ -45,6 +45,25 @@ def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
     assert ours.startswith(chosen) and theirs.startswith(chosen) and setting == repr(chosen)
 
 
+def test_importing_a_kernel_touches_no_folder(tmp_path: Path):
+    """Whether the cache exists after the import of a kernel, and after its first call."""
+    code = """if True:
+        from pathlib import Path
+        import sys
+        import numpy as np
+        from motorprior.rotations import roll_pitch_yaw
+        print(Path(sys.argv[1]).exists())
+        roll_pitch_yaw(np.array([1.0, 0.0, 0.0, 0.0]))
+        print(Path(sys.argv[1]).exists())
+    """
+    folder = tmp_path / "cache"
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    words = [sys.executable, "-c", code, str(folder)]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True"]
+
+
 def test_every_kernel_is_cached_there():
     imports = re.compile(r"^\s*from numba import .*\bnjit\b|numba\.n?jit\b", re.MULTILINE)
     assert [

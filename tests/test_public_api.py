@@ -3,11 +3,13 @@
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
 
+import ast
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -45,6 +47,17 @@ def test_a_name_loads_few_modules_of_the_package(name: str, max_modules: int):
     code = f"import sys, motorprior as mp; mp.{name}; {count}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert 10 < int(done.stdout) <= max_modules
+
+
+def test_public_names_are_those_that_a_type_checker_sees():
+    imported = {
+        alias.name: statement.module
+        for statement in ast.walk(ast.parse(Path(mp.__file__).read_text("utf-8")))
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+        if alias.name == alias.asname
+    }
+    assert imported == mp._MODULES
 
 
 def test_every_public_name_is_there():

@@ -9,9 +9,7 @@ Each name is imported at its first use, so numba, MuJoCo, JAX and Gymnasium load
 needed.
 """
 
-import ast
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -54,12 +52,43 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# public name -> module, read from the imports above, which run for type checkers only
+# public name -> its module; the same as in the imports above, which only type checkers run
 _MODULES = {
-    alias.name: node.module
-    for node in ast.walk(ast.parse(Path(__file__).read_text("utf-8")))
-    if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("motorprior.")
-    for alias in node.names
+    "IdealPd": "motorprior.actuator.ideal_pd",
+    "MotorPosterior": "motorprior.actuator.motor_posterior",
+    "MotorPrior": "motorprior.actuator.motor_prior",
+    "Motors": "motorprior.actuator.motors",
+    "PhysicalActuator": "motorprior.actuator.physical",
+    "record_bench": "motorprior.bench.bench_folder",
+    "Fleet": "motorprior.bench.fleet",
+    "load_fleet": "motorprior.bench.fleet",
+    "make_env": "motorprior.environments",
+    "ArtifactError": "motorprior.exceptions",
+    "ConfigError": "motorprior.exceptions",
+    "LogError": "motorprior.exceptions",
+    "MotorPriorError": "motorprior.exceptions",
+    "SimulationFault": "motorprior.exceptions",
+    "fit_excitation": "motorprior.excitation.fit_excitation",
+    "read_motor": "motorprior.exports.bam",
+    "from_pretrained": "motorprior.exports.cards",
+    "export": "motorprior.exports.registry",
+    "with_fitted_loads": "motorprior.identification.load_fit",
+    "Policy": "motorprior.locomotion.policy",
+    "check_log": "motorprior.logs.doctor.checks",
+    "load_log": "motorprior.logs.load_log",
+    "MotorLog": "motorprior.logs.motor_log",
+    "read_log": "motorprior.logs.read_log",
+    "write_log": "motorprior.logs.readers.motor_log_file",
+    "adapt": "motorprior.priors.adapt",
+    "fit_prior": "motorprior.priors.fit_prior",
+    "validate": "motorprior.priors.validate",
+    "Lines": "motorprior.progress",
+    "load_robot": "motorprior.robots.load",
+    "Robot": "motorprior.robots.robot",
+    "DrivenJoints": "motorprior.simulation.driven_joints",
+    "simulate": "motorprior.simulation.playback",
+    "train_policy": "motorprior.simulation.training",
+    "compare": "motorprior.studies.compare",
 }
 __all__ = ["__version__", *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -1,4 +1,8 @@
-"""``njit`` with this library's own cache folder; without numba, as on the robot, the functions run as plain Python."""
+"""Compiled kernels: ``njit`` with this library's own cache folder.
+
+Importing a kernel touches no folder: its cache is opened when it is first compiled. Without numba,
+as on the robot's computer, the functions run as plain Python.
+"""
 
 import hashlib
 import os
@@ -6,9 +10,11 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+MAX_AGE = 7 * 24 * 3600.0  # of an unused cache folder [s]; a younger one may be in use
 
 if TYPE_CHECKING:
     from numba import njit as njit
@@ -18,52 +24,71 @@ else:
     except ModuleNotFoundError:  # the robot's computer
         numba = None
 
-    def njit(**options: Any) -> Callable[[Callable], Callable]:
-        """`numba.njit` that caches in `kernel_folder`; returns the function unchanged where numba is missing."""
+    def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable], Callable]:
+        """`numba.njit` with its cache in `kernel_folder`; without numba, the function itself."""
 
         def decorate(function: Callable) -> Callable:
             if numba is None:
                 return function
-            # Numba reads this global setting when it decorates a function; the user's own functions
-            # keep theirs.
-            users = numba.config.CACHE_DIR
-            numba.config.CACHE_DIR = users or kernel_folder()
-            try:
-                return numba.njit(**options)(function)
-            finally:
-                numba.config.CACHE_DIR = users
+
+            kernel = numba.njit(**options)(function)
+            if cache and not numba.config.DISABLE_JIT:
+                kernel._cache = _KernelCache(function)
+            return kernel
 
         return decorate
 
 
+class _KernelCache:
+    """Numba's cache of a function, opened at its first use."""
+
+    def __init__(self, function: Callable):
+        self._function = function
+
+    @cached_property
+    def _opened(self) -> Any:
+        from numba.core.caching import FunctionCache
+
+        # Numba reads this global setting when it opens a cache; the user's own functions keep
+        # theirs.
+        users_folder = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = users_folder or kernel_folder()
+        try:
+            return FunctionCache(self._function)
+        finally:
+            numba.config.CACHE_DIR = users_folder
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._opened, name)
+
+
 def source_digest(package: Path) -> str:
     """Digest of names, sizes and modification times of the package's Python files."""
-    files = [(path.relative_to(package), path.stat()) for path in sorted(package.rglob("*.py"))]
-    text = "\n".join(f"{name}:{status.st_size}:{status.st_mtime_ns}" for name, status in files)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    lines = []
+    for path in sorted(package.rglob("*.py")):
+        status = path.stat()
+        lines.append(f"{path.relative_to(package)}:{status.st_size}:{status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 @cache
 def kernel_folder() -> str:
-    """Cache folder for the current sources; "" (numba's default) if the home folder is not writable.
+    """Make the cache folder of the current sources, and remove old ones.
 
-    Numba checks only a kernel's own file: after a change in a function that it calls, it would
-    reuse old machine code.
+    Numba checks only a kernel's own file: after a change in a function that the kernel calls, it
+    would reuse old machine code. Without a writable home folder the result is "", numba's default.
     """
     try:
-        root = (
-            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-            / "motorprior"
-            / "kernels"
-        )
+        user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        root = user_cache / "motorprior" / "kernels"
         folder = root / source_digest(Path(__file__).parent)
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-    except (OSError, RuntimeError):  # no home
+    except (OSError, RuntimeError):  # RuntimeError: the user has no home folder
         return ""
+
     with suppress(OSError):  # another process removes old folders at the same time
         for old in root.iterdir():
-            # a younger one may belong to a running command
-            if old.stat().st_mtime < time.time() - 7 * 24 * 3600:
+            if old.stat().st_mtime < time.time() - MAX_AGE:
                 shutil.rmtree(old, ignore_errors=True)
     return str(folder)

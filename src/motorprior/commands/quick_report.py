@@ -1,6 +1,5 @@
 """Quick report of real logs: models of their motors, fitted in a minute and evaluated on held-out logs."""
 
-import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -46,7 +45,6 @@ class QuickReport:
 
 def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Results:
     """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
     robot = load_robot(config.robot)
     folder = read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []

@@ -1,7 +1,6 @@
 """Learn an excitation from runs of a robot: their windows by joint class, and a generator of more of them."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -99,7 +98,6 @@ def fit_excitation(
     if method == "generated" and found.provenance == trained:
         progress.note(f"{out} exists already, from the same runs and settings")
     elif method == "generated":
-        os.environ.setdefault("JAX_PLATFORMS", "cpu")
         # here: it imports JAX
         from motorprior.identification.networks.adversarial import train_generator
 

@@ -1,7 +1,6 @@
 """Fit a motor prior to motor logs."""
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -122,7 +121,6 @@ def fit_recipe(
     if out is not None and is_finished(out, wanted):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")  # before a network imports JAX
     if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(log.gains, log.source)
     # an error in the log leaves an earlier prior in the folder

@@ -28,6 +28,7 @@ from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bench import learned_excitation
 from motorprior.bench.learned_excitation import CHANNELS, CODE, EDGE, NOISE, SUB, LearnedExcitation
 from motorprior.exceptions import ArtifactError
+from motorprior.identification.networks.device import use_cpu_by_default
 from motorprior.progress import ReportProgress
 
 # steps per compiled call; windows per step
@@ -62,6 +63,7 @@ def train_generator(
     The state after every CHUNK steps is in the file ``checkpoint``; a call with the same
     ``identity`` continues there.
     """
+    use_cpu_by_default()
     schedules = {name: optax.cosine_decay_schedule(rate, steps) for name, rate in RATES.items()}
     adams: dict[Hashable, Any] = {
         name: optax.adam(each, b1=0.5, b2=0.99) for name, each in schedules.items()

@@ -10,6 +10,7 @@ import optax
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks import objectives
+from motorprior.identification.networks.device import use_cpu_by_default
 from motorprior.identification.networks.objectives import Parameters
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData
@@ -26,6 +27,7 @@ def train_network(
     data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
     """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
+    use_cpu_by_default()
     rng = np.random.default_rng([seed, 0])
     shape = (len(data.series), recipe.num_latents)
     start = {

@@ -24,6 +24,7 @@ from motorprior.actuator.latent import (
 )
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification import windows as channel
+from motorprior.identification.networks.device import use_cpu_by_default
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Recipe
 from motorprior.identification.search import huber
@@ -202,6 +203,7 @@ class NetworkProblem:
     """Residuals of a trained network's objective on windows of M motors whose free parts do not overlap."""
 
     def __init__(self, network: LatentNetwork, data: TrainingData, recipe: Recipe):
+        use_cpu_by_default()
         scales = tuple(float(getattr(network, name)) for name in NETWORK_SCALES)
         self._residuals, self.weight = _compiled(recipe, scales, data.has_torque)
         self._parameters = _parameters_of(network)
