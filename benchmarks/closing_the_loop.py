@@ -35,7 +35,8 @@ from figures import PROGRESS, run_benchmark
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
 from motorprior.exceptions import RobotFault
-from motorprior.hardware import commands
+from motorprior.hardware import runs
+from motorprior.hardware.motions import hardware_targets, joints_of
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.command import Commands
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -101,9 +102,23 @@ def record(folder: Path, number: int, wear: str) -> mp.MotorLog:
         port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=partial(with_wear, wear))
         with on_its_clock(port):
             settings = RecordSettings(folder / "recorded", seconds=RECORDED, yes=True)
-            recorded = commands.run_record(ROBOT, port.port, settings, lambda _: None)
+            recorded = runs.record(ROBOT, port.port, settings, targets_of(settings), lambda _: None)
         mp.write_log(log, mp.load_log(recorded, robot=ROBOT, suspended=True, progress=PROGRESS))
     return read_parquet(log)
+
+
+def targets_of(settings: RecordSettings) -> np.ndarray:
+    """(steps, joints) targets [rad] of a recording."""
+    playback = settings.playback(ROBOT.require_wire().safety)
+    return hardware_targets(
+        ROBOT,
+        playback.excitation,
+        joints_of(ROBOT, settings.joint),
+        settings.seconds,
+        playback.amplitude,
+        playback.max_speed,
+        settings.seed,
+    )
 
 
 def deploy(
@@ -116,7 +131,7 @@ def deploy(
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
             settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
-            commands.run_deploy(ROBOT, policy, port.port, settings, lambda _: None)
+            runs.deploy(ROBOT, policy, port.port, settings, lambda _: None)
         except RobotFault:
             fault = True
     return port.path, float(np.hypot(*(port.body.position() - start))), fault

@@ -14,7 +14,7 @@ import numpy as np
 
 import motorprior as mp
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.hardware import commands, robot_link, session
+from motorprior.hardware import robot_link, runs, session
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.virtual_robot import Firmware
@@ -158,7 +158,7 @@ class SimulatedPort(SerialLink):
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
     """Within this context the host uses the clock of the port, and `deploy` and `record` open it as any port."""
     with (
-        mock.patch.object(commands, "SerialLink", lambda *_: port),
+        mock.patch.object(runs, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),
         mock.patch.object(time, "sleep", port.sleep),
         mock.patch.object(robot_link, "Watchdog", mock.MagicMock()),

@@ -22,13 +22,13 @@ def soft_motors(robot, kp: float = 1.0) -> EpisodeMotors:
 USE_ACTUATOR = """
 from pathlib import Path
 import motorprior as mp
-from motorprior.cli.main import parse
+from motorprior.cli.parse import parse
 from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import policy_runs_of
 from motorprior.simulation.motors import simulated_motors
 robot = mp.load_robot("pupper_v2")
 assert simulated_motors("soft:kp=2", robot).condition == "soft"
-assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"]).motors == "soft:kp=2"
+assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"])[1].motors == "soft:kp=2"
 study = Study(Path("x"), conditions=("soft:kp=2",))
 study.require_valid()
 assert [each.motors for each in policy_runs_of(study, 0)] == ["soft:kp=2"]

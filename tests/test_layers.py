@@ -177,7 +177,7 @@ def test_benchmarks_and_examples_import_the_library_not_commands(name: str):
         ),
         ("def main():\n    from motorprior import commands", ["a.py:2: motorprior.commands"]),
         ("import motorprior.commands.walk", ["a.py:1: motorprior.commands.walk"]),
-        ("from motorprior.hardware import commands\nimport motorprior as mp", []),
+        ("from motorprior.hardware import runs\nimport motorprior as mp", []),
     ],
 )
 def test_an_import_of_commands_is_caught(tmp_path: Path, code: str, found: list[str]):

@@ -48,7 +48,7 @@ def commands(text: str) -> Iterator[list[str]]:
 
 
 def parses(args: list[str]) -> None:
-    from motorprior.cli.main import parse
+    from motorprior.cli.parse import parse
 
     try:
         parse(args)

@@ -1,22 +1,18 @@
-"""The command ``motorprior``; with the extra ``robot`` alone, only the commands for the robot's computer."""
+"""The command ``motorprior``."""
 
 import os
 import sys
 
+from motorprior.cli.main import main as run_command_line
+
 
 def main() -> None:
-    """Run a command line; see `motorprior.cli.main` and `motorprior.hardware.__main__`."""
+    """Run a command line; see `motorprior.cli.main`."""
     try:
-        from motorprior.cli.main import main as run
-    except ModuleNotFoundError as error:
-        if (error.name or "").startswith("motorprior"):
-            raise
-        from motorprior.hardware.__main__ import main as run
-    try:
-        run()
+        run_command_line()
     except SystemExit as stop:
-        # threads of stages may still run; their checkpoints are saved
         if isinstance(stop.code, int) and stop.code:
+            # threads of stages may still run; their checkpoints are saved
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(stop.code)

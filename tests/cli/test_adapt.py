@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_bench(Bench(root / "bench", motors=12, steps=2000))
     run_bench(Bench(root / "new", motors=12, steps=1200, seed=5))
     run_bench(Bench(root / "held_out", motors=3, steps=3000, seed=7))
-    run_identify(Identify(root / "bench", root / "prior", "pace"))
+    run_identify(Identify((root / "bench",), root / "prior", "pace"))
     return root
 
 

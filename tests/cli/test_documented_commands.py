@@ -15,7 +15,8 @@ from unittest.mock import patch
 import pytest
 from swinging_bars import bars_table, swing
 
-from motorprior.cli.main import RUN, parse
+from motorprior.cli.parse import parse
+from motorprior.cli.terminal import TERMINAL
 from motorprior.commands import demo
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.column_map import load_column_map
@@ -65,8 +66,8 @@ def run(words: list[str]) -> None:
     expanded = []
     for word in words:
         expanded += (sorted(map(str, Path().glob(word))) if set("*[") & set(word) else []) or [word]
-    config = parse([*expanded, *shlex.split(SMALL.get(words[0], ""))])
-    RUN[type(config)](config)
+    command, settings = parse([*expanded, *shlex.split(SMALL.get(words[0], ""))])
+    command.load_run()(settings, TERMINAL)
 
 
 @pytest.fixture

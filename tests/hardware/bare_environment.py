@@ -1,24 +1,32 @@
-"""`bare_environment.py MODULE ARGS…` or `-c CODE`: only the standard library and four packages can be imported."""
+"""`bare_environment.py MODULE ARGS…` or `-c CODE`, with the packages of the robot's own computer only."""
 
 import dataclasses
 import importlib.abc
+import importlib.util
 import runpy
 import sys
 
-INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "motorprior"}
+TYRO = {"tyro", "docstring_parser", "typeguard", "typing_extensions"}
+INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "motorprior", *TYRO}
+find_spec = importlib.util.find_spec
+
+
+def is_installed(name):
+    top = name.partition(".")[0]
+    return top in INSTALLED or top in sys.stdlib_module_names or top.startswith("_")
 
 
 class OnlyInstalled(importlib.abc.MetaPathFinder):
     """Finds no other package."""
 
     def find_spec(self, fullname, path=None, target=None):
-        top = fullname.partition(".")[0]
-        if top not in INSTALLED and top not in sys.stdlib_module_names and not top.startswith("_"):
+        if not is_installed(fullname):
             raise ModuleNotFoundError(f"No module named {fullname!r}", name=fullname)
 
 
 if __name__ == "__main__":
     sys.meta_path.insert(0, OnlyInstalled())
+    importlib.util.find_spec = lambda name: find_spec(name) if is_installed(name) else None
     sys.argv = sys.argv[1:]
     from motorprior.robots import shipped
 

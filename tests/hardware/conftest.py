@@ -99,9 +99,9 @@ def when() -> Callable[..., float]:
 
 @pytest.fixture(scope="session")
 def bare_command() -> list[str]:
-    """The command line of the robot's computer, without numba, tyro and all the rest."""
+    """The command line of the robot's computer, without numba and all the rest."""
     return [
         sys.executable,
         str(Path(__file__).with_name("bare_environment.py")),
-        "motorprior.hardware",
+        "motorprior.__main__",
     ]

@@ -11,11 +11,11 @@ from telemetry import telemetry
 
 from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.fleet import load_fleet
-from motorprior.hardware.commands import run_record
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.health import Measurement
 from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, hardware_targets, joints_of
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
+from motorprior.hardware.runs import record
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.settings import RecordSettings
 from motorprior.hardware.virtual_robot import Firmware
@@ -174,7 +174,9 @@ def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     port = _Witness()
     with on_its_clock(port):
         settings = RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True)
-        run_record(PUPPER_V2, port.port, settings, lambda _: None)
+        every_joint = tuple(range(PUPPER_V2.num_joints))
+        targets = hardware_targets(PUPPER_V2, "sine", every_joint, 4.0, 0.4, 8.0, settings.seed)
+        record(PUPPER_V2, port.port, settings, targets, lambda _: None)
     log = read_deploy_recording(tmp_path / "run.csv", PUPPER_V2, period=0.001)
     first = round(1e3 * log.time[0])
     count = log.num_rows - 20

@@ -18,10 +18,10 @@ from robot_faults import FaultyPort
 
 from motorprior.artifacts import read_json
 from motorprior.exceptions import ArtifactError, RobotFault
-from motorprior.hardware.commands import run_deploy, run_doctor, run_record
 from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Command, framed
 from motorprior.hardware.robot_link import RobotLink
+from motorprior.hardware.runs import deploy, diagnose, record
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Check, check_before_arming, check_telemetry
 from motorprior.hardware.settings import DeploySettings, RecordSettings
@@ -95,7 +95,7 @@ def walk_into(trot: Path, tmp_path: Path) -> Callable[..., Incident]:
                 settings = DeploySettings(
                     out=tmp_path / "run", seconds=seconds, forward=0.3, yes=True
                 )
-                run_deploy(PUPPER_V2, trot, "a port", settings, show)
+                deploy(PUPPER_V2, trot, "a port", settings, show)
             except (ArtifactError, RobotFault, ValueError) as error:
                 incident.error = error
             finally:
@@ -222,12 +222,9 @@ def test_a_fault_during_the_crouch_does_not_start_the_walk_again(
 def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
     port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
-        run_record(
-            PUPPER_V2,
-            "p",
-            RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True),
-            print,
-        )
+        settings = RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True)
+        targets = np.tile(PUPPER_V2.nominal_pose, (100, 1))
+        record(PUPPER_V2, "p", settings, targets, print)
     assert port.events[-1][1] == IDLE and not Incident(port).crouched
 
 
@@ -323,7 +320,7 @@ def test_an_unknown_device_is_sent_nothing():
     master, slave = pty.openpty()
     tty.setraw(slave)
     with pytest.raises(RobotFault, match="stale telemetry"):
-        run_doctor(PUPPER_V2, os.ttyname(slave), 1.0, True, print)
+        diagnose(PUPPER_V2, os.ttyname(slave), 1.0, True, print)
     assert not select.select([master], [], [], 0.1)[0]
     os.close(master)
     os.close(slave)

@@ -50,7 +50,10 @@ _PRIOR_SHARE = 0.25
 
 @dataclass(frozen=True)
 class Demo:
-    """Learn motors, train policies on models of them, test these on held-out virtual robots; a rerun resumes."""
+    """Learn motors, train policies on models of them, test these on virtual robots.
+
+    A rerun resumes.
+    """
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""

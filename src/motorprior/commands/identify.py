@@ -21,7 +21,7 @@ from motorprior.progress import SILENT, Progress
 class Identify:
     """Learn a motor prior from motor logs."""
 
-    logs: Path | tuple[Path, ...]
+    logs: tuple[Path, ...]
     """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different
     motors."""
     out: Path

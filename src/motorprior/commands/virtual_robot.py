@@ -9,7 +9,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Literal
 
-from motorprior.bench.fleet import load_robot_fleet
 from motorprior.bounds import require_seed
 from motorprior.exceptions import MotorPriorError, RobotFault
 from motorprior.hardware.settings import require_robot_extra
@@ -20,12 +19,13 @@ if TYPE_CHECKING:
     from motorprior.robots.robot import Robot
     from motorprior.simulation.simulated_robot import SimulatedRobot
 
-_MAX_START = 60.0  # [s]
+_MAX_START = 60.0  # [s] until the virtual robot has a port
+_MAX_END = 10.0  # [s] until its process has ended
 
 
 @dataclass(frozen=True)
 class VirtualRobotSettings:
-    """A simulated robot behind the interface of a real one: pseudo-terminal and firmware, in real time."""
+    """A simulated robot behind the interface of a real one: a pseudo-terminal and firmware, in real time."""
 
     fleet: str | None = None
     """Fleet of its motors; the robot's own if not given."""
@@ -44,43 +44,55 @@ class VirtualRobotSettings:
 def make_virtual_robot(
     robot: "Robot", settings: VirtualRobotSettings
 ) -> "tuple[VirtualRobot, SimulatedRobot]":
-    """A virtual robot and its body, not yet running; ConfigError for a bad seed or fleet."""
+    """A virtual robot and its simulation, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
+    # here: the robot's own computer has no simulator
+    from motorprior.bench.fleet import load_robot_fleet
     from motorprior.hardware.virtual_robot import Firmware, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
-    motors = draw_motors(
-        robot, load_robot_fleet(robot, settings.fleet, "robot.fleet"), settings.seed
-    )
-    body = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
-    firmware = Firmware(robot, body, 1000 // settings.rate, settings.currents, settings.imu)
-    return VirtualRobot(firmware), body
+    fleet = load_robot_fleet(robot, settings.fleet, "robot.fleet")
+    motors = draw_motors(robot, fleet, settings.seed)
+    simulated_robot = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
+    frame_period = 1000 // settings.rate  # [ms]
+    firmware = Firmware(robot, simulated_robot, frame_period, settings.currents, settings.imu)
+    return VirtualRobot(firmware), simulated_robot
 
 
 @contextmanager
 def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> Iterator[str]:
-    """Run a virtual robot in another process; yields its port. Errors of `make_virtual_robot`, or RobotFault."""
+    """Run a virtual robot in another process; yields its port.
+
+    Raises as `make_virtual_robot`, or RobotFault if it does not start.
+    """
     context = get_context("spawn")
     connection, other_end = context.Pipe()
     process = context.Process(target=_run, args=(robot_name, settings, other_end), daemon=True)
     process.start()
     other_end.close()
     try:
-        answer = None
-        with suppress(EOFError):
-            answer = connection.recv() if connection.poll(_MAX_START) else None
-        if isinstance(answer, MotorPriorError):
-            raise answer
-        if answer is None:
-            raise RobotFault(
-                "no port", "the virtual robot did not start", remedy="see its output above"
-            )
-        yield answer
+        yield _received_port(connection)
     finally:
         connection.close()  # ends the robot, also if this process is killed
-        process.join(timeout=10.0)
+        process.join(timeout=_MAX_END)
         process.kill()
+
+
+def _received_port(connection: Connection) -> str:
+    """The port that the other process sends; raises the error that it sends instead."""
+    answer = None
+    with suppress(EOFError):  # the process died
+        if connection.poll(_MAX_START):
+            answer = connection.recv()
+
+    if isinstance(answer, MotorPriorError):
+        raise answer
+    if answer is None:
+        raise RobotFault(
+            "no port", "the virtual robot did not start", remedy="see its output above"
+        )
+    return answer
 
 
 def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection) -> None:
@@ -89,13 +101,14 @@ def _run(robot_name: str, settings: VirtualRobotSettings, connection: Connection
 
     os.setsid()  # the terminal's signals go to the host, which must crouch the robot
     try:
-        virtual, body = make_virtual_robot(load_robot(robot_name), settings)
+        virtual_robot, simulated_robot = make_virtual_robot(load_robot(robot_name), settings)
     except MotorPriorError as error:
         connection.send(error)
         return
-    start = body.position()
-    connection.send(virtual.port)
+
+    start = simulated_robot.position()
+    connection.send(virtual_robot.port)
     with real_time():
-        virtual.run(connection.poll)
-    forward, left = body.position() - start
+        virtual_robot.run(connection.poll)
+    forward, left = simulated_robot.position() - start
     print(f"virtual robot: walked {forward:+.2f} m forward, {left:+.2f} m left", file=sys.stderr)
