@@ -1,7 +1,7 @@
-"""The commands of `motorprior`: where each one's settings and function are, and what its help shows.
+"""The commands of `motorprior`: where their settings and functions are, and what their help shows.
 
-A command is imported when it is chosen, so the list of commands appears at once, and the robot's own
-computer needs only the libraries of its commands.
+A command is imported when it is chosen. So the list of commands appears at once, and the robot's
+own computer needs only the libraries of its commands.
 """
 
 from collections.abc import Callable

@@ -18,11 +18,13 @@ class LogsCheck:
     """Check logs: clock, units, limits, jumps, excitation, tracking, saturation, gravity."""
 
     paths: tuple[Path, ...]
-    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs import` reads."""
+    """Motor logs (.parquet), recordings of a robot (.csv) or raw logs in any format that `logs
+    import` reads."""
     columns: str | None = None
     """Column map of a table: a shipped map by name, or your .toml file (docs/your-motors.md)."""
     robot: str | None = None
-    """Robot: a shipped one by name, or your .toml file. Default for logs without joint names: the shipped robot."""
+    """Robot: a shipped one by name, or your .toml file. Default for logs without joint names: the
+    shipped robot."""
 
 
 def run(config: LogsCheck, progress: Progress) -> None:

@@ -1,7 +1,7 @@
-"""The paper's experiment in minutes: motor logs, models of the motors, walking policies, held-out robots, a page."""
+"""The paper's experiment in minutes, from motor logs to a page on policies on held-out robots."""
 
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,8 +42,8 @@ FILM = "film.gif"
 MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
 FILMED = ("ideal_pd", "sampled_prior")
 _ENVIRONMENTS = ("fleet", "hard")
-# the study of docs/transfer.md has 0.4 and 0.5; with so wide a PD, policies need more iterations
-# than here to walk
+# The study of docs/transfer.md has 0.4 and 0.5. With so wide a range of PDs, policies need more
+# iterations to walk than the demo has.
 _PD_RANGE = 0.1
 _PRIOR_SHARE = 0.25
 
@@ -60,12 +60,15 @@ class Demo:
     fleet: str | None = None
     """Fleet of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
     logs: Path | None = None
-    """Folder with real logs, in any format of docs/logs.md: the demo begins with a comparison of their motors. Logs of
-    the shipped robot are in jietan/puppersim, puppersim/data/system_id."""
+    """Folder with real logs, in any format of docs/logs.md: the demo begins with a comparison of
+    models of their motors. Logs of the shipped robot are in jietan/puppersim,
+    puppersim/data/system_id."""
     columns: str | None = None
-    """Column map of tables among the logs: a shipped one by name, or your .toml file (docs/your-motors.md)."""
+    """Column map of tables among the logs: a shipped one by name, or your .toml file
+    (docs/your-motors.md)."""
     suspended: bool = False
-    """In the logs the robot is suspended with its body level, so that the loads of its motors are known."""
+    """In the logs the robot is suspended with its body level, so that the loads of its motors are
+    known."""
     seed: int = 0
     """Seed of everything."""
     motors: int = 16
@@ -98,92 +101,114 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     """
     from motorprior.report import sections as page_sections  # here: they import matplotlib
     from motorprior.report import study as study_page
-    from motorprior.report.page import page
 
-    if config.logs is None and (config.suspended or config.columns is not None):
-        name = "suspended" if config.suspended else "columns"
-        raise ConfigError(
-            f"{name} is given without logs", remedy="give logs too, or omit it", argument=name
-        )
+    _require_logs(config)
     started = time.monotonic()
-    given = config
-    config = with_walking_robot(config)
     out = config.out
-    results = Results()
-    study = study_of(config)
+    walking = with_walking_robot(config)
+    study = study_of(walking)
     study.require_valid()
-    own: list[Section] = []
-
-    def write_page(sections: "list[Section]", complete: bool = False) -> Path:
-        title = "motorprior: do policies walk on robots they have never seen?"
-        settings = asdict(given) | {"speed": study.commanded}
-        write_text(
-            out / stage.PAGE,
-            page(title, [*own, *sections], settings, command or repr(given), complete),
-        )
-        return out / stage.PAGE
+    page = _DemoPage(config, study.commanded, command or repr(config))
+    results = Results()
 
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
-        if given.logs is not None:
-            real = QuickReport(
-                given.logs,
-                out / "real_motors",
-                given.columns,
-                given.suspended,
-                given.seed,
-                given.robot,
-            )
-            results += run_quick_report(real, progress)
-            own.append(
-                page_sections.models_of_logs(out / "real_motors", "Your motors", WHOLE_RUN_RMSE)
-            )
-            shown = f"Report on your motors: {write_page([])}."
-            rest = (
-                f"The next stages use a virtual {config.robot}; stop here if you do not need them"
-            )
-            progress.note(f"{shown} {rest}")
+        if config.logs is not None:
+            results += _report_on_logs(config, walking.robot, page, progress)
+
         bench = study.of_benches()[0]
         record_benches(bench, progress)
         motors = page_sections.bench(bench.out / "bench" / "rollout")
-        progress.note(f"first picture: {write_page([motors])}")
+        progress.note(f"first picture: {page.write([motors])}")
+
         walks = study_walks(study, progress)
-        found = summarise(walks)
+        statistics = summarise(walks)
         film = _film(bench, walks, progress)
         (out / FILM).write_bytes(film.data)
         sections = [
-            study_page.results_section(found, study.commanded, film),
+            study_page.results_section(statistics, study.commanded, film),
             study_page.robustness(_maps(bench, progress)),
-            study_page.own_simulations(found),
+            study_page.own_simulations(statistics),
             motors,
             page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
-        results += found.as_results()
+
+        results += statistics.as_results()
         results += Results([Result("seconds", "s", time.monotonic() - started)])
         write_results(out, results)
-        write_page(sections, complete=True)
-        progress.note(study_page.headline(found))
+        page.write(sections, complete=True)
+        progress.note(study_page.headline(statistics))
         return results
+
+
+def _require_logs(config: Demo) -> None:
+    """Raise ConfigError if settings of logs are given without logs."""
+    for name in ("suspended", "columns"):
+        if config.logs is None and getattr(config, name):
+            raise ConfigError(
+                f"{name} is given without logs", remedy="give logs too, or omit it", argument=name
+            )
+
+
+@dataclass
+class _DemoPage:
+    """The report of the demo, which is written again when there are more sections."""
+
+    config: Demo
+    speed: float  # commanded speed of the study [m/s]
+    command: str
+    sections_on_logs: "list[Section]" = field(default_factory=list)
+
+    def write(self, sections: "list[Section]", complete: bool = False) -> Path:
+        """Write the page of the logs and of these sections; returns its path."""
+        from motorprior.report.page import page  # here: it imports matplotlib
+
+        title = "motorprior: do policies walk on robots they have never seen?"
+        settings = asdict(self.config) | {"speed": self.speed}
+        all_sections = [*self.sections_on_logs, *sections]
+        path = self.config.out / stage.PAGE
+        write_text(path, page(title, all_sections, settings, self.command, complete))
+        return path
+
+
+def _report_on_logs(
+    config: Demo, walking_robot: str, page: _DemoPage, progress: Progress
+) -> Results:
+    """Compare models of the motors in the user's logs, and write this section of the page."""
+    from motorprior.report.sections import models_of_logs  # here: it imports matplotlib
+
+    assert config.logs is not None
+    folder = config.out / "real_motors"
+    settings = QuickReport(
+        config.logs, folder, config.columns, config.suspended, config.seed, config.robot
+    )
+    results = run_quick_report(settings, progress)
+    page.sections_on_logs.append(models_of_logs(folder, "Your motors", WHOLE_RUN_RMSE))
+    progress.note(
+        f"Report on your motors: {page.write([])}. The next stages use a virtual {walking_robot}; "
+        "stop here if you do not need them"
+    )
+    return results
 
 
 def with_walking_robot(config: Demo) -> Demo:
     """With logs, the shipped robot replaces one that cannot walk or has no fleet."""
     robot = load_robot(config.robot)
-    walks = (
-        bool(robot.legs)
-        and robot.base == "free"
-        and (config.fleet is not None or bool(robot.fleets))
-    )
-    return (
-        config if walks or config.logs is None else replace(config, robot=DEFAULT_ROBOT, fleet=None)
-    )
+    has_fleet = config.fleet is not None or bool(robot.fleets)
+    can_walk = bool(robot.legs) and robot.base == "free"
+    if config.logs is None or (can_walk and has_fleet):
+        return config
+    return replace(config, robot=DEFAULT_ROBOT, fleet=None)
 
 
 def study_of(config: Demo) -> Study:
     """The transfer study, small: one bench, the environments fleet and hard."""
+    study_settings = {setting.name for setting in fields(Study)}
     shared = {
-        name: getattr(config, name) for name in asdict(config) if name in Study.__dataclass_fields__
+        setting.name: getattr(config, setting.name)
+        for setting in fields(config)
+        if setting.name in study_settings
     }
     return Study(
         **shared,
@@ -206,13 +231,15 @@ def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
 
 
 def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
-    found = {}
+    """Robustness map of the policies of each condition in MAPPED."""
+    maps = {}
     with progress.start("robustness on held-out robots", len(MAPPED)) as task:
         fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
         for name in MAPPED:
-            found[name] = robustness_map(_policies(bench, name), fleet, bench.commands, bench.seed)
+            policies = _policies(bench, name)
+            maps[name] = robustness_map(policies, fleet, bench.commands, bench.seed)
             task.advance(1, name)
-    return found
+    return maps
 
 
 def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
@@ -221,18 +248,12 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
     from motorprior.report.page import Picture
     from motorprior.report.plots_style import model_label
 
-    hard = [walk for walk in walks if walk["environment"] == "hard"]
-    upright = [
-        scores([walk for walk in hard if walk["condition"] == name], "upright")[0]
-        for name in FILMED
-    ]
-    typical = int(np.argmin(sum(np.abs(each - each.mean()) for each in upright)))
-    seed, number = (int(index) for index in np.unravel_index(typical, upright[0].shape))
+    seed, number = _typical_walk(walks)
     robot = load_robot(bench.robot)
-    episodes = {}
     steps = round(bench.seconds / robot.control_dt)
     fleet = load_robot_fleet(robot, bench.out_of_family)
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
+    episodes = {}
     for name in FILMED:
         trained = _policies(bench, name)[seed]
         walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
@@ -242,7 +263,20 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
         )
         episodes[f"trained on: {model_label(name)}"] = episode
     caption = (
-        f"One held-out robot in the environment hard, on both policies: walk {number} of seed {seed}, whose times "
-        "upright are the closest to the means of both."
+        f"One held-out robot in the environment hard, on both policies: walk {number} of seed "
+        f"{seed}, whose times upright are the closest to the means of both."
     )
     return Picture(caption, comparison_gif(robot, episodes, steps, progress.note), "gif")
+
+
+def _typical_walk(walks: list[WalkRow]) -> tuple[int, int]:
+    """Seed and number of the walk whose times upright are closest to the means of both policies."""
+    hard_walks = [walk for walk in walks if walk["environment"] == "hard"]
+    distances = []
+    for name in FILMED:
+        walks_of_condition = [walk for walk in hard_walks if walk["condition"] == name]
+        upright, *_ = scores(walks_of_condition, "upright")
+        distances.append(np.abs(upright - upright.mean()))
+    distance = sum(distances)
+    seed, number = np.unravel_index(int(np.argmin(distance)), distances[0].shape)
+    return int(seed), int(number)

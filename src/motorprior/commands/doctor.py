@@ -16,7 +16,8 @@ class Doctor(RobotChoice):
     seconds: float = 3.0
     """Duration of the check [s]."""
     idle: bool = False
-    """Remove the current from the motors first, so that legs move by hand; a standing robot sinks."""
+    """Remove the current from the motors first, so that legs move by hand; a standing robot
+    sinks."""
 
 
 def run_doctor(config: Doctor, progress: Progress = SILENT) -> None:

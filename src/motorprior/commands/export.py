@@ -44,10 +44,9 @@ class Export:
 
 def run_export(config: Export, progress: Progress = SILENT) -> Exported:
     """Write the files, and report the loss; errors as `export`."""
-    source = MotorPrior.load(config.motors_of if config.prior is None else config.prior)
-    if config.prior is not None:
-        source = MotorPosterior.load(config.motors_of, source)
-    found = export(
+    source = _loaded(config)
+    log = None if config.log is None else read_parquet(config.log)
+    exported = export(
         source,
         config.format,
         config.out,
@@ -56,21 +55,40 @@ def run_export(config: Export, progress: Progress = SILENT) -> Exported:
         model=config.model,
         joints=config.joints,
         gains=_gains(config, source),
-        log=None if config.log is None else read_parquet(config.log),
+        log=log,
     )
-    progress.note(str(found))
-    return found
+    progress.note(str(exported))
+    return exported
+
+
+def _loaded(config: Export) -> MotorPrior | MotorPosterior:
+    if config.prior is None:
+        return MotorPrior.load(config.motors_of)
+    prior = MotorPrior.load(config.prior)
+    return MotorPosterior.load(config.motors_of, prior)
 
 
 def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, float] | None:
-    """Given kp and kd; one that is not given is the median of the logs, or kd is kp if these have none."""
+    """Settings kp and kd; None if neither is given.
+
+    A gain that is not given is the median of the logs; kd is kp if the logs have no kd.
+    """
     if config.kp is None and config.kd is None:
         return None
     logged = prior_of(source).gains
     if logged is None:
-        problem = "the logs of the prior have no gains, so its motors have a fixed kp and kd"
-        raise ConfigError(problem, remedy="omit it", argument="kd" if config.kp is None else "kp")
+        raise ConfigError(
+            "the logs of the prior have no gains, so its motors have a fixed kp and kd",
+            remedy="omit it",
+            argument="kd" if config.kp is None else "kp",
+        )
+
     kp, kd = np.median(logged, axis=1).tolist()
-    kp = kp if config.kp is None else config.kp
-    same = np.array_equal(*logged)  # see `MotorLog.gains`
-    return kp, (kp if same else kd) if config.kd is None else config.kd
+    if config.kp is not None:
+        kp = config.kp
+    has_kd = not np.array_equal(*logged)  # see `MotorLog.gains`
+    if config.kd is not None:
+        kd = config.kd
+    elif not has_kd:
+        kd = kp
+    return kp, kd

@@ -52,5 +52,5 @@ def opened_port(
 
 
 def messages(progress: Progress) -> Callable[[str], None]:
-    """Print messages, but none while the terminal cannot take them: a moving robot does not wait."""
+    """Print messages, but none while the terminal cannot take them: the robot does not wait."""
     return non_blocking(progress.note, sys.stderr)

@@ -1,4 +1,4 @@
-"""A virtual robot in this process, or in another process for the commands deploy, record and doctor."""
+"""A virtual robot in this process, or in another one for the commands deploy, record and doctor."""
 
 import os
 import sys
@@ -25,7 +25,7 @@ _MAX_END = 10.0  # [s] until its process has ended
 
 @dataclass(frozen=True)
 class VirtualRobotSettings:
-    """A simulated robot behind the interface of a real one: a pseudo-terminal and firmware, in real time."""
+    """A simulated robot behind the interface of a real one, a pseudo-terminal, in real time."""
 
     fleet: str | None = None
     """Fleet of its motors; the robot's own if not given."""

@@ -1,4 +1,7 @@
-"""Motions, control steps at absolute times on the monotonic clock, their timing and protection from other processes."""
+"""Motions, and the control loop that plays them: steps at absolute times on the monotonic clock.
+
+It measures its timing, and protects itself from other processes.
+"""
 
 import ctypes
 import gc
@@ -35,20 +38,23 @@ _MAX_SHIFT = 2e-5
 def ramp(
     start: np.ndarray, goal: np.ndarray, speed: float, control_dt: float, hold: float = 0.0
 ) -> Motion:
-    """Move all joints together from (joints,) ``start`` to ``goal`` [rad], and stay there for ``hold`` [s].
+    """Move all joints together from (joints,) ``start`` to ``goal`` [rad], and hold it.
 
     target = start + (goal - start)·(1 - cos(π t / T)) / 2, T such that no target exceeds ``speed``
-    [rad/s].
+    [rad/s]. The goal is held for ``hold`` [s].
     """
-    duration = max(_MIN_RAMP, 0.5 * math.pi * float(np.abs(goal - start).max()) / speed)
-    moving = math.ceil(duration / control_dt)
-    holding = round(hold / control_dt)
-    shares = (
-        0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving))
-        for step in range(1, moving + holding + 1)
-    )
-    targets = (start + share * (goal - start) for share in shares)
-    return lambda _: next(targets, None)
+    distance = float(np.abs(goal - start).max())
+    duration = max(_MIN_RAMP, 0.5 * math.pi * distance / speed)
+    moving_steps = math.ceil(duration / control_dt)
+    holding_steps = round(hold / control_dt)
+
+    def targets() -> Iterator[np.ndarray]:
+        for step in range(1, moving_steps + holding_steps + 1):
+            share = 0.5 - 0.5 * math.cos(math.pi * min(1.0, step / moving_steps))
+            yield start + share * (goal - start)
+
+    remaining_targets = targets()
+    return lambda _: next(remaining_targets, None)
 
 
 @dataclass
@@ -72,21 +78,23 @@ def clock_figures(run: Timing, period: float) -> dict[str, float]:
     if len(run.sent) < 2:
         return {}
     jitter = np.abs(np.diff(run.sent) - period)
+    figures: dict[str, float] = {}
+    for name, seconds in (("period_jitter_ms", jitter), ("telemetry_age_ms", run.age)):
+        for quantile, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
+            figures[f"{name}/{quantile}"] = 1e3 * float(np.percentile(seconds, percent))
+
     late = np.array(run.late)
-    figures = {
-        f"{name}/{quantile}": 1e3 * float(np.percentile(seconds, percent))
-        for name, seconds in (("period_jitter_ms", jitter), ("telemetry_age_ms", run.age))
-        for quantile, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
-    }
     missed = int(np.count_nonzero(late > 0.5 * period)) + run.skipped
-    return figures | {
-        "missed_share": missed / (len(late) + run.skipped),
-        "control_steps": float(len(run.sent)),
-    }
+    figures["missed_share"] = missed / (len(late) + run.skipped)
+    figures["control_steps"] = float(len(run.sent))
+    return figures
 
 
 class ControlLoop:
-    """Plays motions on an armed robot, until ``stop`` holds a signal before a step; raises if the host is too slow."""
+    """Plays motions on an armed robot, until ``stop`` holds a signal before a step.
+
+    Raises RobotFault if the host is too slow.
+    """
 
     def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Sequence[str]):
         self._link = link
@@ -131,15 +139,21 @@ class ControlLoop:
         return self._link.check()
 
     def _next_deadline(self, measurement: Measurement, sent: float, timing: Timing) -> None:
-        """Move the deadline by one period, slightly towards fresh measurements; skip deadlines that have passed."""
+        """Move the deadline by one period, slightly towards fresh measurements.
+
+        Deadlines that have passed are skipped.
+        """
         due = self._deadline
         now = time.monotonic()
+
         shift = due - measurement.arrival - _AFTER_TELEMETRY
         shift -= self._period * round(shift / self._period)
         self._deadline += self._period - min(_MAX_SHIFT, max(-_MAX_SHIFT, shift))
+
         behind = now - self._deadline
-        self._slow_host.check(now - due if behind > 0.0 else sent - due)
-        if behind > 0.0:
+        has_missed_deadline = behind > 0.0
+        self._slow_host.check(now - due if has_missed_deadline else sent - due)
+        if has_missed_deadline:
             skipped = math.ceil(behind / self._period)
             self._deadline += skipped * self._period
             timing.skipped += skipped
@@ -158,7 +172,7 @@ _MCL_ONFAULT = 4
 @contextmanager
 def real_time() -> Iterator[None]:
     """Real-time priority, locked memory and no garbage collection within this context."""
-    normal = _set_scheduler(_SCHED_FIFO, _PRIORITY)
+    earlier_scheduler = _set_scheduler(_SCHED_FIFO, _PRIORITY)
     # With a limit of locked memory, a later allocation would fail in the middle of a motion.
     unlimited = (
         sys.platform == "linux"
@@ -175,15 +189,19 @@ def real_time() -> Iterator[None]:
         gc.enable()
         if libc is not None:
             libc.munlockall()
-        if normal is not None:
-            _set_scheduler(*normal)
+        if earlier_scheduler is not None:
+            _set_scheduler(*earlier_scheduler)
 
 
 def _set_scheduler(policy: int, priority: int) -> tuple[int, int] | None:
-    """Set scheduling policy and priority of this thread; returns the earlier ones, None if not permitted."""
+    """Set scheduling policy and priority of this thread; returns the earlier ones.
+
+    Returns None, without effect, if it is not permitted.
+    """
     try:
-        before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+        earlier_policy = os.sched_getscheduler(0)
+        earlier_priority = os.sched_getparam(0).sched_priority
         os.sched_setscheduler(0, policy, os.sched_param(priority))
     except (OSError, AttributeError):  # not permitted, or not Linux
         return None
-    return before
+    return earlier_policy, earlier_priority

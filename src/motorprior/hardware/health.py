@@ -1,4 +1,4 @@
-"""Acceptance and age of telemetry, and fault detection in telemetry, sent targets and the host's timing.
+"""Acceptance of telemetry, and detection of faults of the robot and of the host.
 
 Each check is called once per measurement or control step and yields or raises a `RobotFault` when a
 limit of `robots.robot.SafetyLimits` has been exceeded for the given time. Angles have the library's
@@ -16,17 +16,20 @@ from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import Telemetry
 from motorprior.robots.robot import Robot, SafetyLimits
 
+_TIME_STEP = 1e-3  # resolution of the robot's time stamps [s]
+_NUM_STEPS = 100  # control steps over which a slow host is detected
+
 
 class _Debounce:
-    """Whether a condition has been true for ``duration`` [s]: a single frame may be damaged."""
+    """Whether a signal has been true for ``duration`` [s]: a single frame may be damaged."""
 
     def __init__(self, duration: float):
         self._duration = duration
         self._since = math.inf
 
-    def __call__(self, condition: bool, now: float) -> bool:
-        self._since = min(self._since, now) if condition else math.inf
-        return now - self._since >= self._duration - 1e-3  # time stamps are whole milliseconds
+    def __call__(self, signal: bool, now: float) -> bool:
+        self._since = min(self._since, now) if signal else math.inf
+        return now - self._since >= self._duration - _TIME_STEP
 
 
 class SensorFaults:
@@ -40,33 +43,47 @@ class SensorFaults:
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names = robot.joint_names
         self._limits = limits
-        times = limits.tilt_time, limits.imu_time, limits.current_time
-        self._tilted, self._imu_works, self._overcurrent = map(_Debounce, times)
+        self._tilted = _Debounce(limits.tilt_time)
+        self._imu_works = _Debounce(limits.imu_time)
+        self._overcurrent = _Debounce(limits.current_time)
         self._imu_has_worked = False
-        self._last = tuple[float, ...]()
-        self._since = 0.0
+        self._imu_values: tuple[float, ...] = ()  # last attitude and rates
+        self._imu_since = 0.0  # time since which they are constant [s]
 
     def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
         """The faults in a measurement at ``now`` [s] on the robot's clock."""
-        limits = self._limits
-        currents = np.zeros(len(self._names)) if telemetry.cur is None else np.abs(telemetry.cur)
-        joint = int(np.argmax(currents))
-        if self._overcurrent(bool(currents[joint] > limits.measured_current), now):
-            yield RobotFault("current", f"{self._names[joint]} draws {currents[joint]:.1f} A")
-        values = (*telemetry.attitude, *telemetry.rates)
-        self._imu_has_worked = self._imu_works(telemetry.has_imu, now) or self._imu_has_worked
-        if values != self._last or not self._imu_has_worked:
-            self._last = values
-            self._since = now
-        elif now - self._since >= limits.imu_time:
-            problem = (
-                f"roll, pitch, yaw and their rates have been constant for {now - self._since:.2f} s"
-            )
-            remedy = "look for a loose IMU, switch the robot off and on"
-            yield RobotFault("frozen IMU", problem, safe_state="crouch", remedy=remedy)
-        if self._tilted(max(abs(telemetry.roll), abs(telemetry.pitch)) > limits.max_tilt, now):
+        yield from self._current_faults(telemetry, now)
+        yield from self._imu_faults(telemetry, now)
+
+        tilt = max(abs(telemetry.roll), abs(telemetry.pitch))
+        if self._tilted(tilt > self._limits.max_tilt, now):
             yield RobotFault(
                 "fall", f"roll {telemetry.roll:+.2f} rad, pitch {telemetry.pitch:+.2f} rad"
+            )
+
+    def _current_faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
+        currents = np.zeros(len(self._names)) if telemetry.cur is None else np.abs(telemetry.cur)
+        joint = int(np.argmax(currents))
+        is_too_high = bool(currents[joint] > self._limits.measured_current)
+        if self._overcurrent(is_too_high, now):
+            yield RobotFault("current", f"{self._names[joint]} draws {currents[joint]:.1f} A")
+
+    def _imu_faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
+        values = (*telemetry.attitude, *telemetry.rates)
+        if self._imu_works(telemetry.has_imu, now):
+            self._imu_has_worked = True
+
+        if values != self._imu_values or not self._imu_has_worked:
+            self._imu_values = values
+            self._imu_since = now
+            return
+        seconds = now - self._imu_since
+        if seconds >= self._limits.imu_time:
+            yield RobotFault(
+                "frozen IMU",
+                f"roll, pitch, yaw and their rates have been constant for {seconds:.2f} s",
+                safe_state="crouch",
+                remedy="look for a loose IMU, switch the robot off and on",
             )
 
 
@@ -80,57 +97,78 @@ class TrackingFaults:
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._names = robot.joint_names
         self._limits = limits
-        self.begin(robot.require_wire().kd / robot.require_wire().kp)
+        wire = robot.require_wire()
+        self.begin(wire.kd / wire.kp)
 
     def begin(self, lag: float) -> None:
         """Restart at the next measurement, with ``lag`` [s]: the motors had no current before."""
         self._lag = lag
         self._reference: np.ndarray | None = None
-        self._last, self._restart, self._away = 0.0, -math.inf, np.zeros(len(self._names))
+        self._last = 0.0  # time of the last measurement [s]
+        self._restart = -math.inf  # time from which stuck joints are detected [s]
+        self._seconds_away = np.zeros(len(self._names))  # since a joint was near its reference [s]
+        # (time, positions, references) of the last measurements
         self._window: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def restart_window(self, now: float) -> None:
-        """After a pause of the host, detect stuck joints from ``now`` [s] on; once a second, so as to hide none."""
+        """After a pause of the host, detect stuck joints from ``now`` [s] on.
+
+        It has an effect once a second, so that frequent pauses hide no stuck joint.
+        """
         if now - self._restart >= 1.0:
             self._window = []
             self._restart = now
 
     def faults(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> Iterator[RobotFault]:
-        """The fault of a joint that is too far from the reference for too long, or does not move at all."""
+        """Faults of joints that are too far from the reference for too long, or do not move."""
         if self._reference is None:
             self._reference = joint_pos.copy()
             self._last = now
+
         step = max(0.0, now - self._last)
         self._last = now
         self._reference += (1.0 - math.exp(-step / self._lag)) * (target - self._reference)
+
         error = np.abs(joint_pos - self._reference)
-        self._away = np.where(error > self._limits.tracking_error, self._away + step, 0.0)
-        worst = int(np.argmax(self._away))
-        if self._away[worst] >= self._limits.tracking_time:
-            problem = f"{self._names[worst]} is {error[worst]:.2f} rad from its lagged target, for "
-            remedy = "look for a motor without power, a loose cable or an obstacle"
-            yield RobotFault("tracking", f"{problem}{self._away[worst]:.2f} s", remedy=remedy)
+        is_away = error > self._limits.tracking_error
+        self._seconds_away = np.where(is_away, self._seconds_away + step, 0.0)
+        joint = int(np.argmax(self._seconds_away))
+        seconds = self._seconds_away[joint]
+        if seconds >= self._limits.tracking_time:
+            yield RobotFault(
+                "tracking",
+                f"{self._names[joint]} is {error[joint]:.2f} rad from its lagged target, "
+                f"for {seconds:.2f} s",
+                remedy="look for a motor without power, a loose cable or an obstacle",
+            )
+
         if now >= self._restart:
             yield from self._stuck(joint_pos, self._reference, now)
 
     def _stuck(
         self, joint_pos: np.ndarray, reference: np.ndarray, now: float
     ) -> Iterator[RobotFault]:
+        """The fault of a joint that is static while its reference moves."""
         limits = self._limits
-        self._window.append((now, joint_pos.copy(), reference.copy()))
-        if now - self._window[0][0] < limits.stuck_time - 1e-3:
+        duration = limits.stuck_time - _TIME_STEP
+        window = self._window
+        window.append((now, joint_pos.copy(), reference.copy()))
+        if now - window[0][0] < duration:
             return
-        while now - self._window[1][0] >= limits.stuck_time - 1e-3:
-            del self._window[0]
-        moved = np.ptp([angles for _, angles, _ in self._window], axis=0)
-        expected = np.abs(reference - self._window[0][2])
-        stuck = (moved < limits.stuck_motion) & (expected > limits.stuck_target)
-        if stuck.any():
-            joint = int(np.argmax(stuck))
-            problem = f"{self._names[joint]} moved less than {limits.stuck_motion} rad while its lagged target "
-            problem += f"moved {expected[joint]:.2f} rad"
+        while now - window[1][0] >= duration:
+            del window[0]
+
+        _, _, first_reference = window[0]
+        motion = np.ptp([angles for _, angles, _ in window], axis=0)
+        reference_motion = np.abs(reference - first_reference)
+        is_stuck = (motion < limits.stuck_motion) & (reference_motion > limits.stuck_target)
+        if is_stuck.any():
+            joint = int(np.argmax(is_stuck))
             yield RobotFault(
-                "stuck", problem, remedy="look for a frozen encoder or a blocked joint"
+                "stuck",
+                f"{self._names[joint]} moved less than {limits.stuck_motion} rad while its lagged "
+                f"target moved {reference_motion[joint]:.2f} rad",
+                remedy="look for a frozen encoder or a blocked joint",
             )
 
 
@@ -140,20 +178,23 @@ class SlowHost:
     def __init__(self, limits: SafetyLimits, period: float):
         self._limits = limits
         self._period = period
-        self._late = deque([0.0] * 100, maxlen=100)
+        # lateness of the last control steps [s]; 0 for up to half a period
+        self._lateness = deque([0.0] * _NUM_STEPS, maxlen=_NUM_STEPS)
 
     def check(self, late: float) -> None:
-        """Add the lateness [s] of a command, or of a step that missed the next deadline; raise if it is too much."""
+        """Add the lateness [s] of a command, or of a step that missed the next deadline.
+
+        Raises RobotFault if one step, too many steps or their sum are too late.
+        """
         limits = self._limits
-        self._late.append(late if late > 0.5 * self._period else 0.0)
-        num_late = len(self._late) - self._late.count(0.0)
-        total = sum(self._late)
+        self._lateness.append(late if late > 0.5 * self._period else 0.0)
+        num_late = len(self._lateness) - self._lateness.count(0.0)
+        total = sum(self._lateness)
         if late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time:
-            problem = f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last hundred were late, by "
-            problem += f"{1e3 * total:.0f} ms in all"
             raise RobotFault(
                 "slow host",
-                problem,
+                f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last "
+                f"{_NUM_STEPS} were late, by {1e3 * total:.0f} ms in all",
                 safe_state="crouch",
                 remedy="close other programs on this computer",
             )
@@ -195,43 +236,51 @@ class TelemetryStream:
 
     def __init__(self, limits: SafetyLimits):
         self._limits = limits
-        self._since = -math.inf
-        # The two smallest host's minus robot's time [s] of this window and of the one before, which
-        # follow drift.
-        self._current = list[float]()
-        self._previous = list[float]()
-        self._ahead = list[float]()
+        # The two smallest differences between host's and robot's time [s] of the present window and
+        # of the one before, which follow drift.
+        self._window_start = -math.inf
+        self._smallest: list[float] = []
+        self._smallest_before: list[float] = []
+        self._leading: list[float] = []  # differences of time stamps that are too far ahead [s]
         self.latest: Measurement | None = None
-        self.accepted = self.repeated = self.impossible = self.impossible_in_a_row = 0
+        # numbers of frames
+        self.accepted = 0
+        self.repeated = 0
+        self.impossible = 0
+        self.impossible_in_a_row = 0
 
     def accept(self, telemetry: Telemetry, arrival: float) -> Measurement | None:
         """The measurement; None for a frame that is repeated or impossible."""
-        # A clock that starts again at 0 is impossible, not a duplicate or an overtaken frame.
-        if (
-            self.latest is not None
-            and 0.0 <= 1e-3 * (self.latest.telemetry.ts - telemetry.ts) < _RESTART
-        ):
+        if self._is_repeated(telemetry):
             self.repeated += 1
             return None
         if not self._is_possible(telemetry, arrival):
             self.impossible += 1
             self.impossible_in_a_row += 1
             return None
+
         self.accepted += 1
         self.impossible_in_a_row = 0
-        self.latest = Measurement(telemetry, arrival, self._host_time(1e-3 * telemetry.ts, arrival))
+        sampled = self._host_time(1e-3 * telemetry.ts, arrival)
+        self.latest = Measurement(telemetry, arrival, sampled)
         return self.latest
 
     def fresh(self, now: float) -> Measurement:
-        """The latest measurement; RobotFault if there is none, if it is old, or after several impossible frames."""
+        """The latest measurement.
+
+        Raises RobotFault if there is none, if it is old, or after several impossible frames.
+        """
         if self.impossible_in_a_row >= self._limits.implausible_frames:
-            problem = f"{self.impossible_in_a_row} physically impossible frames in a row"
-            remedy = "look for a slipping encoder, a loose cable or a restart of the robot"
-            raise RobotFault("implausible telemetry", problem, remedy=remedy)
+            raise RobotFault(
+                "implausible telemetry",
+                f"{self.impossible_in_a_row} physically impossible frames in a row",
+                remedy="look for a slipping encoder, a loose cable or a restart of the robot",
+            )
         if self.latest is None:
             raise RobotFault(
                 "stale telemetry", "none yet", remedy="switch the robot on, see `motorprior doctor`"
             )
+
         age = now - self.latest.sampled
         limit = self._limits.telemetry_age
         if age > limit:
@@ -244,50 +293,61 @@ class TelemetryStream:
     @property
     def _offset(self) -> float:
         """Host's time minus robot's [s]; infinite before the first frame."""
-        smallest = sorted((*self._current, *self._previous))[:2]
+        smallest = sorted((*self._smallest, *self._smallest_before))[:2]
         return smallest[-1] if smallest else math.inf
 
     def _host_time(self, ts: float, arrival: float) -> float:
-        """The time stamp ``ts`` [s] on the host's clock, on which the frame arrived at ``arrival`` [s]."""
-        if arrival - self._since > _WINDOW:
-            self._since = arrival
-            self._previous = self._current
-            self._current = []
-        self._current = sorted((*self._current, arrival - ts))[:2]
+        """The time stamp ``ts`` [s] on the host's clock [s], on which ``arrival`` is given."""
+        if arrival - self._window_start > _WINDOW:
+            self._window_start = arrival
+            self._smallest_before = self._smallest
+            self._smallest = []
+        self._smallest = sorted((*self._smallest, arrival - ts))[:2]
         return min(arrival, ts + self._offset)
 
-    def _is_possible(self, new: Telemetry, arrival: float) -> bool:
-        limits = self._limits
-        if (
-            new.ts < 0
-            or np.abs(new.pos).max() > _MAX_ANGLE
-            or np.abs(new.vel).max() > 3.0 * limits.joint_speed
-        ):
+    def _is_repeated(self, telemetry: Telemetry) -> bool:
+        """Whether a frame is a duplicate or was overtaken; not if the clock started again at 0."""
+        if self.latest is None:
             return False
-        if max(map(abs, new.attitude)) > _MAX_ANGLE or max(map(abs, new.rates)) > limits.body_rate:
+        return 0.0 <= 1e-3 * (self.latest.telemetry.ts - telemetry.ts) < _RESTART
+
+    def _is_possible(self, telemetry: Telemetry, arrival: float) -> bool:
+        """Whether the values are in range, and reachable from the last accepted frame."""
+        if not self._is_in_range(telemetry):
             return False
         if self.latest is None:
             return True
+
         last = self.latest.telemetry
-        step = 1e-3 * (new.ts - last.ts)
-        if step < 0.0 or not self._is_in_time(arrival - 1e-3 * new.ts):
+        step = 1e-3 * (telemetry.ts - last.ts)
+        if step < 0.0 or not self._is_in_time(arrival - 1e-3 * telemetry.ts):
             return False
-        moved = np.abs(new.pos - last.pos).max()
-        turned = max(abs(new.roll - last.roll), abs(new.pitch - last.pitch))
+        motion = np.abs(telemetry.pos - last.pos).max()
+        rotation = max(abs(telemetry.roll - last.roll), abs(telemetry.pitch - last.pitch))
         return bool(
-            moved <= limits.joint_speed * step + _SLACK
-            and turned <= limits.body_rate * step + _SLACK
+            motion <= self._limits.joint_speed * step + _SLACK
+            and rotation <= self._limits.body_rate * step + _SLACK
+        )
+
+    def _is_in_range(self, telemetry: Telemetry) -> bool:
+        limits = self._limits
+        return not (
+            telemetry.ts < 0
+            or np.abs(telemetry.pos).max() > _MAX_ANGLE
+            or np.abs(telemetry.vel).max() > 3.0 * limits.joint_speed
+            or max(map(abs, telemetry.attitude)) > _MAX_ANGLE
+            or max(map(abs, telemetry.rates)) > limits.body_rate
         )
 
     def _is_in_time(self, offset: float) -> bool:
-        """Whether a time stamp, given as arrival - ts [s], is not too far ahead of all earlier ones.
+        """Whether a time stamp is not too far ahead of all earlier ones.
 
-        If several in a row agree, the earlier frames had waited in the buffer of a port that was
-        opened long before.
+        ``offset`` is arrival - ts [s]. If several in a row agree, the time stamp is in time: the
+        earlier frames had waited in the buffer of a port that was opened long before.
         """
         if self.accepted <= _WARM_UP or self._offset - offset <= _MAX_LEAD:
-            self._ahead = []
+            self._leading = []
             return True
-        agreeing = [each for each in self._ahead if abs(each - offset) <= _MAX_LEAD]
-        self._ahead = [*agreeing, offset][-_NUM_AGREEING:]
-        return len(self._ahead) == _NUM_AGREEING
+        agreeing = [earlier for earlier in self._leading if abs(earlier - offset) <= _MAX_LEAD]
+        self._leading = [*agreeing, offset][-_NUM_AGREEING:]
+        return len(self._leading) == _NUM_AGREEING

@@ -46,7 +46,8 @@ class PolicyMotion:
         self._walker = walker_arrays(robot.with_speed_range(policy.forward))
         self.gait = new_gait(self._walker)
         self._action = np.zeros(action_size(robot.num_joints))
-        self.forward = self.yaw_rate = 0.0  # commanded [m/s], [rad/s] to the left
+        self.forward = 0.0  # commanded speed [m/s]
+        self.yaw_rate = 0.0  # commanded yaw rate, to the left [rad/s]
         # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
         self.gyro_bias = np.zeros(3)
 
@@ -90,21 +91,35 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    Raises ConfigError for gains out of range, or if none were given and those of the training
-    differ by more than 15 %.
+    Raises ConfigError for gains out of range, or if a gain was not given and the one of the
+    training differs by more than 15 % from the robot's.
     """
     wire = robot.require_wire()
-    for name, unit, given in (("kp", "A/rad", kp), ("kd", "A·s/rad", kd)):
-        trained = getattr(policy, name) / wire.torque_constant
-        own = getattr(wire, name)
-        if given is None and np.abs(trained / own - 1.0).max() > _GAIN_TOLERANCE:
-            mean = float(trained.mean())
-            remedy = "train it with the robot's gains"
-            if mean <= getattr(wire.safety, f"max_{name}"):
-                remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
-            problem = f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, the robot has {own:g}"
-            raise ConfigError(problem, remedy=remedy, argument=name)
+    if kp is None:
+        kp_of_training = policy.kp / wire.torque_constant
+        _require_gain_of_training("kp", "A/rad", kp_of_training, wire.kp, wire.safety.max_kp)
+    if kd is None:
+        kd_of_training = policy.kd / wire.torque_constant
+        _require_gain_of_training("kd", "A·s/rad", kd_of_training, wire.kd, wire.safety.max_kd)
     return Gains.of(wire, kp, kd, max_current)
+
+
+def _require_gain_of_training(
+    name: str, unit: str, gain_of_training: np.ndarray, gain: float, max_gain: float
+) -> None:
+    """Raise ConfigError if the robot's gain differs from the (joints,) gain of the training."""
+    if np.abs(gain_of_training / gain - 1.0).max() <= _GAIN_TOLERANCE:
+        return
+    mean = float(gain_of_training.mean())
+    remedy = "train it with the robot's gains"
+    if mean <= max_gain:
+        remedy = f"give {name} {mean:.1f} if that is intended, or {remedy}"
+    raise ConfigError(
+        f"the policy was trained with {name} = {mean:.1f} {unit} on its motors, "
+        f"the robot has {gain:g}",
+        remedy=remedy,
+        argument=name,
+    )
 
 
 def walk(
@@ -132,28 +147,26 @@ def walk(
             motion.forward, motion.yaw_rate = command
             return motion(measurement)
 
+        show_status = _status_line(session.link, motion, session.status)
         with steering as operator:
-            loop.run_motion(
-                steered,
-                Mode.WALK,
-                _status_line(session.link, motion, session.status),
-                session.timing,
-            )
+            loop.run_motion(steered, Mode.WALK, show_status, session.timing)
 
     session.run(work, stopping=motion.stopping)
 
 
 def dry_run(session: Session, policy: Policy, command: tuple[float, float], seconds: float) -> int:
-    """Number of control steps of a walk that is computed from an idle robot's telemetry; nothing is sent.
+    """Compute a walk from an idle robot's telemetry for ``seconds`` [s], and send nothing.
 
-    ``command`` is speed [m/s] and yaw rate [rad/s]. Other arguments and errors are those of `walk`.
+    ``command`` is speed [m/s] and yaw rate [rad/s]. Returns the number of control steps. Raises
+    RobotFault as `walk`.
     """
     link = session.link
-    motion = PolicyMotion(session.link.robot, policy, session.need_imu)
+    motion = PolicyMotion(link.robot, policy, session.need_imu)
     measurement, motion.gyro_bias = check_before_arming(link, need_imu=False)
     motion.warm_up(measurement)
     motion.forward, motion.yaw_rate = command
-    show = _status_line(link, motion, session.status)
+    show_status = _status_line(link, motion, session.status)
+
     steps = 0
     deadline = time.monotonic()
     end = deadline + seconds
@@ -165,20 +178,24 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
         if not np.all(np.isfinite(target)):
             raise RobotFault("impossible command", f"the policy's targets are {target.tolist()}")
         steps += 1
-        show(steps, measurement)
+        show_status(steps, measurement)
     return steps
 
 
 def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> AfterStep:
+    """Shows time, attitude, command and the state of the telemetry every half second."""
+
     def show(count: int, measurement: Measurement) -> None:
         if count % _STATUS_PERIOD:
             return
         telemetry = measurement.telemetry
         age = 1e3 * (time.monotonic() - measurement.sampled)
+        damaged = link.port.reader.rejected + link.stream.impossible
         status(
-            f"{link.robot.control_dt * count:6.1f} s  roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
-            f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  telemetry {age:.0f} ms old, damaged "
-            f"{link.port.reader.rejected + link.stream.impossible}"
+            f"{link.robot.control_dt * count:6.1f} s  "
+            f"roll {telemetry.roll:+.2f} pitch {telemetry.pitch:+.2f} rad  "
+            f"command {motion.forward:+.2f} m/s {motion.yaw_rate:+.1f} rad/s  "
+            f"telemetry {age:.0f} ms old, damaged {damaged}"
         )
 
     return show
@@ -292,10 +309,10 @@ def _away(
 
 
 def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:
-    """Check, arm, ramp to the nominal pose, play the targets (steps, joints) [rad], and remove the current.
+    """Check, arm, ramp to the nominal pose, and play (steps, joints) ``targets`` [rad].
 
-    A ``suspended`` robot does not crouch at the end. The status is a line every five seconds.
-    Raises as `walk`.
+    At the end the current is removed; a robot that is not ``suspended`` crouches first. The status
+    is a line every five seconds. Raises RobotFault as `walk`.
     """
     session.check()
     period = session.link.robot.control_dt

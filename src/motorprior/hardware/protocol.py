@@ -1,7 +1,9 @@
 """Messages between host and robot, and their frames on the wire.
 
     host to robot   0x00, one length byte, payload
-    robot to host   0x45 0x45, length as 16 bit big-endian, payload, CR LF; lines of plain text between frames
+    robot to host   0x45 0x45, length as 16 bit big-endian, payload, CR LF
+
+The robot also sends lines of plain text between frames.
 
 The payload is msgpack with numbers as float32. Keys and units are those of the firmware
 Nate711/DJIPupperTests (MIT). Angles have the robot's own signs.
@@ -52,7 +54,10 @@ class Telemetry:
     cur: np.ndarray | None = None  # (joints,) measured currents [A]
 
     def with_signs(self, signs: np.ndarray) -> "Telemetry":
-        """The same with (joints,) ``signs`` on positions, velocities and currents, to the library's signs or back."""
+        """Telemetry with (joints,) ``signs`` multiplied to positions, velocities and currents.
+
+        It converts from the robot's signs to the library's, and back.
+        """
         current = None if self.cur is None else signs * self.cur
         return replace(self, pos=signs * self.pos, vel=signs * self.vel, cur=current)
 
@@ -76,7 +81,7 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    # [bytes]; the length of a command is one byte; all keys of telemetry need about 650
+    # [bytes]; the length of a command is one byte; telemetry with all keys needs about 650
     max_payload: int
     start: bytes  # before the length
     length_bytes: int  # size of the length, big-endian
@@ -96,23 +101,32 @@ _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map
 
 
 def encode_message(message: Command | Telemetry, joints: int) -> bytes:
-    """The payload of a message to or from a robot with this number of joints; ProtocolError for an invalid one."""
-    values = {key: value for key, value in vars(message).items() if value is not None}
-    values = {
-        key: v.tolist() if isinstance(v, np.ndarray | np.generic) else v
-        for key, v in values.items()
-    }
+    """The payload of a message to or from a robot with this number of joints.
+
+    Raises ProtocolError for a message without keys, with an invalid value, or that is too long.
+    """
+    values: dict[str, Any] = {}
+    for key, value in vars(message).items():
+        if isinstance(value, np.ndarray | np.generic):
+            values[key] = value.tolist()
+        elif value is not None:
+            values[key] = value
     _validated(values, joints)
     if "ts" in values:
         values["ts"] = round(values["ts"])
+
     payload = msgpack.packb(values, use_single_float=True)
-    if not values or payload is None or len(payload) > _FORMATS[type(message)].max_payload:
+    max_payload = _FORMATS[type(message)].max_payload
+    if not values or payload is None or len(payload) > max_payload:
         raise ProtocolError(f"a message with {', '.join(values) or 'no keys'} has no valid size")
     return payload
 
 
-def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
-    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored; or ProtocolError."""
+def decode_message(payload: bytes, message_type: type[Message], joints: int) -> Message:
+    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored.
+
+    Raises ProtocolError for a payload that is not a valid message.
+    """
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
         values = msgpack.unpackb(
@@ -122,25 +136,20 @@ def decode_message(payload: bytes, kind: type[Message], joints: int) -> Message:
         raise ProtocolError("not msgpack") from error
     if not isinstance(values, dict) or not values:
         raise ProtocolError("not a msgpack map with keys")
-    if kind is Telemetry:
-        values = {field.name: values[field.name] for field in fields(kind) if field.name in values}
+    if message_type is Telemetry:
+        names = [field.name for field in fields(message_type)]
+        values = {name: values[name] for name in names if name in values}
     try:
-        return kind(**_validated(values, joints))
+        return message_type(**_validated(values, joints))
     except TypeError as error:
-        raise ProtocolError(f"unknown or missing keys in a {kind.__name__}") from error
+        raise ProtocolError(f"unknown or missing keys in a {message_type.__name__}") from error
 
 
 def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
     """The values: a flag, a finite number, or an array of one finite number per joint."""
     validated: dict[str, Any] = {}
     for key, value in values.items():
-        if key == "idle":
-            valid = type(value) is bool
-        elif key in _ARRAYS:
-            valid = isinstance(value, list) and len(value) == joints and all(map(_is_finite, value))
-        else:
-            valid = _is_finite(value)
-        if not valid:
+        if not _is_valid(key, value, joints):
             raise ProtocolError(
                 f"{key} is {str(value)[:60]}: not valid for a robot with {joints} joints"
             )
@@ -148,9 +157,18 @@ def _validated(values: Mapping[str, Any], joints: int) -> dict[str, Any]:
     return validated
 
 
+def _is_valid(key: str, value: Any, joints: int) -> bool:
+    if key == "idle":
+        return type(value) is bool
+    if key in _ARRAYS:
+        return isinstance(value, list) and len(value) == joints and all(map(_is_finite, value))
+    return _is_finite(value)
+
+
 def _is_finite(value: Any) -> bool:
-    # Not a bool: a damaged byte can turn a number into one.
-    return type(value) in (int, float) and math.isfinite(value) and abs(value) <= _MAX_FLOAT32
+    if type(value) not in (int, float):  # a damaged byte can turn a number into a bool
+        return False
+    return math.isfinite(value) and abs(value) <= _MAX_FLOAT32
 
 
 def framed(message: Command | Telemetry, joints: int) -> bytes:
@@ -165,12 +183,15 @@ IDLE_FRAME = framed(IDLE, 0)  # the same for every robot: it holds no array
 
 
 class FrameReader(Generic[Message]):
-    """Reads messages of a kind and lines of text from bytes; it buffers at most one frame and one line."""
+    """Reads messages of one type and lines of text from bytes.
 
-    def __init__(self, kind: type[Message], joints: int):
-        self._kind = kind
+    It buffers at most one frame and one line.
+    """
+
+    def __init__(self, message_type: type[Message], joints: int):
+        self._message_type = message_type
         self._joints = joints
-        self._format = _FORMATS[kind]
+        self._format = _FORMATS[message_type]
         self._buffer = bytearray()
         self._line = b""
         self.rejected = 0  # frame starts without a valid frame
@@ -187,37 +208,42 @@ class FrameReader(Generic[Message]):
         """Read one frame or skip bytes; False when more bytes are needed."""
         form = self._format
         buffer = self._buffer
-        at = buffer.find(form.start)
-        if at > 0:
-            self._skip(at, out)
+        start = buffer.find(form.start)
+        if start > 0:
+            self._skip(start, out)
             return True
-        if at < 0:  # the last bytes may become a start
-            may_start = next(
-                (n for n in range(len(form.start) - 1, 0, -1) if buffer.endswith(form.start[:n])), 0
-            )
-            self._skip(len(buffer) - may_start, out)
+        if start < 0:
+            self._skip(len(buffer) - self._num_start_bytes(), out)
             return False
+
         head = len(form.start) + form.length_bytes
         if len(buffer) < head:
             return False
         length = int.from_bytes(buffer[len(form.start) : head], "big")
         total = head + length + len(form.end)
-        possible = 0 < length <= form.max_payload and (
-            len(buffer) == head or buffer[head] in _MAP_STARTS
-        )
-        if possible and len(buffer) < total:
+        is_map = len(buffer) == head or buffer[head] in _MAP_STARTS
+        is_possible = 0 < length <= form.max_payload and is_map
+        if is_possible and len(buffer) < total:
             return False
+
         try:
-            if not possible or buffer[total - len(form.end) : total] != form.end:
+            if not is_possible or buffer[total - len(form.end) : total] != form.end:
                 raise ProtocolError("an impossible length, or no end of the frame")
-            out.append(
-                decode_message(bytes(buffer[head : head + length]), self._kind, self._joints)
-            )
+            payload = bytes(buffer[head : head + length])
+            out.append(decode_message(payload, self._message_type, self._joints))
             del buffer[:total]
         except ProtocolError:
             self.rejected += 1
             self._skip(1, out)
         return True
+
+    def _num_start_bytes(self) -> int:
+        """Number of the last bytes that may be the beginning of a frame's start."""
+        start = self._format.start
+        for number in range(len(start) - 1, 0, -1):
+            if self._buffer.endswith(start[:number]):
+                return number
+        return 0
 
     def _skip(self, count: int, out: list[Message | str]) -> None:
         """Remove bytes outside frames; they are text if printable and ended by a line feed."""
@@ -225,5 +251,6 @@ class FrameReader(Generic[Message]):
         del self._buffer[:count]
         self._line = rest[-_MAX_LINE:]
         for line in lines:
-            if text := _PRINTABLE_END.search(line[-_MAX_LINE:].rstrip(b"\r")):
+            text = _PRINTABLE_END.search(line[-_MAX_LINE:].rstrip(b"\r"))
+            if text:
                 out.append(text.group().decode("ascii").strip())

@@ -1,16 +1,20 @@
-"""The host's link to a robot at a serial port: receives, checks, records, and sends through the safety gate."""
+"""The host's link to a robot at a serial port: receives, checks, records and sends.
+
+Every command passes through the safety gate.
+"""
 
 import contextlib
 import time
 from collections import deque
+from collections.abc import Iterator
 from io import FileIO
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.health import Measurement, SensorFaults, TelemetryStream, TrackingFaults
+from motorprior.hardware.protocol import Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.watchdog import Watchdog
@@ -26,13 +30,15 @@ _IDLE_PAUSE = 0.01  # [s] between bursts
 # (`benchmarks/noise.py`).
 _NUM_GAINS = 3
 _CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
+_MAX_LATE_READS = 100  # reads after the deadline: a device may send endlessly
 
 
 class RobotLink:
-    """A host's link to one robot: idle until armed, idle again at the end of the ``with`` block, which closes its port.
+    """A host's link to one robot, which is idle until it is armed.
 
-    ``limits`` of gate and checks are the robot's own if not given. ``recorder`` gets every accepted
-    measurement made while a target is in force.
+    The end of the ``with`` block makes it idle and closes the port. ``limits`` of gate and checks
+    are the robot's own if not given. ``recorder`` gets every accepted measurement made while a
+    target is in force.
     """
 
     def __init__(
@@ -45,19 +51,20 @@ class RobotLink:
         self.robot = robot
         self.port = port
         self._recorder = recorder
-        self._signs = robot.require_wire().joint_signs
-        self.limits = limits = limits or robot.require_wire().safety
-        self.gate = SafetyGate(robot, limits)
-        self.stream = TelemetryStream(limits)
+        wire = robot.require_wire()
+        self._signs = wire.joint_signs
+        self.limits = limits or wire.safety
+        self.gate = SafetyGate(robot, self.limits)
+        self.stream = TelemetryStream(self.limits)
         self.text: deque[str] = deque(maxlen=50)  # the last lines that the robot printed
         self.sent = 0  # commands with a target since arming
         self._watchdog: Watchdog | None = None
-        self._sensors = SensorFaults(robot, limits)
-        self._tracking = TrackingFaults(robot, limits)
+        self._sensors = SensorFaults(robot, self.limits)
+        self._tracking = TrackingFaults(robot, self.limits)
         # bounded: an idle host may never check
         self._unchecked: deque[Measurement] = deque(maxlen=1000)
-        self._error_line: str | None = None
-        self._ignored: set[str] = set()
+        self._error_line: str | None = None  # that the robot printed and no check has seen
+        self._ignored: set[str] = set()  # faults in spite of which the robot moves
 
     def __enter__(self) -> "RobotLink":
         return self
@@ -71,15 +78,17 @@ class RobotLink:
                 self._recorder.close()
 
     def receive(self, until: float) -> list[Measurement]:
-        """Accepted telemetry until ``until`` [s] on the monotonic clock, and then all that has already arrived."""
+        """Accepted telemetry until ``until`` [s] on the monotonic clock.
+
+        After this time it also reads what has already arrived.
+        """
         late_reads = 0
-        received = list[Measurement]()
-        while late_reads < 100:  # a device may send endlessly
+        received: list[Measurement] = []
+        while late_reads < _MAX_LATE_READS:
             messages = self.port.wait(until)
             for arrival, message in messages:
                 if isinstance(message, str):
-                    self.text.append(message)
-                    self._error_line = message if "ERROR" in message else self._error_line
+                    self._read_text(message)
                     continue
                 measurement = self.stream.accept(message.with_signs(self._signs), arrival)
                 if measurement is not None:
@@ -87,11 +96,17 @@ class RobotLink:
                     self._unchecked.append(measurement)
                     if self._recorder is not None:
                         self._recorder.write(measurement)
+
             if time.monotonic() >= until:
                 if not messages:
                     break
                 late_reads += 1
         return received
+
+    def _read_text(self, line: str) -> None:
+        self.text.append(line)
+        if "ERROR" in line:
+            self._error_line = line
 
     def resume_after_pause(self) -> None:
         """Wait for a fresh measurement after this host skipped control steps."""
@@ -101,7 +116,9 @@ class RobotLink:
             if latest is not None and now - latest.sampled <= self.robot.control_dt:
                 break
             self.receive(now + 0.001)
-        if (latest := self.stream.latest) is not None:
+
+        latest = self.stream.latest
+        if latest is not None:
             self._tracking.restart_window(1e-3 * latest.telemetry.ts)
 
     def check(self) -> Measurement:
@@ -112,23 +129,30 @@ class RobotLink:
             raise RobotFault(
                 "firmware", f"the robot reports {line!r}", remedy="switch it off and on again"
             )
+
         unchecked = list(self._unchecked)
         self._unchecked.clear()
         latest = self.stream.fresh(time.monotonic())
         # Every frame in turn: after a pause of the host, a joint that moved there and back was not
         # stuck.
         for measurement in unchecked:
-            telemetry = measurement.telemetry
-            target = self.gate.target
-            now = 1e-3 * measurement.telemetry.ts
-            tracking = () if target is None else self._tracking.faults(telemetry.pos, target, now)
-            for fault in chain(self._sensors.faults(telemetry, now), tracking):
+            for fault in self._faults(measurement.telemetry):
                 if fault.kind not in self._ignored:
                     raise fault
         return latest
 
+    def _faults(self, telemetry: Telemetry) -> Iterator[RobotFault]:
+        now = 1e-3 * telemetry.ts
+        target = self.gate.target
+        yield from self._sensors.faults(telemetry, now)
+        if target is not None:
+            yield from self._tracking.faults(telemetry.pos, target, now)
+
     def arm(self, gains: Gains) -> None:
-        """Start the watchdog, and hold the joints at their present positions with the first command."""
+        """Start the watchdog, and make the present joint positions the target.
+
+        Nothing is sent before the first `send`.
+        """
         self._ignored.clear()
         self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)
         # telemetry that arrived while the watchdog started
@@ -138,7 +162,7 @@ class RobotLink:
         self._tracking.begin(gains.kd / gains.kp)
 
     def send(self, target: np.ndarray, mode: Mode) -> float:
-        """Send (joints,) position targets [rad]; returns the time at which the command was sent [s].
+        """Send (joints,) position targets [rad]; returns the time of sending [s].
 
         Raises RobotFault if the target is invalid, the robot not armed, the watchdog tripped or
         dead, or the port gone.
@@ -150,19 +174,24 @@ class RobotLink:
             self.port.send(self.gate.gains)
         sent = self.port.send(command)
         self.sent += 1
-        if self._recorder is not None and (target_in_force := self.gate.target) is not None:
+
+        target_in_force = self.gate.target
+        if self._recorder is not None and target_in_force is not None:
             self._recorder.sent(sent, target_in_force, mode)
         return sent
 
     def ignore(self, kind: str) -> None:
-        """Continue in spite of this kind of faults, to crouch."""
+        """Continue in spite of faults with this `RobotFault.kind`, to crouch."""
         self._ignored.add(kind)
         if kind == "watchdog" and self._watchdog is not None:
             self._watchdog.end(idle_sent=True, patience=0.005)  # the robot still moves
             self._watchdog = None
 
     def idle(self) -> None:
-        """Remove the current from all motors; never fails. If the port does not accept it, the watchdog repeats it."""
+        """Remove the current from all motors; never fails.
+
+        If the port does not accept the command, the watchdog repeats it.
+        """
         if self.gate.target is not None:
             self.send_idle()
         if self._watchdog is not None:
@@ -193,12 +222,17 @@ class Recorder:
 
     def __init__(self, robot: Robot, path: Path):
         if path.exists():
-            remedy = "recordings are not overwritten: choose another folder"
-            raise ArtifactError("it exists already", where=path, remedy=remedy)
+            raise ArtifactError(
+                "it exists already",
+                where=path,
+                remedy="recordings are not overwritten: choose another folder",
+            )
         self._path = path
         self._joint_names = robot.joint_names
         self._file: FileIO | None = None
-        self._with_current = self._failed = False
+        self._with_current = False
+        self._failed = False
+        # (time of sending, target, mode) of the last commands
         self._targets: deque[tuple[float, np.ndarray, Mode]] = deque(maxlen=32)
 
     def sent(self, time: float, target: np.ndarray, mode: Mode) -> None:
@@ -210,29 +244,43 @@ class Recorder:
         self._targets.clear()
 
     def write(self, measurement: Measurement) -> None:
-        """Record a measurement made while a target was in force; raises ArtifactError if the disk is full."""
-        in_force = next(
-            (sent for sent in reversed(self._targets) if sent[0] <= measurement.sampled), None
-        )
-        if (
-            self._failed
-            or in_force is None
-            or (self._with_current and measurement.telemetry.cur is None)
-        ):
+        """Record a measurement made while a target was in force.
+
+        Raises ArtifactError if the disk is full.
+        """
+        target_in_force = self._target_at(measurement.sampled)
+        lacks_current = self._with_current and measurement.telemetry.cur is None
+        if self._failed or target_in_force is None or lacks_current:
             return
         try:
             if self._file is None:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = self._path.open("xb", buffering=0)
-                self._with_current = measurement.telemetry.cur is not None
-                _append(self._file, ",".join(run_columns(self._joint_names, self._with_current)))
-            _append(self._file, self._row(measurement, *in_force))
+                self._file = self._created(measurement)
+            _append(self._file, self._row(measurement, *target_in_force))
         except OSError as error:  # ends the motion, once: it must not prevent the crouch
             self._failed = True
-            remedy = "free some space, or choose another folder"
             raise ArtifactError(
-                f"cannot write ({error.strerror})", where=self._path, remedy=remedy
+                f"cannot write ({error.strerror})",
+                where=self._path,
+                remedy="free some space, or choose another folder",
             ) from error
+
+    def _target_at(self, time: float) -> tuple[float, np.ndarray, Mode] | None:
+        """The last command that was sent by ``time`` [s]; None if the robot was idle."""
+        for command in reversed(self._targets):
+            if command[0] <= time:
+                return command
+        return None
+
+    def _created(self, measurement: Measurement) -> FileIO:
+        """The new file, with a line of column names.
+
+        It has columns of currents if the first measurement has currents.
+        """
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        file = self._path.open("xb", buffering=0)
+        self._with_current = measurement.telemetry.cur is not None
+        _append(file, ",".join(run_columns(self._joint_names, self._with_current)))
+        return file
 
     def close(self) -> None:
         """Close the file."""
@@ -242,11 +290,11 @@ class Recorder:
     def _row(self, measurement: Measurement, sent: float, target: np.ndarray, mode: Mode) -> str:
         telemetry = measurement.telemetry
         now = 1e-3 * telemetry.ts
-        since = now + sent - measurement.sampled
+        sent_on_robot_clock = now + sent - measurement.sampled
         values = [
             now,
             int(mode),
-            since,
+            sent_on_robot_clock,
             *target.tolist(),
             *telemetry.pos.tolist(),
             *telemetry.vel.tolist(),

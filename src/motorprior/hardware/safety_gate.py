@@ -16,7 +16,7 @@ from motorprior.robots.robot import Robot, SafetyLimits, Wire
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains and current limit to send."""
+    """Gains and current limit of the motors."""
 
     kp: float  # [A/rad]
     kd: float  # [A·s/rad]
@@ -31,24 +31,19 @@ class Gains:
         max_current: float | None = None,
     ) -> "Gains":
         """The given gains, and the robot's own in place of None; raises ConfigError as `check`."""
-        given = {"kp": kp, "kd": kd, "max_current": max_current}
         gains = cls(
-            **{
-                name: getattr(wire, name) if value is None else value
-                for name, value in given.items()
-            }
+            kp=wire.kp if kp is None else kp,
+            kd=wire.kd if kd is None else kd,
+            max_current=wire.max_current if max_current is None else max_current,
         )
         gains.check(wire.safety)
         return gains
 
     def check(self, limits: SafetyLimits) -> None:
         """Raise ConfigError unless every value is positive and within the limits."""
-        for name, maximum in (
-            ("kp", limits.max_kp),
-            ("kd", limits.max_kd),
-            ("max_current", limits.max_current),
-        ):
-            require_number(name, getattr(self, name), 0.0, maximum, positive=True)
+        require_number("kp", self.kp, 0.0, limits.max_kp, positive=True)
+        require_number("kd", self.kd, 0.0, limits.max_kd, positive=True)
+        require_number("max_current", self.max_current, 0.0, limits.max_current, positive=True)
 
 
 class SafetyGate:
@@ -58,8 +53,8 @@ class SafetyGate:
         self._signs = robot.require_wire().joint_signs
         self._lower = robot.lower
         self._upper = robot.upper
-        # A late step may make up for at most two periods: a target must not jump after a pause.
         self._limits = limits
+        # A late step may make up for at most two periods: a target must not jump after a pause.
         self._max_step = 2.0 * robot.control_dt
         self._target: np.ndarray | None = None
         self._fault: RobotFault | None = None
@@ -78,7 +73,7 @@ class SafetyGate:
         return None if self._target is None else self._target.copy()
 
     def arm(self, gains: Gains, joint_pos: np.ndarray, now: float) -> None:
-        """Begin at the present (joints,) positions [rad], so that the first target cannot be a jump."""
+        """Begin at the present (joints,) positions [rad], so that the first target is no jump."""
         gains.check(self._limits)
         if self._fault is not None:
             raise self._fault
@@ -87,7 +82,7 @@ class SafetyGate:
         self._time = now
 
     def limited(self, target: np.ndarray, now: float) -> Command:
-        """The command for (joints,) position targets [rad] in the library's signs, within the limits.
+        """The command for (joints,) position targets [rad], clipped to the limits.
 
         Raises RobotFault after a fault, without `arm`, or for targets that are not finite.
         """
@@ -99,15 +94,19 @@ class SafetyGate:
         if target.shape != self._lower.shape or not np.all(np.isfinite(target)):
             problem = f"target {target.tolist()} is not {len(self._lower)} finite angles"
             raise self.latch(RobotFault("impossible command", problem, safe_state="crouch"))
+
         inside = np.clip(target, self._lower, self._upper)
         self.position_clips += int(np.count_nonzero(inside != target))
+
         speed = self._limits.slow_speed if self.slow else self._limits.target_speed
         reach = speed * min(max(0.0, now - self._time), self._max_step)
-        near = np.clip(inside, self._target - reach, self._target + reach)
-        self.slew_clips += 0 if self.slow else int(np.count_nonzero(near != inside))
-        self._target = near
+        reachable = np.clip(inside, self._target - reach, self._target + reach)
+        if not self.slow:
+            self.slew_clips += int(np.count_nonzero(reachable != inside))
+
+        self._target = reachable
         self._time = now
-        return Command(pos=self._signs * near)
+        return Command(pos=self._signs * reachable)
 
     def latch(self, fault: RobotFault) -> RobotFault:
         """Let only idle pass from now on; returns the first fault, which is kept."""

@@ -39,9 +39,14 @@ class SerialLink:
         return self._serial.fileno()
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
-        """Messages with their arrival times; returns when bytes come, or at ``until`` on the monotonic clock [s]."""
+        """Messages with their arrival times [s].
+
+        Returns when bytes come, or at ``until`` [s] on the monotonic clock. Raises RobotFault if
+        the port is gone.
+        """
         try:
-            ready, _, _ = select.select([self.fileno()], [], [], max(0.0, until - time.monotonic()))
+            timeout = max(0.0, until - time.monotonic())
+            ready, _, _ = select.select([self.fileno()], [], [], timeout)
             if not ready:
                 return []
             data = os.read(self.fileno(), 4096)
@@ -49,17 +54,17 @@ class SerialLink:
                 raise OSError("end of file")
         except BlockingIOError:
             return []
-        except (
-            OSError,
-            ValueError,
-            TypeError,
-        ) as error:  # pyserial's fileno is None once it is closed
+        except (OSError, ValueError, TypeError) as error:
+            # a TypeError: pyserial's fileno is None once it is closed
             raise self._gone(error) from error
         now = time.monotonic()
         return [(now, message) for message in self.reader.feed(data)]
 
     def send(self, command: Command) -> float:
-        """Write a command; returns the time [s]. Raises RobotFault if the port is gone or the robot stops reading."""
+        """Write a command; returns the time [s].
+
+        Raises RobotFault if the port is gone or the robot stops reading.
+        """
         self.unsent += framed(command, self._joints)
         try:
             sent = os.write(self.fileno(), self.unsent)
@@ -90,7 +95,7 @@ class SerialLink:
 
 
 def resolve_port(port: str | None) -> str:
-    """The given port, or the only USB serial port; raises ConfigError if there are none or several."""
+    """The given port, or the only USB serial port; ConfigError if there are none or several."""
     ports = _usb_ports() if port is None else [port]
     if len(ports) == 1:
         return ports[0]
@@ -114,12 +119,14 @@ def _cannot_open(port: str, error: Exception) -> RobotFault:
     cause = error.__context__
     if not number and isinstance(cause, termios.error):
         number = cause.args[0]
+
+    reason = os.strerror(number) if number else error
+    ports = ", ".join(_usb_ports()) or "none"
     remedies = {
         errno.ENOTTY: "this is no serial port; give one such as /dev/ttyACM0",
-        errno.EACCES: "add yourself to the group dialout (sudo usermod -aG dialout $USER) and log in again",
-        errno.ENOENT: f"plug the robot in and switch it on; ports found: {', '.join(_usb_ports()) or 'none'}",
+        errno.EACCES: "add yourself to the group dialout (sudo usermod -aG dialout $USER) "
+        "and log in again",
+        errno.ENOENT: f"plug the robot in and switch it on; ports found: {ports}",
     }
     remedy = remedies.get(number or 0, "close every other program that uses the port")
-    return RobotFault(
-        "no port", f"cannot open {port} ({os.strerror(number) if number else error})", remedy=remedy
-    )
+    return RobotFault("no port", f"cannot open {port} ({reason})", remedy=remedy)

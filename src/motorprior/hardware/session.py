@@ -1,4 +1,4 @@
-"""Checks of an idle robot, and the sequence from it to a moving one and back, of deployment and recording.
+"""Checks of an idle robot, and the sequence of a run, from idle to moving and back.
 
     check, confirm, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
@@ -35,9 +35,10 @@ _UNTRUSTED = ("program error", "impossible command", "frozen IMU")
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[str]]:
-    """Names of the received signals Ctrl-C, SIGTERM, lost terminal (SIGHUP) and Ctrl-Z (SIGTSTP), which ask to stop.
+    """Names of the received signals that ask to stop.
 
-    The second signal raises RobotFault, so that the robot is idle at once.
+    These are Ctrl-C, SIGTERM, SIGHUP (a lost terminal) and SIGTSTP (Ctrl-Z). The second signal
+    raises RobotFault, so that the robot is idle at once.
     """
     received: list[str] = []
 
@@ -47,37 +48,43 @@ def stop_on_signals() -> Iterator[list[str]]:
             raise RobotFault("stopped", f"a second signal, {received[1]}")
 
     # SIGTSTP would stop the host where it is, and the watchdog would drop the robot.
-    numbers = signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP
-    before = {number: signal.signal(number, on_signal) for number in numbers}
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP)
+    earlier_handlers = {number: signal.signal(number, on_signal) for number in numbers}
     try:
         yield received
     finally:
-        for number, handler in before.items():
+        for number, handler in earlier_handlers.items():
             signal.signal(number, handler)
 
 
 def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
-    """Check telemetry for half a second; returns the last measurement and the (3,) gyroscope bias [rad/s].
+    """Check telemetry for half a second.
+
+    Returns the last measurement and the (3,) gyroscope bias [rad/s].
 
     The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
     Raises RobotFault for too few frames, an IMU that is not read, joints that move or are out of
     range, or another fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
-    received = [link.check().telemetry]
-    received += [each.telemetry for each in link.receive(time.monotonic() + 0.8 * _CHECK_DURATION)]
+    telemetry = [link.check().telemetry]
+    received = link.receive(time.monotonic() + 0.8 * _CHECK_DURATION)
+    telemetry += [measurement.telemetry for measurement in received]
     measurement = link.check()
+
     robot = link.robot
-    moved = np.abs(measurement.telemetry.pos - received[0].pos)
-    moving = f"{robot.joint_names[int(np.argmax(moved))]} moved {moved.max():.2f} rad, although this host sent nothing"
-    remedy = (
-        "wait until homing has ended, hands off the robot, and end other programs that drive it"
-    )
-    checks = [frame_rate(robot, received), imu(received[-1]), *joint_ranges(robot, received[-1:])]
-    checks.append(Check("moving", moving, bool(moved.max() <= _MAX_MOTION), remedy))
-    require_ok([check for check in checks if need_imu or check.name != "IMU"])
-    rates = np.mean([telemetry.rates for telemetry in received], axis=0)
-    return measurement, rates if np.abs(rates).max() <= _MAX_GYRO_BIAS else np.zeros(3)
+    motion = np.abs(measurement.telemetry.pos - telemetry[0].pos)
+    checks = [frame_rate(robot, telemetry)]
+    if need_imu:
+        checks.append(imu(telemetry[-1]))
+    checks += joint_ranges(robot, telemetry[-1:])
+    checks.append(_is_static(robot, motion))
+    require_ok(checks)
+
+    gyro_bias = np.mean([frame.rates for frame in telemetry], axis=0)
+    if np.abs(gyro_bias).max() > _MAX_GYRO_BIAS:
+        gyro_bias = np.zeros(3)
+    return measurement, gyro_bias
 
 
 @dataclass
@@ -86,7 +93,7 @@ class Session:
 
     link: RobotLink
     gains: Gains  # gains to send
-    stop: Sequence[str] = ()  # names of signals; ends the run once there is one
+    stop: Sequence[str] = ()  # names of received signals; the run ends once there is one
     need_imu: bool = True  # reject a robot whose IMU is not read
     confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming
     status: Callable[[str], None] = lambda _: None  # gets a line to show now and then
@@ -98,13 +105,17 @@ class Session:
     _stopping: Callable[[], Motion] | None = None
 
     def check(self, prepare: Callable[[Measurement], None] = lambda _: None) -> np.ndarray:
-        """Check, prepare and confirm; if that took long, check again. Returns the (3,) gyroscope bias [rad/s]."""
+        """Check, prepare and confirm; if that took long, check again.
+
+        Returns the (3,) gyroscope bias [rad/s].
+        """
         measurement, gyro_bias = check_before_arming(self.link, self.need_imu)
-        before = time.monotonic()
+        checked = time.monotonic()
         prepare(measurement)
         self.confirm()
-        is_old = time.monotonic() - before > _RECHECK_AFTER
-        return check_before_arming(self.link, self.need_imu)[1] if is_old else gyro_bias
+        if time.monotonic() - checked > _RECHECK_AFTER:
+            _, gyro_bias = check_before_arming(self.link, self.need_imu)
+        return gyro_bias
 
     def run(
         self,
@@ -112,9 +123,10 @@ class Session:
         crouch: bool = True,
         stopping: Callable[[], Motion] | None = None,
     ) -> None:
-        """Arm, ramp to the nominal pose, ``work``, slow down with ``stopping``, crouch and idle, also after a fault.
+        """Arm, ramp to the nominal pose, ``work``, slow down with ``stopping``, crouch and idle.
 
-        A suspended robot does not ``crouch``. An error is raised once the robot is idle.
+        The robot also crouches after a fault that leaves time for it. A suspended robot does not
+        ``crouch``. An error is raised once the robot is idle.
         """
         link = self.link
         with real_time():
@@ -140,13 +152,13 @@ class Session:
         self.outcome = self.outcome or "".join(self.stop[:1]) or "time"
 
     def _ramp(self, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
-        """Move the armed robot slowly to a (joints,) ``pose`` [rad], and stay there for ``hold`` [s]."""
-        gate = self.link.gate
-        gate.slow = True
-        start = pose if gate.target is None else gate.target
-        loop.run_motion(
-            ramp(start, pose, self.link.limits.slow_speed, self.link.robot.control_dt, hold), mode
-        )
+        """Move the armed robot slowly to a (joints,) ``pose`` [rad], held for ``hold`` [s]."""
+        link = self.link
+        link.gate.slow = True
+        target_in_force = link.gate.target
+        start = pose if target_in_force is None else target_in_force
+        motion = ramp(start, pose, link.limits.slow_speed, link.robot.control_dt, hold)
+        loop.run_motion(motion, mode)
 
     def _crouch(self, fault: RobotFault | None = None) -> None:
         """Slow down, then crouch; after a fault in the descent it continues from there."""
@@ -159,7 +171,8 @@ class Session:
         link.gate.allow_crouch()
         # the ground may block a foot while the body descends; to continue is safer than to fall
         link.ignore("stuck")
-        never = float("inf")  # a late crouch is better than none
+        # a late crouch is better than none
+        never = float("inf")
         lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
         # a stop of the previous motion must not stop this one
         loop = ControlLoop(link, lenient, ())
@@ -177,9 +190,10 @@ def fault_of(error: Exception) -> RobotFault:
     return RobotFault(kind, str(error), safe_state="crouch")
 
 
-# Per control period of the robot's clock: buffered frames and a busy host have no influence. The
-# rest may be lost.
+# Frames per control period of the robot's clock, so that buffered frames and a busy host have no
+# influence. The other frames may be lost.
 _MIN_FRAMES = 0.8
+_MAX_DAMAGED = 0.01  # share of the frames
 _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 
 
@@ -202,33 +216,18 @@ def require_ok(checks: Sequence[Check]) -> None:
 
 def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
     """Receive telemetry for some seconds and check it; raises RobotFault if no frame comes."""
-    received = link.receive(time.monotonic() + seconds)
-    if not received:
-        found = f"{len(link.text)} lines of text" if link.text else "no frame"
+    measurements = link.receive(time.monotonic() + seconds)
+    if not measurements:
+        problem = f"{len(link.text)} lines of text" if link.text else "no frame"
         raise RobotFault(
-            "stale telemetry", found, remedy="check power, cable and the firmware's version"
+            "stale telemetry", problem, remedy="check power, cable and the firmware's version"
         )
-    damaged = link.port.reader.rejected + link.stream.impossible
-    stream = link.stream
-    delays = [each.arrival - each.sampled for each in received]
-    # the last frame may be old by now
-    arrivals = [*(each.arrival for each in received[1:]), time.monotonic()]
-    max_age = max(after - each.sampled for each, after in zip(received, arrivals, strict=True))
-    telemetry = [each.telemetry for each in received]
+    age = _age(link, measurements)  # first: the last frame grows old
+    telemetry = [measurement.telemetry for measurement in measurements]
     return [
         frame_rate(link.robot, telemetry),
-        Check(
-            "damaged frames",
-            f"{damaged}, {stream.repeated} repeated",
-            damaged <= 0.01 * stream.accepted + 1,
-            "use another cable or port",
-        ),
-        Check(
-            "telemetry",
-            f"{1e3 * np.median(delays):.1f} ms delay, {1e3 * max_age:.0f} ms maximum age",
-            max_age < link.limits.telemetry_age,
-            "close other programs, use another cable or port",
-        ),
+        _damaged_frames(link),
+        age,
         imu(telemetry[-1]),
         *joint_ranges(link.robot, telemetry),
         *_sensors(link, telemetry),
@@ -241,40 +240,85 @@ def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
     ]
 
 
+def _age(link: RobotLink, measurements: Sequence[Measurement]) -> Check:
+    """Delay of the measurements, and their maximum age until the next one or now."""
+    delays = [measurement.arrival - measurement.sampled for measurement in measurements]
+    next_arrivals = [measurement.arrival for measurement in measurements[1:]]
+    next_arrivals.append(time.monotonic())
+    max_age = max(
+        next_arrival - measurement.sampled
+        for measurement, next_arrival in zip(measurements, next_arrivals, strict=True)
+    )
+    return Check(
+        "telemetry",
+        f"{1e3 * np.median(delays):.1f} ms delay, {1e3 * max_age:.0f} ms maximum age",
+        max_age < link.limits.telemetry_age,
+        "close other programs, use another cable or port",
+    )
+
+
+def _damaged_frames(link: RobotLink) -> Check:
+    damaged = link.port.reader.rejected + link.stream.impossible
+    return Check(
+        "damaged frames",
+        f"{damaged}, {link.stream.repeated} repeated",
+        damaged <= _MAX_DAMAGED * link.stream.accepted + 1,
+        "use another cable or port",
+    )
+
+
+def _is_static(robot: Robot, motion: np.ndarray) -> Check:
+    """Whether no joint has moved; ``motion`` is (joints,) [rad]."""
+    joint = int(np.argmax(motion))
+    return Check(
+        "moving",
+        f"{robot.joint_names[joint]} moved {motion.max():.2f} rad, although this host sent nothing",
+        bool(motion.max() <= _MAX_MOTION),
+        "wait until homing has ended, hands off the robot, and end other programs that drive it",
+    )
+
+
 def frame_rate(robot: Robot, telemetry: Sequence[Telemetry]) -> Check:
     """Whether the frames are enough for the control period."""
     seconds = 1e-3 * (telemetry[-1].ts - telemetry[0].ts)
-    needed = 1.0 / robot.control_dt
-    remedy = f"the policy needs {needed:.0f} per second: use another cable or port; PRINT_DELAY in the firmware's "
-    enough = len(telemetry) - 1 >= max(2.0, _MIN_FRAMES * needed * seconds)
+    required_rate = 1.0 / robot.control_dt
+    min_frames = max(2.0, _MIN_FRAMES * required_rate * seconds)
     return Check(
         "frames",
         f"{len(telemetry)} in {seconds:.2f} s",
-        enough,
-        remedy + "main.cpp is their period",
+        len(telemetry) - 1 >= min_frames,
+        f"the policy needs {required_rate:.0f} per second: use another cable or port; "
+        "PRINT_DELAY in the firmware's main.cpp is their period",
     )
 
 
 def imu(telemetry: Telemetry) -> Check:
     """Whether the firmware reads the IMU."""
-    finding = f"roll {telemetry.roll:+.3f} rad, pitch {telemetry.pitch:+.3f} rad"
-    remedy = "flash a firmware that reads the IMU: without it a fall cannot be detected; or give --without-imu and "
-    return Check("IMU", finding, telemetry.has_imu, remedy + "stay within reach of the robot")
+    return Check(
+        "IMU",
+        f"roll {telemetry.roll:+.3f} rad, pitch {telemetry.pitch:+.3f} rad",
+        telemetry.has_imu,
+        "flash a firmware that reads the IMU: without it a fall cannot be detected; "
+        "or give --without-imu and stay within reach of the robot",
+    )
 
 
 def joint_ranges(robot: Robot, telemetry: Sequence[Telemetry]) -> list[Check]:
     """Whether the joints are within their limits."""
     checks = []
-    remedy = "switch the robot on with its legs free so that it finds its end stops"
-    for joint, angles in zip(robot.joints, np.array([one.pos for one in telemetry]).T, strict=True):
+    joint_pos = np.array([frame.pos for frame in telemetry])
+    for joint, angles in zip(robot.joints, joint_pos.T, strict=True):
         low = angles.min()
         high = angles.max()
-        inside = joint.lower - _RANGE_SLACK <= low and high <= joint.upper + _RANGE_SLACK
-        finding = (
-            f"{angles[-1]:+.3f} rad, was {low:+.3f} to {high:+.3f}; limits {joint.lower:+.2f} to "
-        )
+        is_inside = joint.lower - _RANGE_SLACK <= low and high <= joint.upper + _RANGE_SLACK
         checks.append(
-            Check(f"joint {joint.name}", f"{finding}{joint.upper:+.2f}", bool(inside), remedy)
+            Check(
+                f"joint {joint.name}",
+                f"{angles[-1]:+.3f} rad, was {low:+.3f} to {high:+.3f}; "
+                f"limits {joint.lower:+.2f} to {joint.upper:+.2f}",
+                bool(is_inside),
+                "switch the robot on with its legs free so that it finds its end stops",
+            )
         )
     return checks
 
@@ -282,14 +326,22 @@ def joint_ranges(robot: Robot, telemetry: Sequence[Telemetry]) -> list[Check]:
 def _sensors(link: RobotLink, telemetry: Sequence[Telemetry]) -> list[Check]:
     """The faults that would end a motion, and the last readings."""
     sensors = SensorFaults(link.robot, link.limits)
-    last = telemetry[-1]
-    faults = {
-        fault.kind: fault for one in telemetry for fault in sensors.faults(one, 1e-3 * one.ts)
+    faults: dict[str, RobotFault] = {}
+    for frame in telemetry:
+        for fault in sensors.faults(frame, 1e-3 * frame.ts):
+            faults[fault.kind] = fault
+
+    currents = telemetry[-1].cur
+    readings = {
+        "current": "not sent" if currents is None else f"up to {np.abs(currents).max():.2f} A",
+        "frozen IMU": "no",
     }
-    current = "not sent" if last.cur is None else f"up to {np.abs(last.cur).max():.2f} A"
-    return [
-        Check(kind, faults[kind].problem, False, faults[kind].remedy or "look for a blocked joint")
-        if kind in faults
-        else Check(kind, reading, True)
-        for kind, reading in (("current", current), ("frozen IMU", "no"))
-    ]
+    checks = []
+    for name, reading in readings.items():
+        fault = faults.get(name)
+        if fault is None:
+            checks.append(Check(name, reading, True))
+        else:
+            remedy = fault.remedy or "look for a blocked joint"
+            checks.append(Check(name, fault.problem, False, remedy))
+    return checks

@@ -86,11 +86,12 @@ class RecordSettings(RunSettings):
     joints and then steps of one after the other; if not given, varied in the air and multisine
     standing."""
     joint: str = "all"
-    """Joints to excite: all, a leg (FR), the same joint of every leg (knee) or a joint (FR_knee)."""
+    """Joints to excite: all, a leg (FR), a joint of every leg (knee) or one joint (FR_knee)."""
     seconds: float = 60.0
     """Duration [s]."""
     amplitude: float | None = None
-    """Maximum distance from the nominal pose [rad]; 0.4 in the air and 0.1 standing if not given."""
+    """Maximum distance from the nominal pose [rad]; if not given, 0.4 in the air and 0.1
+    standing."""
     max_speed: float | None = None
     """Limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk,
     and 8 otherwise."""
@@ -101,7 +102,10 @@ class RecordSettings(RunSettings):
     """Seed of the random signals."""
 
     def playback(self, safety: SafetyLimits) -> Playback:
-        """Excitation and limits, with the posture's defaults; ConfigError for a value out of range."""
+        """Excitation and limits, with the defaults of the posture.
+
+        Raises ConfigError for a value out of range.
+        """
         # steps of a leg that carries weight would tip a standing robot
         excitation = self.excitation or ("multisine" if self.standing else "varied")
 

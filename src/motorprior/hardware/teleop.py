@@ -16,7 +16,8 @@ from motorprior.robots.robot import Gait
 
 Print = Callable[[str], None]
 WALKING = (
-    "Keys while it moves: w/s or up/down: faster, slower; a/d or left/right: turn; space: stand still; q: sit down; "
+    "Keys while it moves: w/s or up/down: faster, slower; a/d or left/right: turn; "
+    "space: stand still; q: sit down; "
     "Ctrl-C: sit down; Ctrl-C twice: no current, the robot drops."
 )
 STANDING = "Ctrl-C: sit down; Ctrl-C twice: no current, the robot drops. Other keys have no effect."
@@ -41,9 +42,10 @@ _AUTONOMOUS_SPEED = 0.3  # [m/s]
 
 
 class Teleop:
-    """Reads keyboard (a terminal in cbreak mode) and gamepad (a joystick device), if any, without waiting.
+    """Reads keyboard and gamepad, if there are any, without waiting.
 
-    ``command`` is the initial speed [m/s] and yaw rate [rad/s]; ``gait`` limits both.
+    Both are open files: a terminal in cbreak mode and a joystick device. ``command`` is the initial
+    speed [m/s] and yaw rate [rad/s]; ``gait`` limits both.
     """
 
     def __init__(
@@ -55,7 +57,10 @@ class Teleop:
         self._forward, self._yaw_rate = command
 
     def command(self) -> tuple[float, float] | None:
-        """Speed [m/s], reduced in turns, and yaw rate [rad/s]; None at q, at a gamepad button, or if either is lost."""
+        """Speed [m/s], reduced in turns, and yaw rate [rad/s].
+
+        Returns None at q, at a gamepad button, or if keyboard or gamepad is lost.
+        """
         for file, handle in ((self._keyboard, self._on_keys), (self._gamepad, self._on_events)):
             if file is None or not select.select([file], [], [], 0.0)[0]:
                 continue
@@ -65,45 +70,50 @@ class Teleop:
                 return None
             if not data or not handle(data):
                 return None
+
         turn = abs(self._yaw_rate) / self._gait.yaw_rate if self._yaw_rate else 0.0
         max_speed = round((1.0 - _SLOW_DOWN_IN_TURNS * turn) * self._gait.forward[1], 4)
         return min(self._forward, max_speed), self._yaw_rate
 
-    def _on_keys(self, data: bytes) -> bool:  # False to stop
+    def _on_keys(self, data: bytes) -> bool:
+        """Change the command by key presses; returns False to stop."""
         for arrow, letter in _ARROWS.items():
             data = data.replace(arrow, letter)
         for key in data.decode("ascii", errors="ignore"):
-            speed = (key == "w") - (key == "s")
-            turn = (key == "a") - (key == "d")
-            forward = (
-                0.0 if key == " " else self._forward + speed * self._gait.forward[1] / _NUM_STEPS
-            )
+            if key == " ":
+                self._set(0.0, 0.0)
+                continue
+            forward_steps = (key == "w") - (key == "s")
+            turn_steps = (key == "a") - (key == "d")
             self._set(
-                forward,
-                0.0 if key == " " else self._yaw_rate + turn * self._gait.yaw_rate / _NUM_STEPS,
+                self._forward + forward_steps * self._gait.forward[1] / _NUM_STEPS,
+                self._yaw_rate + turn_steps * self._gait.yaw_rate / _NUM_STEPS,
             )
         return b"q" not in data.lower()
 
-    def _on_events(self, data: bytes) -> bool:  # False to stop
-        for _, value, kind, number in _EVENT.iter_unpack(
-            data[: len(data) // _EVENT.size * _EVENT.size]
-        ):
-            if kind == _BUTTON and value:
+    def _on_events(self, data: bytes) -> bool:
+        """Change the command by events of the gamepad; returns False to stop."""
+        whole_events = data[: len(data) // _EVENT.size * _EVENT.size]
+        for _, value, event_type, number in _EVENT.iter_unpack(whole_events):
+            if event_type == _BUTTON and value:
                 return False
-            if kind != _AXIS:
+            if event_type != _AXIS:
                 continue
-            deflection = (
-                -value / _MAX_DEFLECTION if abs(value) > _DEAD_ZONE * _MAX_DEFLECTION else 0.0
-            )
+            deflection = 0.0
+            if abs(value) > _DEAD_ZONE * _MAX_DEFLECTION:
+                deflection = -value / _MAX_DEFLECTION
             if number == _VERTICAL:
                 backward, forward = self._gait.forward
-                self._set(deflection * (forward if deflection > 0.0 else -backward), self._yaw_rate)
+                max_speed = forward if deflection > 0.0 else -backward
+                self._set(deflection * max_speed, self._yaw_rate)
             elif number == _HORIZONTAL:
                 self._set(self._forward, deflection * self._gait.yaw_rate)
         return True
 
     def _set(self, forward: float, yaw_rate: float) -> None:
-        (slowest, fastest), max_yaw_rate = self._gait.forward, self._gait.yaw_rate
+        """Set the command, within the limits of the gait."""
+        slowest, fastest = self._gait.forward
+        max_yaw_rate = self._gait.yaw_rate
         self._forward = round(min(fastest, max(slowest, forward)), 4)
         self._yaw_rate = round(min(max_yaw_rate, max(-max_yaw_rate, yaw_rate)), 4)
 
@@ -115,13 +125,14 @@ def autonomous_speed(gait: Gait) -> float:
 
 @contextlib.contextmanager
 def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleop]:
-    """Steering by the terminal's keyboard and the gamepad, if there are any; the terminal is restored afterwards.
+    """Steering by the terminal's keyboard and the gamepad, if there are any.
 
     Without ``forward`` [m/s] the robot stands at first; without keyboard and gamepad it walks at
-    `autonomous_speed`.
+    `autonomous_speed`. The terminal is restored afterwards.
     """
     with contextlib.ExitStack() as stack:
-        keyboard = gamepad = None
+        keyboard = None
+        gamepad = None
         if sys.stdin is not None and sys.stdin.isatty() and _in_foreground(sys.stdin.fileno()):
             keyboard = sys.stdin.fileno()
             stack.callback(_restore, keyboard, termios.tcgetattr(keyboard))
@@ -135,7 +146,10 @@ def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleo
 
 
 def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print) -> None:
-    """Wait until ``arm`` is typed; raises RobotFault if something else is typed, or a signal comes."""
+    """Wait until ``arm`` is typed, unless ``yes``.
+
+    Raises RobotFault if something else is typed, or a signal comes.
+    """
     if yes:
         return
     with contextlib.suppress(termios.error):
@@ -156,7 +170,10 @@ def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print
 
 
 def non_blocking(show: Print, file: TextIO) -> Print:
-    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full: the watchdog would trip."""
+    """``show``, but silent while the terminal or pipe behind ``file`` is gone or full.
+
+    A print that waits would trip the watchdog.
+    """
     try:
         number = file.fileno()
     except (OSError, ValueError):  # a notebook's: no terminal, never full
@@ -171,7 +188,7 @@ def non_blocking(show: Print, file: TextIO) -> Print:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Whether this process may change a terminal; the system stops a background process that does."""
+    """Whether this process may change a terminal: the system stops a background process."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:  # not its own terminal

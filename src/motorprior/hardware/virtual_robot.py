@@ -1,9 +1,9 @@
-"""A virtual robot: the firmware's behaviour, bytes in and bytes out in simulated time, and a port for it in real time.
+"""A virtual robot: a simulated firmware in simulated time, and a port for it in real time.
 
-After Nate711/DJIPupperTests (MIT), once it has homed: it holds its pose; a target starts position
-mode; ``idle`` takes the current away; an angle beyond 2π or a current beyond 10 A ends in 0 A and
-"ERROR" every millisecond until it is switched off. It has no watchdog. As in some versions, it
-ignores all other keys of a command with ``pos``.
+The firmware behaves like Nate711/DJIPupperTests (MIT) after homing. It holds its pose; a target
+starts position mode; ``idle`` takes the current away; an angle beyond 2π or a current beyond 10 A
+ends in 0 A and "ERROR" every millisecond until it is switched off. It has no watchdog. As in some
+versions, it ignores all other keys of a command with ``pos``.
 """
 
 import contextlib
@@ -20,18 +20,18 @@ import numpy as np
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 
-# [rad], [A]
-MAX_ANGLE = 2.0 * np.pi
-MAX_CURRENT = 10.0
+MAX_ANGLE = 2.0 * np.pi  # [rad]
+MAX_CURRENT = 10.0  # [A]
+# modes
 HOLDING = "holding"
 POSITION = "position"
 IDLE = "idle"
 ERROR = "error"
-_BODY_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
+_IMU_KEYS = ("roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate")
 
 
-class RobotBody(Protocol):
-    """Motors and mechanics of a robot. Joints in the robot's signs."""
+class RobotMechanics(Protocol):
+    """Motors and mechanics of a robot. Joints have the robot's signs."""
 
     def advance(self, milliseconds: int, command: MotorCommand) -> None:
         """Simulate under a constant command; the current control runs at 1 kHz or faster."""
@@ -42,31 +42,31 @@ class RobotBody(Protocol):
 
 
 class Firmware:
-    """Simulated firmware of a robot, which moves ``body``.
+    """Simulated firmware of a robot, which moves its ``mechanics``.
 
-    The telemetry ``period`` [ms] is 5 in older versions. The firmware sends motor currents only
-    ``with_currents``, and zeros as attitude and rates, as in the current version, if not
-    ``with_imu``.
+    The telemetry ``period`` [ms] is 5 in older versions. ``with_currents``: it sends motor
+    currents. Without ``with_imu`` it sends zeros as attitude and rates, as the current version
+    does.
     """
 
     def __init__(
         self,
         robot: Robot,
-        body: RobotBody,
+        mechanics: RobotMechanics,
         period: int = 10,
         with_currents: bool = False,
         with_imu: bool = True,
     ):
         self.period = period
-        self._body = body
+        self._mechanics = mechanics
         self._with_currents = with_currents
         self._with_imu = with_imu
         self._wire = robot.require_wire()
         self._joints = robot.num_joints
         self._reader = FrameReader(Command, self._joints)
-        # in force [A/rad], [A·s/rad], [A]
+        # kp [A/rad], kd [A·s/rad] and current limit [A] in force
         self.gains = (self._wire.kp, self._wire.kd, self._wire.max_current)
-        self._sensors = body.sense()
+        self._sensors = mechanics.sense()
         self._target = self._sensors.pos.copy()
         self._text: list[str] = ["LED on", "Holding"]
         self.mode = HOLDING
@@ -80,30 +80,36 @@ class Firmware:
 
     def advance(self, milliseconds: int) -> bytes:
         """Simulate; returns the bytes sent meanwhile."""
-        out = bytearray()
+        sent = bytearray()
         end = self.now + milliseconds
-        period = self.period
         while self.now < end:
-            out += "".join(f"{line}\r\n" for line in self._text).encode()
+            sent += "".join(f"{line}\r\n" for line in self._text).encode()
             self._text.clear()
-            step = 1 if self.mode == ERROR else min(end - self.now, period - self.now % period)
-            (kp, kd, limit), on = (
-                self.gains,
-                np.full(self._joints, float(self.mode in (HOLDING, POSITION))),
-            )
-            self._body.advance(step, MotorCommand(self._target, kp * on, kd * on, limit))
+            to_next_frame = self.period - self.now % self.period
+            step = 1 if self.mode == ERROR else min(end - self.now, to_next_frame)
+            self._mechanics.advance(step, self._motor_command())
             self.now += step
             if self.mode == ERROR:
                 self._text.append("ERROR")
-            if self.now % period == 0:
-                self._sensors = sensors = self._body.sense()
-                if (
-                    np.abs(sensors.pos).max() > MAX_ANGLE
-                    or np.abs(sensors.current).max() > MAX_CURRENT
-                ):
-                    self.mode = ERROR
-                out += framed(self._telemetry(), self._joints)
-        return bytes(out)
+            if self.now % self.period == 0:
+                self._read_sensors()
+                sent += framed(self._telemetry(), self._joints)
+        return bytes(sent)
+
+    def _motor_command(self) -> MotorCommand:
+        kp, kd, max_current = self.gains
+        has_current = self.mode in (HOLDING, POSITION)
+        on = np.full(self._joints, float(has_current))
+        return MotorCommand(self._target, kp * on, kd * on, max_current)
+
+    def _read_sensors(self) -> None:
+        """Read the sensors; an angle or current beyond its limit is an error."""
+        sensors = self._mechanics.sense()
+        self._sensors = sensors
+        max_angle = np.abs(sensors.pos).max()
+        max_current = np.abs(sensors.current).max()
+        if max_angle > MAX_ANGLE or max_current > MAX_CURRENT:
+            self.mode = ERROR
 
     def execute(self, command: Command) -> None:
         """Execute a command from the host."""
@@ -111,26 +117,30 @@ class Firmware:
             self._target = command.pos.copy()
             self.mode = POSITION
             return
-        new = command.kp, command.kd, command.max_current
-        kp, kd, limit = (
-            old if value is None else value for value, old in zip(new, self.gains, strict=True)
+        kp, kd, max_current = self.gains
+        self.gains = (
+            kp if command.kp is None else command.kp,
+            kd if command.kd is None else command.kd,
+            max_current if command.max_current is None else command.max_current,
         )
-        self.gains = kp, kd, limit
         if command.idle:
             self.mode = IDLE
 
     def _telemetry(self) -> Telemetry:
         sensors = self._sensors
-        measured = (
-            np.concatenate([sensors.attitude, sensors.rates]) if self._with_imu else np.zeros(6)
-        )
-        body = dict(zip(_BODY_KEYS, measured.tolist(), strict=True))
+        imu_values = np.zeros(len(_IMU_KEYS))
+        if self._with_imu:
+            imu_values = np.concatenate([sensors.attitude, sensors.rates])
+        imu = dict(zip(_IMU_KEYS, imu_values.tolist(), strict=True))
         current = sensors.current if self._with_currents else None
-        return Telemetry(ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, **body)
+        return Telemetry(ts=self.now, pos=sensors.pos, vel=sensors.vel, cur=current, **imu)
 
 
 class VirtualRobot:
-    """A virtual robot in real time: a host opens the pseudo-terminal ``port`` like the port of a Teensy."""
+    """A virtual robot in real time.
+
+    A host opens its pseudo-terminal ``port`` like the port of a Teensy.
+    """
 
     def __init__(self, firmware: Firmware):
         self.firmware = firmware
@@ -153,13 +163,16 @@ class VirtualRobot:
         firmware = self.firmware
         next_frame = firmware.now + firmware.period - firmware.now % firmware.period  # [ms]
         timeout = max(0.0, started + 1e-3 * next_frame - time.monotonic())
-        data = self._read() if select.select([self._master], [], [], timeout)[0] else b""
-        out = firmware.advance(int(1e3 * (time.monotonic() - started)) - firmware.now)
-        firmware.receive(data)
-        if out:
+        ready, _, _ = select.select([self._master], [], [], timeout)
+        received = self._read() if ready else b""
+
+        passed = int(1e3 * (time.monotonic() - started)) - firmware.now  # [ms]
+        sent = firmware.advance(passed)
+        firmware.receive(received)
+        if sent:
             # as on a real port, a host that does not read loses frames
             with contextlib.suppress(BlockingIOError):
-                os.write(self._master, out)
+                os.write(self._master, sent)
 
     def _read(self) -> bytes:
         with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""The host's side of the watchdog: starts the process, sends heartbeats, and reads whether it has tripped."""
+"""The host's side of the watchdog: starts its process, sends heartbeats, and reads its reports."""
 
 import contextlib
 import fcntl
@@ -31,18 +31,19 @@ class Watchdog:
             with contextlib.suppress(OSError):
                 fcntl.fcntl(self._heartbeats, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
         self._reports, report_end = os.pipe()
-        script = str(Path(__file__).with_name("watchdog_process.py"))
-        numbers = [str(port), str(heartbeat_end), str(report_end), str(timeout)]
-        arguments = [sys.executable, "-I", "-S", script, *numbers, IDLE_FRAME.hex()]
+        script = Path(__file__).with_name("watchdog_process.py")
+        arguments = [port, heartbeat_end, report_end, timeout, IDLE_FRAME.hex()]
         try:
-            files = (port, heartbeat_end, report_end)
-            no_input = subprocess.DEVNULL
             self._process = subprocess.Popen(
-                arguments, pass_fds=files, start_new_session=True, stdin=no_input
+                [sys.executable, "-I", "-S", str(script), *map(str, arguments)],
+                pass_fds=(port, heartbeat_end, report_end),
+                start_new_session=True,
+                stdin=subprocess.DEVNULL,
             )
         finally:
             os.close(heartbeat_end)
             os.close(report_end)
+
         os.set_blocking(self._heartbeats, False)
         ready, _, _ = select.select([self._reports], [], [], _MAX_START)
         if not ready or os.read(self._reports, 1) != b"r":
@@ -52,7 +53,10 @@ class Watchdog:
             )
 
     def beat(self) -> None:
-        """Send a heartbeat; raises RobotFault if the watchdog has tripped, is dead, or has not read for a second."""
+        """Send a heartbeat.
+
+        Raises RobotFault if the watchdog has tripped, is dead, or has not read for a second.
+        """
         try:
             os.write(self._heartbeats, _HEARTBEAT)
         except (BrokenPipeError, BlockingIOError):
@@ -66,7 +70,10 @@ class Watchdog:
             )
 
     def end(self, idle_sent: bool, patience: float = 2.0) -> None:
-        """End the process, by force after ``patience`` [s]; without ``idle_sent`` it first sends idle for a second."""
+        """End the process, by force after ``patience`` [s].
+
+        Without ``idle_sent`` the process first sends idle for a second.
+        """
         if idle_sent:
             with contextlib.suppress(OSError):
                 os.write(self._heartbeats, b"q")
@@ -80,7 +87,9 @@ class Watchdog:
 
 
 def _dead() -> RobotFault:
-    remedy = "look into the system's log for the reason"
     return RobotFault(
-        "watchdog", "the watchdog process is dead or stopped", safe_state="crouch", remedy=remedy
+        "watchdog",
+        "the watchdog process is dead or stopped",
+        safe_state="crouch",
+        remedy="look into the system's log for the reason",
     )

@@ -22,8 +22,8 @@ import time
 
 _PRIORITY = 20  # SCHED_FIFO priority, above the control loop's
 _MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates almost nothing later
-# idle frames at once: more bytes than the longest command, which the dead host may have sent in
-# part
+# Number of idle frames at once: more bytes than the longest command, which the dead host may have
+# sent in part.
 _BURST = 40
 _REPEAT = 0.02  # [s] between idle frames
 _LINGER = 1.0  # [s] of idle frames after the host's death
@@ -33,7 +33,8 @@ def main(arguments: list[str]) -> None:
     """Run until the host releases this process or dies."""
     port, heartbeats, report = map(int, arguments[:3])
     timeout = float(arguments[3])
-    idle = bytes.fromhex(arguments[4])
+    idle_frame = bytes.fromhex(arguments[4])
+
     for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE):
         signal.signal(ignored, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # not permitted, or not Linux
@@ -41,32 +42,37 @@ def main(arguments: list[str]) -> None:
     # the host's lock does not extend to this process
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mlockall(_MCL_CURRENT)
+
     os.set_blocking(port, False)
     os.write(report, b"r")
     if wait_for_silence(heartbeats, timeout):
         with contextlib.suppress(OSError):  # the host is dead
             os.write(report, b"t")
-        repeat_idle(port, heartbeats, idle)
+        repeat_idle(port, heartbeats, idle_frame)
 
 
 def wait_for_silence(heartbeats: int, timeout: float) -> bool:
     """True when the host died or hangs, False when it released this process."""
-    first = True  # no limit before the first heartbeat
+    limit = None  # before the first heartbeat
     while True:
-        ready, _, _ = select.select([heartbeats], [], [], None if first else timeout)
+        ready, _, _ = select.select([heartbeats], [], [], limit)
         data = os.read(heartbeats, 4096) if ready else b""
         if b"q" in data:
             return False
         if not data:
             return True
-        first = False
+        limit = timeout
 
 
-def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
-    """Send idle until the host has been dead for a second; a host that hangs may resume and write targets."""
+def repeat_idle(port: int, heartbeats: int, idle_frame: bytes) -> None:
+    """Send idle until the host has been dead for a second.
+
+    A host that hangs may resume and write targets.
+    """
     with contextlib.suppress(termios.error, OSError):
         termios.tcflush(port, termios.TCOFLUSH)  # the host's last commands
-    _write(port, _BURST * idle)
+    _write(port, _BURST * idle_frame)
+
     pipes = [heartbeats]
     end = float("inf")
     while time.monotonic() < end:
@@ -77,7 +83,7 @@ def repeat_idle(port: int, heartbeats: int, idle: bytes) -> None:
         if not data:  # the host is dead
             pipes = []
             end = time.monotonic() + _LINGER
-        if not _write(port, idle):
+        if not _write(port, idle_frame):
             return
 
 
