@@ -25,8 +25,8 @@ def _train(config: Walk, progress: Progress) -> Path:
         f"on {_evaluation_motors(config)}"
     )
     if mean_return < 0.0:
-        progress.note(
-            "warning: a negative return: the robot falls or barely walks -> play it; "
+        progress.warn(
+            "a negative return: the robot falls or barely walks -> play it; "
             "if it falls at once, check the motors and the model, or else train longer"
         )
     return config.out

@@ -88,8 +88,8 @@ class Demo:
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs of a
-    robot that cannot walk or has no fleet, the shipped robot walks."""
+    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs
+    of a robot that cannot walk or has no fleet, the shipped robot walks."""
 
 
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:

@@ -60,9 +60,7 @@ def deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: 
 
     randomization = policy.provenance.get("randomization")
     if isinstance(randomization, dict) and randomization.get("push") == 0.0:
-        show(
-            "note: this policy was trained without pushes; the robot may fall when the host pauses"
-        )
+        show("this policy was trained without pushes; the robot may fall when the host pauses")
     origin = {"command": "deploy", "policy": str(path), "provenance": dict(policy.provenance)}
     with _session(robot, port, settings, gains, teleop.WALKING, show, origin) as (session, out):
         steering = teleop.teleop(gait, settings.forward, settings.yaw_rate)
