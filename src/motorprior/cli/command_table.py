@@ -79,15 +79,9 @@ COMMANDS = {
         positional=("prior", "log"),
     ),
     "validate": Command(
-        "Compare priors with the physical motors of a bench, and with held-out motors.",
+        "Compare a prior and baselines with the motors of a held-out log.",
         settings="motorprior.commands.validate:Validate",
         run="motorprior.cli.validate:run",
-        positional=("priors",),
-    ),
-    "validate-log": Command(
-        "Compare a prior and baselines on a held-out log.",
-        settings="motorprior.commands.validate_log:ValidateLog",
-        run="motorprior.cli.validate_log:run",
         positional=("prior", "log"),
     ),
     "show": Command(

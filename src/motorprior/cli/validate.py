@@ -1,31 +1,29 @@
-"""The command validate: fidelity on training and held-out motors is printed."""
+"""The command validate: errors on the held-out log are printed."""
 
 from motorprior.cli.terminal import print_table
 from motorprior.commands.validate import Validate, run_validate
+from motorprior.evaluation.bands import LEVELS
+from motorprior.evaluation.errors import PRIOR
+from motorprior.evaluation.free_runs import error_table
+from motorprior.priors.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
 from motorprior.progress import Progress
-from motorprior.report.tables import fidelity_table
-from motorprior.studies.robot_fidelity import FIDELITY_METRICS
-
-_TITLES = {
-    "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; "
-    "physical: the true motors, started 4 mrad off",
-    "held_out": "The same on held-out motors, adapted to 10 s of log each",
-}
-_DISTRIBUTION = (
-    "adapt_rmse_ratio",
-    "adapt_false_alarms",
-    "coverage50",
-    "coverage90",
-    "two_sample_auc",
-)
 
 
 def run(config: Validate, progress: Progress) -> None:
-    """Validate and print tables; priors without physics have no table of the distribution."""
+    """Validate and print errors and shares inside the bands."""
     results = run_validate(config, progress)
-    for motors, title in _TITLES.items():
-        print_table(title, *fidelity_table(results, FIDELITY_METRICS, motors))
-    figures = results.where(quantity=_DISTRIBUTION).to_figures()
-    if figures:
-        rows = [[name, f"{value:.3f}"] for name, value in figures.items()]
-        print_table("Preset rollout on held-out motors", ["figure", "value"], rows)
+    is_trained = results.value(quantity=TRAINED_ON) > 0.0
+    warning = " (warning: not a test, the prior was trained on this log)" if is_trained else ""
+    title = f"Free runs, joint RMSE [mrad], over joints{warning}"
+    print_table(title, *error_table(results, SPANS))
+
+    rows = []
+    for model in (ADAPTED, PRIOR):
+        for quantity, span in SPANS.items():
+            row = [model, span]
+            for level in LEVELS:
+                share = results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model)
+                row.append(f"{100 * share:.0f}")
+            rows.append(row)
+    columns = ["model", "free runs", *(f"{level} % band" for level in LEVELS)]
+    print_table(f"Recorded angles inside the bands [%]{warning}", columns, rows)

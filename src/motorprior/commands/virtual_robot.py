@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from motorprior.bounds import require_seed
 from motorprior.exceptions import MotorPriorError, RobotFault
@@ -79,7 +79,7 @@ def running_virtual_robot(robot_name: str, settings: VirtualRobotSettings) -> It
         process.kill()
 
 
-def _received_port(connection: Connection) -> str:
+def _received_port(connection: Any) -> str:
     """The port that the other process sends; raises the error that it sends instead."""
     answer = None
     with suppress(EOFError):  # the process died
