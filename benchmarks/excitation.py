@@ -44,7 +44,7 @@ from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import PRIOR, fit_recipe
 from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import describe, legend_below, new_figure, panels, png_bytes
-from motorprior.report.study import with_interval
+from motorprior.report.transfer_page import with_interval
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot

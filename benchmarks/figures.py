@@ -14,21 +14,26 @@ PROGRESS = Lines()
 
 
 def run_benchmark(
-    settings: type[Any], measure: Callable[[Any], Mapping[str, float]], text: str | None
+    settings: type[Any], compute: Callable[[Any], Mapping[str, float]], text: str | None
 ) -> None:
-    """Measure with ``settings`` from the command line, print the figures, and write them to their folder ``out``."""
-    given = tyro.cli(settings, description=text)
-    report(measure(given), given.out / FIGURES)
+    """Compute figures with ``settings`` from the command line.
+
+    The figures are printed and written to the folder ``out`` of the settings.
+    """
+    values = tyro.cli(settings, description=text)
+    report(compute(values), values.out / FIGURES)
 
 
-def report(found: Mapping[str, float], path: Path | None) -> None:
+def report(figures: Mapping[str, float], path: Path | None) -> None:
     """Print the figures, and write them to a file if given."""
-    print("\n".join(f"{name:40} {value:12.6g}" for name, value in found.items()))
+    for name, value in figures.items():
+        print(f"{name:40} {value:12.6g}")
     if path is not None:
-        write_json(path, found)
+        write_json(path, figures)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
-    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
-    return "\n".join([lines[0], "|---" * len(head) + "|", *lines[1:]])
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    lines += [f"| {' | '.join(cells)} |" for cells in rows]
+    return "\n".join(lines)

@@ -7,15 +7,20 @@ models of `fitted_baselines` have constants per joint, fitted to the same segmen
 logs as the prior. ``prior`` uses only the joint names and gains recorded in the test log: the motor
 of the same joint, or the central motor. ``adapted`` is fitted to the first 10 s of the test log and
 tested on the rest. Loads (inertia, gravity, coupling of the joints) are those of the recorded
-motion; pure_delay and second_order use no loads. figures.json contains means over joints and logs
-[rad] as ROBOT/TEST/MODEL, the fraction of recorded angles inside the 90 % and 50 % bands of the
-adapted prior as ROBOT/coverage90 and ROBOT/coverage50, and inside those of the prior without the
-log as ROBOT/unseen/coverage90. Finished stages are reused.
+motion; pure_delay and second_order use no loads.
+
+figures.json contains
+
+    ROBOT/TEST/MODEL          mean over joints and logs [rad]
+    ROBOT/coverage90, 50      fraction of recorded angles inside the bands of the adapted prior
+    ROBOT/unseen/coverage90   fraction inside the bands of the prior without the log
+
+Finished stages are reused.
 
 unseen_gains: motor logs (.parquet of ``logs import``, with their own gains and loads) next to the
 raw logs of the Go2, of another robot or at other gains, test models of all raw logs.
 
-unseen_leg: the prior and the PD are fitted to the motors of the other legs (recipe quick). They are
+unseen_leg: the prior and the PD are fitted to the motors of the other legs (preset quick). They are
 tested on the rest of a log, as are ``adapted`` and ``per_motor``, which are fitted to the first 10
 s of the motor.
 """
@@ -24,7 +29,7 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -45,20 +50,32 @@ from motorprior.priors.validate import baseline_recipes, fitted_baselines
 from motorprior.stage import FIGURES, description, is_finished, working
 
 ADAPTATION_SECONDS = 10.0  # initial part of a test log to which ``adapted`` is fitted [s]
-# raw logs of each robot: column map and file names
+
+
+class RawLogs(NamedTuple):
+    """Raw logs of a robot."""
+
+    columns: str | None  # column map
+    pattern: str  # of the file names
+
+
 LOGS = {
-    "go2": ("go2_identification", "*.csv.gz"), "so101": ("so101_sage", "*.csv.gz"), "xl330": (None, "*.json.gz"),
-    "z1": ("z1_tensors", "*.pt"),
-}  # fmt: skip
-UNSEEN = "unseen_gains"  # name of a test
-# name of a test, and its fast recipe
-MOTORS_OUT = "unseen_leg"
-MOTORS_RECIPE = "quick"
-PRIOR_PRESET = "long_runs"  # with the short windows of rollout, missing dynamics bias the constants
+    "go2": RawLogs("go2_identification", "*.csv.gz"),
+    "so101": RawLogs("so101_sage", "*.csv.gz"),
+    "xl330": RawLogs(None, "*.json.gz"),
+    "z1": RawLogs("z1_tensors", "*.pt"),
+}
 FACTOR = {"so101": 5.0, "xl330": 3.0}  # on `Settings.seconds`
+PRIOR_PRESET = "long_runs"  # with the short windows of rollout, missing dynamics bias the constants
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "robots"
-# ``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage``: level [%] ->
-# fraction
+
+# names of tests
+UNSEEN_GAINS = "unseen_gains"
+UNSEEN_LEG = "unseen_leg"
+UNSEEN_LEG_PRESET = "quick"
+
+# ``whole`` and ``rest``: model -> mean over joints and logs [rad]; ``coverage`` and ``unseen``:
+# level [%] -> fraction
 Figures: TypeAlias = dict[str, dict[str, float]]
 Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each fold
 
@@ -80,110 +97,19 @@ class Settings:
     seed: int = 0  # seed of trainings and searches
 
 
-def leave_out(
-    settings: Settings, robot: str, paths: Sequence[Path], groups: Sequence[Sequence[Path]]
-) -> list[Figures]:
-    """Figures of a fold for every group, which is tested and left out of the training."""
-    return [
-        measure(
-            settings, robot, group[0].stem, [path for path in paths if path not in group], group
-        )
-        for group in groups[: settings.folds]
-    ]
+def measure_robots(settings: Settings) -> dict[str, float]:
+    """The figures of all robots."""
+    figures: dict[str, float] = {}
+    for robot in settings.robots:
+        if not (settings.data / robot).is_dir():
+            print(f"{robot}: skipped, no folder {settings.data / robot}")
+            continue
+        for test, folds in ROBOTS[robot](settings):
+            figures |= as_figures(robot, test, folds)
+    return figures
 
 
-def measure(
-    settings: Settings, robot: str, fold: str, train: Sequence[Path], test: Sequence[Path]
-) -> Figures:
-    """Figures of models that are fitted to the logs ``train``, on the logs ``test``."""
-    folder = settings.out / robot / fold
-
-    def compute() -> Figures:
-        PROGRESS.note(f"{robot}: {', '.join(path.stem for path in test)} left out")
-        log = spread_windows(
-            [read_parquet(path) for path in train], FACTOR.get(robot, 1.0) * settings.seconds
-        )
-        prior = mp.fit_prior(
-            log, PRIOR_PRESET, settings.seed, out=folder / "prior", progress=PROGRESS
-        )
-        fitted: dict[str, MotorModel | None] = {}
-        if settings.baselines:
-            fitted = fitted_baselines(
-                log, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS
-            )
-        models = {name: motors for name, motors in fitted.items() if motors is not None}
-        return _means([tested(prior, read_parquet(path), models) for path in test])
-
-    return stage(settings, folder, [*train, *test], compute)
-
-
-def stage(
-    settings: Settings, folder: Path, inputs: Sequence[Path], compute: Callable[[], Figures]
-) -> Figures:
-    """Figures that depend on these files and on some settings; computed if ``folder`` does not have them."""
-    used = {
-        name: getattr(settings, name) for name in ("seconds", "adam_steps", "baselines", "seed")
-    }
-    wanted = description("validate", used, inputs)
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            write_json(folder / FIGURES, compute())
-    return read_json(folder / FIGURES)
-
-
-def spread_windows(logs: Sequence[mp.MotorLog], seconds: float) -> mp.MotorLog:
-    """A window of each log, ``seconds`` in all, from the beginning of the first to the end of the last."""
-    return joined([window(log, seconds, index, len(logs)) for index, log in enumerate(logs)])
-
-
-def tested(
-    prior: mp.MotorPrior, log: mp.MotorLog, models: Mapping[str, MotorModel] | None = None
-) -> Figures:
-    """Errors of the prior and of other models on a log; of ``adapted``, and the coverages, after the log's start."""
-    first, rest = start_and_rest(log)
-    posterior = adapt_to(prior, first)
-    every = {**(models or {}), "prior": prior.model.motors(prior.predicted(log).mean)}
-    adapted = {"adapted": prior.model.motors(posterior.mean)}
-    runs = whole_runs(rest, recipe_of(prior))
-    bands = {"coverage": posterior, "unseen": zero_shot(prior, rest)}
-    return {
-        "whole": _errors(whole_runs(log, recipe_of(prior)), every),
-        "rest": _errors(runs, every | adapted),
-        **{
-            name: {str(level): share for level, share in log_coverage(prior, motors, runs).items()}
-            for name, motors in bands.items()
-        },
-    }
-
-
-def start_and_rest(log: mp.MotorLog) -> tuple[mp.MotorLog, mp.MotorLog]:
-    """The first ADAPTATION_SECONDS of a log, at most half of it, and the rest."""
-    return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
-
-
-def _errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, float]:
-    """Mean errors over joints [rad]."""
-    return {name: float(np.mean(values)) for name, values in free_run_errors(runs, models).items()}
-
-
-def _means(found: Sequence[Figures]) -> Figures:
-    return {
-        span: {name: float(np.mean([each[span][name] for each in found])) for name in values}
-        for span, values in found[0].items()
-    }
-
-
-def as_figures(robot: str, test: str, found: Sequence[Figures]) -> dict[str, float]:
-    """Means over all folds of a robot, by their keys in figures.json."""
-    means = _means(found)
-    errors = means["rest"] | means.get("whole", {})  # adapted has no whole log
-    keys = {f"{robot}/{test}/{model}": value for model, value in errors.items()}
-    keys |= {f"{robot}/{test}/rest/prior": means["rest"]["prior"]}  # over the same rows as adapted
-    place = f"{robot}/{test}" if test in (UNSEEN, MOTORS_OUT) else robot
-    keys |= {f"{place}/coverage{level}": share for level, share in means["coverage"].items()}
-    return keys | {
-        f"{place}/unseen/coverage{level}": share for level, share in means["unseen"].items()
-    }
+# Robots and their tests.
 
 
 def go2(settings: Settings) -> Iterator[Test]:
@@ -192,72 +118,50 @@ def go2(settings: Settings) -> Iterator[Test]:
     Raw logs get the gains of their column map; motor logs (.parquet) are only tested, by models of
     all raw logs.
     """
-    paths = imported(settings, "go2")
+    raw_paths = imported(settings, "go2")
     robot = mp.load_robot(str(robot_file(settings, "go2")))
-    if test := tuple(sorted((settings.data / "go2").glob("*.parquet"))):
-        yield UNSEEN, [measure(settings, "go2", UNSEEN, paths, test)]
-    yield "leave_one_log_out", leave_out(settings, "go2", paths, [[path] for path in paths])
-    legs = enumerate(robot.legs[: settings.folds])
-    yield MOTORS_OUT, [_motors_out(settings, robot, paths, fold, leg.joints) for fold, leg in legs]
 
+    motor_logs = sorted((settings.data / "go2").glob("*.parquet"))
+    if motor_logs:
+        yield UNSEEN_GAINS, [fold(settings, "go2", UNSEEN_GAINS, raw_paths, motor_logs)]
 
-def _motors_out(
-    settings: Settings, robot: mp.Robot, paths: Sequence[Path], fold: int, group: Sequence[int]
-) -> Figures:
-    """The motors of one leg, tested on the rest of a log; models fitted to the other legs, or to the log's start."""
-    test = paths[fold % len(paths)]
-    folder = settings.out / robot.name / MOTORS_OUT / str(fold)
+    yield "leave_one_log_out", leave_out(settings, "go2", raw_paths, [[path] for path in raw_paths])
 
-    def compute() -> Figures:
-        train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
-        others = train.with_joints(
-            [joint for joint in range(train.num_joints) if joint not in group]
-        )
-        own = read_parquet(test).with_joints(group)
-        first, _ = start_and_rest(own)
-        alone = baseline_recipes(first, PRESETS[MOTORS_RECIPE])["per_motor"]
-        prior = mp.fit_prior(
-            others, MOTORS_RECIPE, settings.seed, out=folder / "others", progress=PROGRESS
-        )
-        per_motor = fit_recipe(first, *alone, settings.seed, folder / "per_motor", PROGRESS)
-        models: dict[str, MotorModel] = {
-            "per_motor": per_motor.model.motors(per_motor.mean),
-            "tuned_pd": fitted_tuned_pd(others, PROGRESS, len(group)),
-        }
-        found = tested(prior, own, models)
-        del found["whole"]  # per_motor was fitted to the start
-        return found
-
-    return stage(settings, folder, [*paths, test, *robot.files], compute)
+    folds = []
+    for number, leg in enumerate(robot.legs[: settings.folds]):
+        folds.append(_leg_fold(settings, robot, raw_paths, number, leg.joints))
+    yield UNSEEN_LEG, folds
 
 
 def so101(settings: Settings) -> Iterator[Test]:
     """Six servos of an arm, forty motions: a quarter of them is left out in turn."""
     paths = imported(settings, "so101")
-    yield (
-        "leave_motions_out",
-        leave_out(settings, "so101", paths, [paths[quarter::4] for quarter in range(4)]),
-    )
+    quarters = [paths[quarter::4] for quarter in range(4)]
+    yield "leave_motions_out", leave_out(settings, "so101", paths, quarters)
 
 
 def xl330(settings: Settings) -> Iterator[Test]:
     """One servo with a pendulum, four gains: each is left out in turn."""
-    gains: dict[float, list[Path]] = {}
+    paths_of_kp: dict[float, list[Path]] = {}
     for path in imported(settings, "xl330"):
         kp = read_parquet(path).logged_kp
         assert kp is not None
-        gains.setdefault(float(kp[0, 0]), []).append(path)
-    paths = [path for group in gains.values() for path in group]
-    yield "unseen_gain", leave_out(settings, "xl330", paths, list(gains.values()))
+        paths_of_kp.setdefault(float(kp[0, 0]), []).append(path)
+
+    groups = list(paths_of_kp.values())
+    paths = [path for group in groups for path in group]
+    yield "unseen_gain", leave_out(settings, "xl330", paths, groups)
 
 
 def z1(settings: Settings) -> Iterator[Test]:
-    """Seven motors of an arm, one chirp: trained on its slow first half, tested on the fast second half."""
+    """Seven motors of an arm, one chirp: trained on its slow half, tested on its fast half."""
     (path,) = imported(settings, "z1")
-    halves = [path.with_name(f"{half}_half.parquet") for half in ("first", "second")]
-    for half, log in zip(halves, train_test_halves(read_parquet(path)), strict=True):
+    halves = []
+    for name, log in zip(("first", "second"), train_test_halves(read_parquet(path)), strict=True):
+        half = path.with_name(f"{name}_half.parquet")
         mp.write_log(half, log)
-    yield "second_half", [measure(settings, "z1", "second_half", halves[:1], halves[1:])]
+        halves.append(half)
+    yield "second_half", [fold(settings, "z1", "second_half", halves[:1], halves[1:])]
 
 
 ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {
@@ -266,6 +170,184 @@ ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {
     "xl330": xl330,
     "z1": z1,
 }
+
+
+# Folds.
+
+
+def leave_out(
+    settings: Settings, robot: str, paths: Sequence[Path], groups: Sequence[Sequence[Path]]
+) -> list[Figures]:
+    """Figures of a fold for every group, which is tested and left out of the training."""
+    folds = []
+    for group in groups[: settings.folds]:
+        train = [path for path in paths if path not in group]
+        folds.append(fold(settings, robot, group[0].stem, train, group))
+    return folds
+
+
+def fold(
+    settings: Settings, robot: str, name: str, train: Sequence[Path], test: Sequence[Path]
+) -> Figures:
+    """Figures of models that are fitted to the logs ``train``, on the logs ``test``."""
+    folder = settings.out / robot / name
+
+    def compute() -> Figures:
+        PROGRESS.note(f"{robot}: {', '.join(path.stem for path in test)} left out")
+        logs = [read_parquet(path) for path in train]
+        log = spread_windows(logs, FACTOR.get(robot, 1.0) * settings.seconds)
+        out = folder / "prior"
+        prior = mp.fit_prior(log, PRIOR_PRESET, settings.seed, out=out, progress=PROGRESS)
+
+        models: dict[str, MotorModel] = {}
+        if settings.baselines:
+            baselines = fitted_baselines(
+                log, recipe_of(prior), folder, settings.adam_steps, settings.seed, PROGRESS
+            )
+            for model, motors in baselines.items():
+                if motors is not None:  # its fit did not fail
+                    models[model] = motors
+        return _means([errors_on_log(prior, read_parquet(path), models) for path in test])
+
+    return stage(settings, folder, [*train, *test], compute)
+
+
+def _leg_fold(
+    settings: Settings, robot: mp.Robot, paths: Sequence[Path], number: int, leg: Sequence[int]
+) -> Figures:
+    """The motors of one leg, tested on the rest of a log.
+
+    Models are fitted to the other legs, or to the start of the log. ``leg`` are its joints.
+    """
+    test = paths[number % len(paths)]
+    folder = settings.out / robot.name / UNSEEN_LEG / str(number)
+
+    def compute() -> Figures:
+        # the prior and the PD, of the other legs
+        train = spread_windows([read_parquet(path) for path in paths], settings.seconds)
+        other_joints = [joint for joint in range(train.num_joints) if joint not in leg]
+        other_legs = train.with_joints(other_joints)
+        out = folder / "others"
+        prior = mp.fit_prior(
+            other_legs, UNSEEN_LEG_PRESET, settings.seed, out=out, progress=PROGRESS
+        )
+        tuned_pd = fitted_tuned_pd(other_legs, PROGRESS, len(leg))
+
+        # a motor per joint, of the start of the log
+        log_of_leg = read_parquet(test).with_joints(leg)
+        start, _ = start_and_rest(log_of_leg)
+        preset, recipe = baseline_recipes(start, PRESETS[UNSEEN_LEG_PRESET])["per_motor"]
+        out = folder / "per_motor"
+        per_motor = fit_recipe(start, preset, recipe, settings.seed, out, PROGRESS)
+
+        models: dict[str, MotorModel] = {
+            "per_motor": per_motor.model.motors(per_motor.mean),
+            "tuned_pd": tuned_pd,
+        }
+        figures = errors_on_log(prior, log_of_leg, models)
+        del figures["whole"]  # per_motor was fitted to the start
+        return figures
+
+    return stage(settings, folder, [*paths, test, *robot.files], compute)
+
+
+def stage(
+    settings: Settings, folder: Path, inputs: Sequence[Path], compute: Callable[[], Figures]
+) -> Figures:
+    """Figures that depend on these files and on some settings.
+
+    They are computed if ``folder`` does not have them.
+    """
+    names = ("seconds", "adam_steps", "baselines", "seed")
+    used_settings = {name: getattr(settings, name) for name in names}
+    stage_description = description("validate", used_settings, inputs)
+    if not is_finished(folder, stage_description):
+        with working(folder, stage_description):
+            write_json(folder / FIGURES, compute())
+    return read_json(folder / FIGURES)
+
+
+def spread_windows(logs: Sequence[mp.MotorLog], seconds: float) -> mp.MotorLog:
+    """A window of each log, ``seconds`` in all.
+
+    They go from the beginning of the first log to the end of the last.
+    """
+    return joined([window(log, seconds, index, len(logs)) for index, log in enumerate(logs)])
+
+
+# Errors.
+
+
+def errors_on_log(
+    prior: mp.MotorPrior, log: mp.MotorLog, models: Mapping[str, MotorModel] | None = None
+) -> Figures:
+    """Errors of the prior and of other models on a log.
+
+    The errors of ``adapted``, and the coverages, are those after the log's start.
+    """
+    recipe = recipe_of(prior)
+    start, rest = start_and_rest(log)
+    posterior = adapt_to(prior, start)
+    all_models = dict(models or {})
+    all_models["prior"] = prior.model.motors(prior.predicted(log).mean)
+    with_adapted = all_models | {"adapted": prior.model.motors(posterior.mean)}
+
+    runs = whole_runs(rest, recipe)
+    return {
+        "whole": _mean_errors(whole_runs(log, recipe), all_models),
+        "rest": _mean_errors(runs, with_adapted),
+        "coverage": _coverage(prior, posterior, runs),
+        "unseen": _coverage(prior, zero_shot(prior, rest), runs),
+    }
+
+
+def start_and_rest(log: mp.MotorLog) -> tuple[mp.MotorLog, mp.MotorLog]:
+    """The first ADAPTATION_SECONDS of a log, at most half of it, and the rest."""
+    return first_and_rest(log, min(ADAPTATION_SECONDS, log.duration / 2))
+
+
+def _mean_errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -> dict[str, float]:
+    """Mean errors over joints [rad]."""
+    errors = free_run_errors(runs, models)
+    return {model: float(np.mean(values)) for model, values in errors.items()}
+
+
+def _coverage(
+    prior: mp.MotorPrior, posterior: mp.MotorPosterior, runs: Sequence[WindowRuns]
+) -> dict[str, float]:
+    """Fraction of recorded angles inside the bands, by level [%]."""
+    shares = log_coverage(prior, posterior, runs)
+    return {str(level): share for level, share in shares.items()}
+
+
+def _means(figures: Sequence[Figures]) -> Figures:
+    """Means over logs or folds."""
+    means: Figures = {}
+    for span, values in figures[0].items():
+        means[span] = {}
+        for name in values:
+            means[span][name] = float(np.mean([single[span][name] for single in figures]))
+    return means
+
+
+def as_figures(robot: str, test: str, folds: Sequence[Figures]) -> dict[str, float]:
+    """Means over all folds of a robot, by their keys in figures.json."""
+    means = _means(folds)
+    figures = {}
+    errors = means["rest"] | means.get("whole", {})  # adapted has no whole log
+    for model, error in errors.items():
+        figures[f"{robot}/{test}/{model}"] = error
+    figures[f"{robot}/{test}/rest/prior"] = means["rest"]["prior"]  # over the rows of adapted
+
+    prefix = f"{robot}/{test}" if test in (UNSEEN_GAINS, UNSEEN_LEG) else robot
+    for level, share in means["coverage"].items():
+        figures[f"{prefix}/coverage{level}"] = share
+    for level, share in means["unseen"].items():
+        figures[f"{prefix}/unseen/coverage{level}"] = share
+    return figures
+
+
+# Files.
 
 
 def robot_file(settings: Settings, name: str) -> Path:
@@ -277,44 +359,33 @@ def robot_file(settings: Settings, name: str) -> Path:
 
 
 def imported(settings: Settings, name: str) -> list[Path]:
-    """Motor logs with loads, from the robot's rigid-body model if it has one; imported if they do not exist."""
+    """Motor logs with loads, from the robot's rigid-body model if it has one.
+
+    They are imported if they do not exist.
+    """
     columns, pattern = LOGS[name]
-    raw = tuple(sorted((settings.data / name).glob(pattern))[: settings.logs])
+    raw_paths = sorted((settings.data / name).glob(pattern))[: settings.logs]
+    robot = None
+    robot_files: Sequence[Path] = ()
+    if name != "xl330":  # its logs have the pendulum
+        robot = str(robot_file(settings, name))
+        robot_files = mp.load_robot(robot).files
+
     folder = settings.out / name / "logs"
-    described = None if name == "xl330" else str(robot_file(settings, name))
-    logs = {path: folder / f"{path.name.split('.')[0]}.parquet" for path in raw}
-    wanted = description(
-        "import",
-        {"columns": columns},
-        [*raw, *(mp.load_robot(described).files if described else [])],
-    )
-    if not is_finished(folder, wanted):
-        with working(folder, wanted):
-            is_fixed = described is not None
-            for path, log in logs.items():
-                mp.write_log(
-                    log,
-                    mp.load_log(
-                        path,
-                        columns=columns,
-                        robot=described,
-                        suspended=is_fixed,
-                        progress=PROGRESS,
-                    ),
+    paths = [folder / f"{raw.name.split('.')[0]}.parquet" for raw in raw_paths]
+    import_description = description("import", {"columns": columns}, [*raw_paths, *robot_files])
+    if not is_finished(folder, import_description):
+        with working(folder, import_description):
+            for raw, path in zip(raw_paths, paths, strict=True):
+                log = mp.load_log(
+                    raw,
+                    columns=columns,
+                    robot=robot,
+                    suspended=robot is not None,
+                    progress=PROGRESS,
                 )
-    return list(logs.values())
-
-
-def measure_robots(settings: Settings) -> dict[str, float]:
-    """The figures of all robots."""
-    figures: dict[str, float] = {}
-    for name in settings.robots:
-        if not (settings.data / name).is_dir():
-            print(f"{name}: skipped, no folder {settings.data / name}")
-            continue
-        for test, found in ROBOTS[name](settings):
-            figures |= as_figures(name, test, found)
-    return figures
+                mp.write_log(path, log)
+    return paths
 
 
 if __name__ == "__main__":

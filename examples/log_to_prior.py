@@ -1,8 +1,9 @@
 """From motor logs to a motor prior.
 
-python examples/log_to_prior.py                                  # without logs: a virtual bench of Pupper motors
-python examples/log_to_prior.py run.csv --columns columns.toml --robot arm.toml --suspended --out
-runs/my_prior
+Without logs, the motors are those of a virtual bench:
+
+    python examples/log_to_prior.py
+    python examples/log_to_prior.py run.csv --columns columns.toml --robot arm.toml --suspended
 """
 
 import argparse
@@ -37,36 +38,35 @@ parser.add_argument(
 )
 args = parser.parse_args()
 
+# the logs
 robot = mp.load_robot(args.robot)
-logs = [
-    mp.load_log(
+logs = []
+for path in args.logs:
+    log = mp.load_log(
         path,
         columns=args.columns,
         robot=robot,
         suspended=args.suspended,
         settings=mp.LogSettings(period=args.period),
     )
-    for path in args.logs
-]
+    logs.append(log)
 if not logs:
     logs = [mp.record_bench(robot, motors=args.motors, steps=args.samples, preset=args.preset)]
 for log in logs:
     for finding in mp.check_log(log).findings:
         print(f"{log.source}: {finding.severity}: {finding.message}")
-prior = mp.fit_prior(
-    logs, args.preset, steps=args.steps, out=args.out, progress=mp.Lines(sys.stderr)
-)
-print(
-    f"{len(prior.mean)} motors, latents {prior.model.num_latents}, loss {prior.metrics['final_loss']:.4f}"
-)
 
+# the prior
+progress = mp.Lines(sys.stderr)
+prior = mp.fit_prior(logs, args.preset, steps=args.steps, out=args.out, progress=progress)
+loss = prior.metrics["final_loss"]
+print(f"{len(prior.mean)} motors, latents {prior.model.num_latents}, loss {loss:.4f}")
+
+# five new motors, with a position error of 0.1 rad on fixed joints for 40 ms, longer than any delay
 rest = np.zeros(5)
 motors = mp.Motors(prior.sample(5, seed=0), dt=0.002, joint_pos=rest)
-for _ in range(20):  # 40 ms with fixed joints, longer than any delay
+for _ in range(20):
     torque, damping = motors.step(rest + 0.1, rest, rest)
 print(
-    "five new motors with a position error of 0.1 rad:",
-    np.round(torque, 3),
-    "N·m; damping",
-    np.round(damping, 3),
+    f"five new motors: torques {np.round(torque, 3)} N·m, dampings {np.round(damping, 3)} N·m·s/rad"
 )

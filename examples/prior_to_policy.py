@@ -26,10 +26,14 @@ robot = mp.load_robot(args.robot)
 progress = mp.Lines(sys.stderr)
 prior = mp.MotorPrior.load(args.prior)
 fleet = mp.load_fleet(args.fleet or robot.default_fleet)
+
+# the ideal motors have the gains and the torque limit of the fleet's central motor
 nominal = fleet.center(1)
 ideal = mp.IdealPd.uniform(robot.num_joints, nominal.kp[0], nominal.kd[0], nominal.torque_limit[0])
-policies = {
-    name: mp.train_policy(
+
+policies = {}
+for name, motors in (("prior", prior), ("ideal PD", ideal)):
+    policies[name] = mp.train_policy(
         robot,
         motors,
         iterations=args.iterations,
@@ -37,8 +41,7 @@ policies = {
         seed=args.seed,
         progress=progress,
     )
-    for name, motors in (("prior", prior), ("ideal PD", ideal))
-}
 policies["prior"].save(args.out)
+
 for row in mp.compare(robot, policies, {"twin": fleet, "prior": prior}, progress=progress):
     print(f"trained on {row.model:8} on {row.motors:5}: {row.quantity} {row.value:.2f} {row.unit}")

@@ -1,4 +1,6 @@
-"""Train mjlab's velocity task with sampled motors: python examples/train_in_mjlab.py --card go2 --worlds 4096.
+"""Train mjlab's velocity task with sampled motors.
+
+    python examples/train_in_mjlab.py --card go2 --worlds 4096
 
 mjlab 1.6 has the Go1, not the Go2; its robot gets motors of the Go2's card here. Needs the extra
 mjlab, and a GPU for more than a few worlds.
@@ -18,7 +20,9 @@ import motorprior as mp
 from motorprior.exports.mjlab import MotorPriorActuatorCfg, per_world_damping
 from motorprior.exports.warp_motors import max_steps
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
 parser.add_argument("--card", default="go2", help="motor card: a shipped one, or your folder")
 parser.add_argument("--worlds", type=int, default=4096)
 parser.add_argument("--iterations", type=int, default=500)
@@ -30,20 +34,25 @@ cfg = unitree_go1_flat_env_cfg()
 cfg.scene.num_envs = args.worlds
 if not args.pd:
     prior = mp.from_pretrained(args.card)
-    # kp and kd of the policy's position servo [N·m/rad, N·m·s/rad]
-    gains = ((30.0,) * 12, (0.8,) * 12)
+    kp = 30.0  # of the policy's position servo [N·m/rad]
+    kd = 0.8  # [N·m·s/rad]
     motors = MotorPriorActuatorCfg(
-        target_names_expr=(".*_joint",), source=prior, gains=gains, samples=256
+        target_names_expr=(".*_joint",),
+        source=prior,
+        gains=((kp,) * 12, (kd,) * 12),
+        samples=256,
     )
     cfg.scene.entities["robot"].articulation.actuators = (motors,)
     cfg.events["motors"] = per_world_damping()
+
     # a step that resolves the gears of all samples, at the same control rate
-    max_dt = float(
-        max_steps(prior.sample(3072, seed=0, gains=np.tile(np.array(gains)[:, :1], 3072))).min()
-    )
+    gains_of_samples = np.tile([[kp], [kd]], 3072)
+    samples = prior.sample(3072, seed=0, gains=gains_of_samples)
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
-    cfg.decimation = max(cfg.decimation, int(np.ceil(control_dt / max_dt)))
+    needed = int(np.ceil(control_dt / float(max_steps(samples).min())))
+    cfg.decimation = max(cfg.decimation, needed)
     cfg.sim.mujoco.timestep = control_dt / cfg.decimation
+
 env = ManagerBasedRlEnv(cfg=cfg, device=device)
 agent = unitree_go1_ppo_runner_cfg()
 agent.logger = "tensorboard"

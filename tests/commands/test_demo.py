@@ -10,7 +10,7 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.commands.demo import CONDITIONS, FILM, Demo, run_demo
-from motorprior.report.study import headline
+from motorprior.report.demo_page import headline
 from motorprior.studies.statistics import summarise
 
 LOG = "env_real_1_joint_log.csv.gz"

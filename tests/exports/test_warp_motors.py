@@ -104,7 +104,7 @@ def test_newton_moves_the_joints_as_our_motors_do():
     pytest.importorskip("newton", reason="needs the extra newton")
     motors = motors_of_prior(3)
     ours, theirs = (bench.free_run(make(motors), 3, 500) for make in (bench.explicit, bench.newton))
-    assert np.abs(ours).max() > 0.3 and bench.largest(ours, theirs) < 1e-4
+    assert np.abs(ours).max() > 0.3 and bench.largest_difference(ours, theirs) < 1e-4
 
 
 def test_newton_restarts_masked_motors():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.report.study import difference_table, measure_table, own_simulations
+from motorprior.report.transfer_page import difference_table, estimate_table, own_simulations
 from motorprior.studies.statistics import WalkRow, read_walks, scores, summarise, write_walks
 
 
@@ -74,7 +74,7 @@ def test_a_clear_difference_is_significant_and_none_is_not():
     assert summary.differences["fleet", "friction_pd", "upright"].p > 0.05
     order = ["ideal_pd", "friction_pd", "adapted_pd", "sampled_prior"]
     for measure in ("upright", "speed"):
-        assert [row[0] for row in measure_table(summary, measure).rows] == order
+        assert [row[0] for row in estimate_table(summary, measure).rows] == order
         assert [row[0] for row in difference_table(summary, measure).rows] == order[:-1]
 
 

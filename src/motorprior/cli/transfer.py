@@ -38,7 +38,7 @@ def _run_study(config: TransferCommand, progress: Progress) -> None:
         raise ConfigError(
             "a study trains its own policies", remedy="give neither policies nor an engine"
         )
-    from motorprior.report.study import study_sections  # here: it imports matplotlib
+    from motorprior.report.transfer_page import study_sections  # here: it imports matplotlib
 
     statistics = run_study(Study(**_settings(config, Study)), progress, command_line())
     for section in study_sections(statistics):

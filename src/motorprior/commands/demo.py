@@ -24,7 +24,8 @@ from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
 from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
 from motorprior.studies.statistics import WalkRow, scores, summarise
 from motorprior.studies.study_settings import Study
-from motorprior.studies.transfer import record_benches, study_walks
+from motorprior.studies.transfer import study_walks
+from motorprior.studies.transfer_models import record_benches
 
 if TYPE_CHECKING:
     from motorprior.report.page import Picture, Section
@@ -99,8 +100,8 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     and, by name, in figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a
     stage cannot run; finished ones stay.
     """
-    from motorprior.report import sections as page_sections  # here: they import matplotlib
-    from motorprior.report import study as study_page
+    from motorprior.report import demo_page, transfer_page  # here: they import matplotlib
+    from motorprior.report import sections as page_sections
 
     _require_logs(config)
     started = time.monotonic()
@@ -127,9 +128,9 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         film = _film(bench, walks, progress)
         (out / FILM).write_bytes(film.data)
         sections = [
-            study_page.results_section(statistics, study.commanded, film),
-            study_page.robustness(_maps(bench, progress)),
-            study_page.own_simulations(statistics),
+            demo_page.results_section(statistics, study.commanded, film),
+            demo_page.robustness(_maps(bench, progress)),
+            transfer_page.own_simulations(statistics),
             motors,
             page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
         ]
@@ -138,7 +139,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         results += Results([Result("seconds", "s", time.monotonic() - started)])
         write_results(out, results)
         page.write(sections, complete=True)
-        progress.note(study_page.headline(statistics))
+        progress.note(demo_page.headline(statistics))
         return results
 
 

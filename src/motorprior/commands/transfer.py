@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from motorprior.artifacts import read_json, write_text
 from motorprior.bench.fleet import fleet_files, load_robot_fleet
@@ -34,7 +35,8 @@ class Transfer:
     fleet: str | None = None
     """The twin's fleet; the robot's own if not given."""
     engine: Engine | None = None
-    """Engine of the training simulation; the one of the training if not given. The twin is always in MuJoCo."""
+    """Engine of the training simulation; the one of the training if not given. The twin is always
+    in MuJoCo."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
@@ -42,70 +44,82 @@ class Transfer:
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
-    """Evaluate, or read the finished evaluation; errors for a policy, motors or a fleet that cannot be used."""
+    """Evaluate the policies, or read the finished evaluation.
+
+    Raises ArtifactError or ConfigError for a policy, motors or a fleet that cannot be used.
+    """
     robot = load_robot(config.robot)
     robot.require_gait()
+    require_count("workers", config.workers)
     fleet = load_robot_fleet(robot, config.fleet)
     files = [path if path.is_file() else path / POLICY for path in config.policies]
-    require_count("workers", config.workers)
     policies = [TrainedPolicy.load(path, robot) for path in files]
+
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
-    wanted = description(
-        "transfer", settings, [*files, *fleet_files(robot, config.fleet), *robot.files]
-    )
-    if is_finished(config.out, wanted):
+    inputs = [*files, *fleet_files(robot, config.fleet), *robot.files]
+    stage = description("transfer", settings, inputs)
+    if is_finished(config.out, stage):
         return read_results(config.out)
-    commands = compare.straight_ahead(
-        compare.with_shared_speeds(robot, (each.policy for each in policies))
-    )
+
+    shared_speeds = compare.with_shared_speeds(robot, (trained.policy for trained in policies))
+    commands = compare.straight_ahead(shared_speeds)
     works = []
     seeds = Counter[str]()
-    for each in policies:
-        if warning := weight_warning(each.policy, robot):
+    for trained in policies:
+        warning = weight_warning(trained.policy, robot)
+        if warning:
             progress.warn(warning)
         walk = WalkConfig(
-            compare.DURATION_STEPS, randomization=each.randomization, commands=commands
+            compare.DURATION_STEPS, randomization=trained.randomization, commands=commands
         )
-        twin = compare.motors_scene(robot, each.policy, fleet, commands)
-        scenes = {"own": each.scene(walk, config.engine), "twin": twin}
-        condition = each.motors.condition
-        works.append(partial(_evaluate, each, scenes, condition, seeds[condition]))
+        scenes = {
+            "own": trained.scene(walk, config.engine),
+            "twin": compare.motors_scene(robot, trained.policy, fleet, commands),
+        }
+        condition = trained.motors.condition
+        works.append(partial(_evaluate, trained, scenes, condition, seeds[condition]))
         seeds[condition] += 1
-    with working(config.out, wanted):
-        found = in_parallel(works, usable_threads(config.workers, progress), progress)
-        write_results(config.out, Results(row for rows in found for row in rows))
+
+    with working(config.out, stage):
+        threads = usable_threads(config.workers, progress)
+        rows_of_policies = in_parallel(works, threads, progress)
+        write_results(config.out, Results(row for rows in rows_of_policies for row in rows))
     return read_results(config.out)
 
 
 def _evaluate(
     trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
 ) -> list[Result]:
-    with progress.start(
-        f"transfer of {trained.path.parent.name}: {len(scenes)} x {compare.NUM_WALKS} walks", 1
-    ):
+    name = trained.path.parent.name
+    title = f"transfer of {name}: {len(scenes)} x {compare.NUM_WALKS} walks"
+    with progress.start(title, 1):
         return compare.evaluate(trained.policy, scenes, condition, seed)
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> StudyStatistics:
-    """Run every stage that is not finished; write walks.csv, results.json, figures.json and report.html."""
-    from motorprior.report.page import page  # here: they import matplotlib
-    from motorprior.report.study import study_sections
+    """Run every stage that is not finished.
+
+    Writes walks.csv, results.json, figures.json and report.html; ``command`` makes the same page.
+    """
+    from motorprior.report.transfer_page import transfer_page  # here: it imports matplotlib
 
     config.require_valid()
     with locked(config.out):
-        found = summarise(study_walks(config, progress))
-        write_results(config.out, found.as_results())
-        validation = config.validation_fleet(load_robot(config.robot))
-        selected = {
-            name: read_json(config.out / SELECTION / f"{name}.json")["chosen"]
-            for name in config.to_select()
-        }
-        settings = asdict(config) | {"speed": config.commanded, "validation": validation} | selected
-        # the result does not depend on them
-        for name in ("out", "workers", "executor", "ray_address"):
-            del settings[name]
-        write_text(
-            config.out / PAGE, page("Transfer study", study_sections(found), settings, command)
-        )
-    return found
+        summary = summarise(study_walks(config, progress))
+        write_results(config.out, summary.as_results())
+        write_text(config.out / PAGE, transfer_page(summary, _settings_on_page(config), command))
+    return summary
+
+
+def _settings_on_page(config: Study) -> dict[str, Any]:
+    """Settings of a study, also those that the study has selected."""
+    settings = asdict(config)
+    settings["speed"] = config.commanded
+    settings["validation"] = config.validation_fleet(load_robot(config.robot))
+    for name in config.to_select():
+        settings[name] = read_json(config.out / SELECTION / f"{name}.json")["chosen"]
+    # the result does not depend on them
+    for name in ("out", "workers", "executor", "ray_address"):
+        del settings[name]
+    return settings

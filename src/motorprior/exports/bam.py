@@ -1,24 +1,25 @@
-"""JSON of better-actuator-models (BAM): read as motors, written as one file per sample and joint.
+"""Format bam, JSON of better-actuator-models (BAM): read as motors, written per sample and joint.
 
 Control law, friction m1, m2 and m5, and integrator of its simulator, after BAM 1.0.2 (Rhoban/bam,
-Apache-2.0), with M the torque of the motor and E that of the load on it [N·m]:
+Apache-2.0), with M the torque of the motor and E the torque of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
-    friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic,  s =
-    exp(-|dq/dtheta_stribeck|^alpha)
+    friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic
+              s = exp(-|dq/dtheta_stribeck|^alpha)
               G = |load_friction_external·E - load_friction_motor·M| (m5)
     encoder   reads q - q_offset, where q is the joint angle
     joint     inertia J + armature; friction stops it with at most F + friction_viscous·|dq|
 
-`read_motor` converts a servo to a motor with a stiff gear, otherwise exact for m1. For other
-models, load friction acts on the gear torque, and the Stribeck velocity is STRIBECK_VELOCITY.
+`read_motor` converts a servo to a motor with a stiff gear. The conversion is otherwise exact for
+m1. For other models, load friction acts on the gear torque, and the Stribeck velocity is
+STRIBECK_VELOCITY.
 
 The export writes friction m5 with the actuator unitree_go1: a torque control law without velocity
 filter. A rigid gear with load inertia J and armature a transmits (J·M - a·E)/(J + a). The load
-friction of M is therefore load_friction·J/(J + a), that of E load_friction·a/(J + a); J = a is
-assumed. kp, damping and command_delay are not parameters of BAM's models: set them where the file
-is used.
+friction of M is therefore load_friction·J/(J + a), and the load friction of E is
+load_friction·a/(J + a); J = a is assumed. kp, damping and command_delay are not parameters of BAM's
+models: set them where the file is used.
 """
 
 import math
@@ -26,7 +27,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,25 +41,40 @@ from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import ConstantArrays, Exporter, Request, one_motor
 from motorprior.identification.physics.motor_problem import encoded
 
-# name in BAM -> supply [V], duty cycle per error [rad] and unit of kp, maximum duty cycle, usual kp
+
+class _VoltageServo(NamedTuple):
+    """Firmware of a servo that sets a voltage."""
+
+    vin: float  # supply [V]
+    error_gain: float  # duty cycle per error and unit of kp [1/rad]
+    max_pwm: float  # largest duty cycle [-]
+    kp: float  # usual proportional gain, in the firmware's unit
+
+
 VOLTAGE = {
-    "mx64": (15.0, 0.158, 0.9625, 32.0), "mx106": (15.0, 0.158, 0.9625, 32.0), "xl320": (7.5, 0.05048199, 1.0, 32.0),
-    "xl330": (7.5, 4096 / (2 * math.pi) / (256 * 885), 1.0, 400.0), "sts3215": (7.4, 0.166, 0.97, 32.0),
-}  # fmt: skip
-TORQUE = "unitree_go1"
+    "mx64": _VoltageServo(15.0, 0.158, 0.9625, 32.0),
+    "mx106": _VoltageServo(15.0, 0.158, 0.9625, 32.0),
+    "xl320": _VoltageServo(7.5, 0.05048199, 1.0, 32.0),
+    "xl330": _VoltageServo(7.5, 4096 / (2 * math.pi) / (256 * 885), 1.0, 400.0),
+    "sts3215": _VoltageServo(7.4, 0.166, 0.97, 32.0),
+}
+TORQUE = "unitree_go1"  # the actuator that sets a torque
+_MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
+
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
 # gear mode of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
 RIGID_FREQUENCY = 500.0
 RIGID_DAMPING_RATIO = 0.3
+_MAX_STEP = 0.002  # largest physics step of the motors [s]
 
 
 @dataclass(frozen=True)
 class BamMotor:
     """One servo; its control law in units of the joint."""
 
-    values: Mapping[str, float]  # constants by BAM's names; those of other models are 0
+    values: Mapping[str, float]  # constants by BAM's names; constants of other models are 0
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
     max_torque: float  # torque limit at standstill [N·m]
@@ -72,97 +88,90 @@ class BamMotor:
         vin: float | None = None,
         where: Path | None = None,
     ) -> "BamMotor":
-        """The servo of a table of parameters from the file ``where``; kp and vin as in `read_motor`.
+        """The servo of a table of parameters from the file ``where``.
 
-        Raises ArtifactError for no table, an unknown model or actuator, or a value that is not a
-        number.
+        For kp and vin see `read_motor`. Raises ArtifactError for no table, an unknown model
+        or actuator, or a value that is not a number.
         """
         require("content", table, TABLE, where, _REMEDY)
-        v = defaultdict(float, table)
-        actuator = v.pop("actuator", None)
-        require(
-            "model",
-            v.pop("model", None),
-            one_of("m1", "m2", "m3", "m4", "m5", "m6"),
-            where,
-            _REMEDY,
-        )
+        values = defaultdict(float, table)
+        actuator = values.pop("actuator", None)
+        model = values.pop("model", None)
+        values.pop("motorprior", None)
+        require("model", model, one_of(*_MODELS), where, _REMEDY)
         require("actuator", actuator, one_of(*VOLTAGE, TORQUE), where, _REMEDY)
-        v.pop("motorprior", None)
-        for name, value in v.items():
+        for name, value in values.items():
             require(name, value, number(), where, _REMEDY)
+
         if actuator == TORQUE:
-            kp = v["kp"] if kp is None else kp
-            return cls(v, v["ratio"] * kp, v["damping"], v["max_torque"], True)
-        supply, gain, max_pwm, usual = VOLTAGE[str(actuator)]
-        kp = v.get("kp", usual) if kp is None else kp
-        vin = v.get("vin", supply) if vin is None else vin
-        gain = gain * v.get("error_gain_ratio", 1.0)
-        per_volt = v["kt"] / v["R"] if v["R"] else 0.0
+            kp = values["kp"] if kp is None else kp
+            return cls(values, values["ratio"] * kp, values["damping"], values["max_torque"], True)
+
+        servo = VOLTAGE[str(actuator)]
+        kp = values.get("kp", servo.kp) if kp is None else kp
+        vin = values.get("vin", servo.vin) if vin is None else vin
+        duty_per_error = servo.error_gain * values.get("error_gain_ratio", 1.0)
+        torque_per_volt = values["kt"] / values["R"] if values["R"] else 0.0
         return cls(
-            v, gain * kp * vin * per_volt, v["kt"] * per_volt, vin * max_pwm * per_volt, False
+            values,
+            kp=duty_per_error * kp * vin * torque_per_volt,
+            kd=values["kt"] * torque_per_volt,
+            max_torque=vin * servo.max_pwm * torque_per_volt,
+            limits_damping=False,
         )
 
     def friction(self, motor: float, load: float, dq: float) -> float:
         """Dry friction [N·m] at these torques [N·m] and this velocity [rad/s]."""
         v = self.values
-        slow = (
-            math.exp(-(abs(dq / v["dtheta_stribeck"]) ** v["alpha"]))
-            if v["dtheta_stribeck"]
-            else 0.0
-        )
-        own = abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
-        slow_own = abs(
+        slow = 0.0  # 1 at standstill
+        if v["dtheta_stribeck"]:
+            slow = math.exp(-(abs(dq / v["dtheta_stribeck"]) ** v["alpha"]))
+
+        of_load = abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
+        of_load_when_slow = abs(
             load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"]
         )
-        return v["friction_base"] + slow * v["friction_stribeck"] + own + slow * slow_own
+        dry = v["friction_base"] + slow * v["friction_stribeck"]
+        return dry + of_load + slow * of_load_when_slow
 
-    def simulate(self, given: Trial, motor: int) -> np.ndarray:
+    def simulate(self, trial: Trial, motor: int) -> np.ndarray:
         """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial."""
-        assert given.load_stiffness is not None
-        v = self.values
+        assert trial.load_stiffness is not None
+        h = trial.dt
         limit = self.max_torque
-        h = given.dt
-        inertia = given.load_inertia[motor] + v["armature"]
-        viscous = v["friction_viscous"]
-        late = v["command_delay"] / h
-        offset = v["q_offset"]
-        steps = np.arange(len(given.position_target)) - late
-        targets = np.interp(steps, np.arange(len(steps)), given.position_target[:, motor])
-        out = np.zeros(len(steps))
-        q = given.position_target[0, motor] if given.joint_pos is None else given.joint_pos[motor]
+        viscous = self.values["friction_viscous"]
+        offset = self.values["q_offset"]
+        inertia = trial.load_inertia[motor] + self.values["armature"]
+
+        num_steps = len(trial.position_target)
+        times = np.arange(num_steps) - self.values["command_delay"] / h
+        targets = np.interp(times, np.arange(num_steps), trial.position_target[:, motor])
+
+        start = trial.position_target[0] if trial.joint_pos is None else trial.joint_pos
+        q = start[motor]
         dq = 0.0
-        for step in range(len(steps)):
-            out[step] = q
-            inside, outside = (self.kd * dq, 0.0) if self.limits_damping else (0.0, self.kd * dq)
-            push = self.kp * (targets[step] - q + offset) - inside
-            torque = min(limit, max(-limit, push)) - outside
-            weight = given.external_torque[step, motor] + given.load_stiffness[step, motor] * q
-            net = torque + weight
+        angles = np.zeros(num_steps)
+        for step in range(num_steps):
+            angles[step] = q
+
+            # torque of the motor
+            push = self.kp * (targets[step] - q + offset)
+            if self.limits_damping:
+                torque = min(limit, max(-limit, push - self.kd * dq))
+            else:
+                torque = min(limit, max(-limit, push)) - self.kd * dq
+
+            # friction stops the joint, or opposes its motion
+            load = trial.external_torque[step, motor] + trial.load_stiffness[step, motor] * q
+            net = torque + load
             stop = inertia / h * dq + net
-            net -= math.copysign(
-                min(abs(stop), self.friction(torque, weight, dq) + viscous * abs(dq)), stop
-            )
+            friction = self.friction(torque, load, dq) + viscous * abs(dq)
+            net -= math.copysign(min(abs(stop), friction), stop)
+
             acceleration = net / inertia
             dq += h * acceleration
             q += h * dq + 0.5 * acceleration * h * h
-        return out
-
-
-def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
-    """Motors with the constants (n,) by name, kd instead of kd_over_kp, for physics steps up to 2 ms."""
-    raw = encoded({**values, "kd_over_kp": values["kd"] / values["kp"]}, terms).T
-    center = raw.mean(axis=0)
-    return GreyBoxActuator(GreyBox(center, np.eye(len(center)), 0.002, terms), raw - center, COLD)
-
-
-def rigid_gear(armature: float) -> dict[str, float]:
-    """Constants by name of a gear that is as good as rigid, without backlash."""
-    return {
-        "gear_stiffness": armature * RIGID_FREQUENCY**2,
-        "backlash": 0.0,
-        "gear_damping": 2.0 * RIGID_DAMPING_RATIO * armature * RIGID_FREQUENCY,
-    }
+        return angles
 
 
 def read_motor(
@@ -185,15 +194,18 @@ def read_motor(
     servo = BamMotor.of(read_json(path), kp, vin, path)
     v = servo.values
     limit = servo.max_torque
-    armature = servo.values["armature"]
+    armature = v["armature"]
     if not (servo.kp > 0.0 and limit > 0.0 and armature > 0.0):
-        problem = f"kp {servo.kp:.3g} N·m/rad, torque limit {limit:.3g} N·m, armature {armature:.3g} kg·m²"
         raise ConfigError(
-            problem,
+            f"kp {servo.kp:.3g} N·m/rad, torque limit {limit:.3g} N·m, "
+            f"armature {armature:.3g} kg·m²",
             where=path,
             remedy="give kp and vin above 0, and a file with kt, R and armature",
         )
-    load = v["load_friction_motor"] + v["load_friction_external"] + 2.0 * v["load_friction_base"]
+
+    load_friction = (
+        v["load_friction_motor"] + v["load_friction_external"] + 2.0 * v["load_friction_base"]
+    )
     values = {
         "kp": servo.kp,
         "kd": max(servo.kd, 1e-9),
@@ -204,21 +216,44 @@ def read_motor(
         "coulomb": v["friction_base"],
         "stribeck_torque": v["friction_stribeck"],
         "viscous_damping": v["friction_viscous"],
-        "load_friction": load,
+        "load_friction": load_friction,
         "encoder_zero": -v["q_offset"],
         **rigid_gear(armature),
     }
-    terms = () if servo.limits_damping else ("torque_speed",)
-    if terms:  # the voltage limits, and the back-EMF brakes beyond it
-        values |= {"stall_torque": limit, "no_load_speed": limit / servo.kd}
+    terms: tuple[str, ...] = ()
+    if not servo.limits_damping:  # the voltage limits, and the back-EMF brakes beyond it
+        terms = ("torque_speed",)
+        values["stall_torque"] = limit
+        values["no_load_speed"] = limit / servo.kd
     return motors_of({name: np.full(count, value) for name, value in values.items()}, terms)
 
 
+def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
+    """Motors with the constants (n,) by name, kd instead of kd_over_kp.
+
+    They are for physics steps up to 2 ms.
+    """
+    constants = {**values, "kd_over_kp": values["kd"] / values["kp"]}
+    latents = encoded(constants, terms).T
+    center = latents.mean(axis=0)
+    model = GreyBox(center, np.eye(len(center)), _MAX_STEP, terms)
+    return GreyBoxActuator(model, latents - center, COLD)
+
+
+def rigid_gear(armature: float) -> dict[str, float]:
+    """Constants by name of a gear that is as good as rigid, without backlash."""
+    return {
+        "gear_stiffness": armature * RIGID_FREQUENCY**2,
+        "backlash": 0.0,
+        "gear_damping": 2.0 * RIGID_DAMPING_RATIO * armature * RIGID_FREQUENCY,
+    }
+
+
 def parameters(v: Mapping[str, float]) -> dict[str, float | str]:
-    """BAM's parameters of one motor, of its constants by name."""
+    """BAM's parameters of one motor with the constants ``v`` by name."""
     return {
         "model": "m5",
-        "actuator": "unitree_go1",
+        "actuator": TORQUE,
         "ratio": 1.0,
         "max_torque": v["torque_limit"],
         "armature": v["armature"],
@@ -238,23 +273,31 @@ def parameters(v: Mapping[str, float]) -> dict[str, float | str]:
 
 
 def _write(request: Request) -> list[Path]:
-    """One JSON per sample and joint; the key motorprior, which BAM ignores, has origin and loss."""
-    files = []
-    about = request.provenance()
-    for index, joint, values in request.motors():
-        files.append(request.out / f"{joint}_{index:03d}.json")
-        write_json(files[-1], parameters(values) | {"motorprior": about})
-    return files
+    """Write one JSON per sample and joint.
+
+    The key motorprior, which BAM ignores, has origin and loss.
+    """
+    paths = []
+    provenance = request.provenance()
+    for robot, joint, values in request.motors():
+        path = request.out / f"{joint}_{robot:03d}.json"
+        write_json(path, parameters(values) | {"motorprior": provenance})
+        paths.append(path)
+    return paths
 
 
-def _replay(values: ConstantArrays, given: Trial) -> np.ndarray:
+def _replay(values: ConstantArrays, trial: Trial) -> np.ndarray:
     """(steps, n) joint angles [rad] of BAM's control law and its own integration."""
-    servos = [
-        BamMotor.of(parameters(one_motor(values, motor))) for motor in range(len(values["kp"]))
-    ]
-    return np.stack([servo.simulate(given, motor) for motor, servo in enumerate(servos)], axis=1)
+    angles = []
+    for motor in range(len(values["kp"])):
+        servo = BamMotor.of(parameters(one_motor(values, motor)))
+        angles.append(servo.simulate(trial, motor))
+    return np.stack(angles, axis=1)
 
 
 BAM = Exporter(
-    "bam", ("velocity_filter", "gear_stiffness", "backlash", "gear_damping"), _write, _replay
+    name="bam",
+    not_expressed=("velocity_filter", "gear_stiffness", "backlash", "gear_damping"),
+    write=_write,
+    replay=_replay,
 )

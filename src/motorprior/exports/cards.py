@@ -1,4 +1,7 @@
-"""Motor cards: a prior with a page about it. The package ships cards of motors whose public logs allow it."""
+"""Motor cards: a prior with a page about it.
+
+The package ships cards of motors whose public logs allow it.
+"""
 
 from collections.abc import Mapping
 from io import BytesIO
@@ -12,7 +15,11 @@ from motorprior.bench.class_behaviour import class_behaviours
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.exports.exporter import Exporter, Request
 
+PAGE = "README.md"
 PICTURE = "behaviour.png"
+_SHOWN_METRICS = ("replay_rmse", "minutes_of_log")  # metrics of the fit in the front matter
+
+FrontMatter = Mapping[str, str | float]
 
 
 def from_pretrained(name: str | Path) -> MotorPrior:
@@ -28,69 +35,72 @@ def from_pretrained(name: str | Path) -> MotorPrior:
     return MotorPrior.load(path)
 
 
-def write_card(
-    prior: MotorPrior, folder: Path, about: Mapping[str, str | float] | None = None
-) -> list[Path]:
-    """Write prior, page and picture; ``about`` are more lines of the front matter, such as the licence."""
+def write_card(prior: MotorPrior, folder: Path, about: FrontMatter | None = None) -> list[Path]:
+    """Write prior, page and picture; returns the files.
+
+    ``about`` are more lines of the page's front matter, such as the licence.
+    """
+    prior.save(folder / CARD_PRIOR)
+    write_text(folder / PAGE, _page(prior, folder.name, about or {}))
+    _write_picture(prior, folder / PICTURE)
+    return [folder / CARD_PRIOR, folder / PAGE, folder / PICTURE]
+
+
+def _write_picture(prior: MotorPrior, path: Path) -> None:
     from PIL import Image
 
     from motorprior.report.plots import draw_class_behaviours  # here: it imports matplotlib
     from motorprior.report.plots_style import png_bytes
 
-    prior.save(folder / CARD_PRIOR)
-    write_text(folder / "README.md", _page(prior, folder.name, about or {}))
-    picture = Image.open(BytesIO(png_bytes(draw_class_behaviours(class_behaviours(prior)), dpi=80)))
-    # a quarter of the bytes
-    picture.convert("RGB").quantize(32).save(folder / PICTURE, optimize=True)
-    return [folder / CARD_PRIOR, folder / "README.md", folder / PICTURE]
+    figure = draw_class_behaviours(class_behaviours(prior))
+    picture = Image.open(BytesIO(png_bytes(figure, dpi=80)))
+    # 32 colours need a quarter of the bytes
+    picture.convert("RGB").quantize(32).save(path, optimize=True)
 
 
-def _page(prior: MotorPrior, name: str, about: Mapping[str, str | float]) -> str:
-    gains = (
-        "absolute"
-        if not prior.model.gain_unit
-        else f"multiples of the logged gains [{prior.model.gain_unit}]"
-    )
-    front: dict[str, str | float] = {
+def _page(prior: MotorPrior, name: str, about: FrontMatter) -> str:
+    lines = ["---"]
+    for key, value in _front_matter(prior, about).items():
+        lines.append(f"{key}: {_yaml(value)}")
+    lines += ["---", ""]
+
+    lines += [f"# {prior.motor}", ""]
+    lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
+    lines += [f"![Step, chirp and friction of samples and training motors]({PICTURE})", ""]
+    lines += [f"- {note}" for note in prior.spread_notes()]
+    lines += [""]
+
+    for joint_class in prior.classes.names:
+        suffix = f", {joint_class}" if joint_class else ""
+        lines += [f"## Constants of sampled motors{suffix}", ""]
+        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(joint_class).cells]
+        lines += [f"| {' | '.join(row)} |" for row in rows]
+        lines += [""]
+    return "\n".join(lines) + "\n"
+
+
+def _front_matter(prior: MotorPrior, about: FrontMatter) -> dict[str, str | float]:
+    gain_unit = prior.model.gain_unit
+    front_matter: dict[str, str | float] = {
         "robot": prior.robot,
         "motor": prior.motor,
         "training_motors": len(prior.mean),
         "joints": ", ".join(prior.joint_names) or "bench",
-        "gains": gains,
+        "gains": f"multiples of the logged gains [{gain_unit}]" if gain_unit else "absolute",
         "period_s": prior.model.period,
-        **{
-            name: value
-            for name, value in prior.metrics.items()
-            if name in ("replay_rmse", "minutes_of_log")
-        },
-        **about,
     }
-    lines = [
-        "---",
-        *(f"{name}: {_yaml(value)}" for name, value in front.items()),
-        "---",
-        "",
-        f"# {prior.motor}",
-        "",
-    ]
-    lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
-    lines += [f"![Step, chirp and friction of samples and training motors]({PICTURE})", ""]
-    lines += [*(f"- {line}" for line in prior.spread_notes()), ""]
-    for each in prior.classes.names:
-        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(each).cells]
-        lines += [f"## Constants of sampled motors{f', {each}' if each else ''}", ""]
-        lines += [*(f"| {' | '.join(row)} |" for row in rows), ""]
-    return "\n".join(lines) + "\n"
+    for name, value in prior.metrics.items():
+        if name in _SHOWN_METRICS:
+            front_matter[name] = value
+    return front_matter | dict(about)
 
 
 def _yaml(value: str | float) -> str:
-    return (
-        f"{value:.4g}"
-        if isinstance(value, float)
-        else f'"{value}"'
-        if isinstance(value, str)
-        else str(value)
-    )
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return str(value)
 
 
 def _write(request: Request) -> list[Path]:
@@ -101,4 +111,4 @@ def _write(request: Request) -> list[Path]:
     return write_card(request.source, request.out)
 
 
-CARD = Exporter("card", (), _write)
+CARD = Exporter(name="card", not_expressed=(), write=_write)

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import generator_of
 from motorprior.exceptions import ConfigError
-from motorprior.exports.mjcf import Mjcf
+from motorprior.exports.mjcf_document import Mjcf
 
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 # (n,) or (K, J) by name, in SI units at the output shaft
@@ -30,20 +30,22 @@ class Request:
     source: MotorPrior | MotorPosterior
     joint_names: tuple[str, ...]  # J
     seed: int
-    constants: ConstantArrays  # (K, J), see `registry.constants`
+    constants: ConstantArrays  # (K, J), see `replay.constants`
     out: Path
     model: Mjcf | None  # the user's
-    losses: Mapping[str, float]  # `registry.losses` by load [rad]
+    losses: Mapping[str, float]  # see `replay.losses`, by load [rad]
     not_expressed: Mapping[str, float]  # median value by constant
 
     def motors(self) -> Iterator[tuple[int, str, dict[str, float]]]:
         """Robot, joint and constants of every motor."""
         for robot, column in np.ndindex(self.constants["kp"].shape):
-            yield robot, self.joint_names[column], one_motor(self.constants, (robot, column))
+            values = one_motor(self.constants, (robot, column))
+            yield robot, self.joint_names[column], values
 
     def provenance(self) -> dict[str, object]:
         """Origin and loss of the motors, for the files of every format."""
         prior = prior_of(self.source)
+        is_posterior = isinstance(self.source, MotorPosterior)
         return {
             "version": __version__,
             "prior_sha256": prior.sha256(),
@@ -52,7 +54,7 @@ class Request:
             "seed": self.seed,
             "joint_names": list(self.joint_names),
             "spread": prior.spread_notes(),
-            "distribution": "posterior" if isinstance(self.source, MotorPosterior) else "prior",
+            "distribution": "posterior" if is_posterior else "prior",
             "loss_rad": dict(self.losses),
             "not_expressed": dict(self.not_expressed),
         }
@@ -65,17 +67,19 @@ class Exporter:
     name: str  # value of the option --format
     not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    # None: the format loses nothing; all others lack the optional terms
+    # None: the format loses nothing; all other formats lack the optional terms
     replay: ReplayFunction | None = None
     needs_model: bool = False  # whether it changes the user's MJCF
-    mujoco: int = 3  # major version that it needs
-    # (constants, timestep [s]) whether a motor is written as a plain joint
+    mujoco: int = 3  # smallest major version that the format needs
+    # (constants, timestep [s]) -> whether a motor is written as a plain joint
     becomes_plain: Callable[[ConstantArrays, float], np.ndarray] | None = None
 
 
 def prior_of(source: MotorPrior | MotorPosterior) -> MotorPrior:
-    """The prior itself, or that of a posterior."""
-    return source.prior if isinstance(source, MotorPosterior) else source
+    """The prior itself, or the prior of a posterior."""
+    if isinstance(source, MotorPosterior):
+        return source.prior
+    return source
 
 
 def sampled(
@@ -85,42 +89,51 @@ def sampled(
     joint_names: tuple[str, ...],
     gains: Any = None,
 ) -> GreyBoxActuator:
-    """Motors at these J joints of K = ``motors`` robots, robot after robot; gains (2,) or (2, J) as of `export`.
+    """Motors at these J joints of K = ``motors`` robots, robot after robot.
 
-    Raises ConfigError for motors without physical constants, or as `MotorPrior.sample` and
-    `MotorPosterior.sample`.
+    ``gains`` are kp and kd, (2,) or (2, J), see `export`. Raises ConfigError for motors without
+    physical constants, or as `MotorPrior.sample` and `MotorPosterior.sample`.
     """
     rng = generator_of(seed)
-    of: Any = len(joint_names)
+    num_joints = len(joint_names)
+
+    joints: Any = num_joints
     if isinstance(source, MotorPrior):
-        of = source.joint_classes(joint_names)
+        joints = source.joint_classes(joint_names)
     elif set(joint_names) <= set(source.joint_names):
         source = source.take([source.joint_names.index(name) for name in joint_names])
-    each = (
-        None
-        if gains is None
-        else np.broadcast_to(np.reshape(gains, (2, -1)), (2, len(joint_names)))
-    )
-    robots = [source.sample(of, rng, each) for _ in range(motors)]
-    if not isinstance(first := robots[0], GreyBoxActuator):
-        remedy = "identify with preset rollout"
+
+    gains_of_joints = None
+    if gains is not None:
+        gains_of_joints = np.broadcast_to(np.reshape(gains, (2, -1)), (2, num_joints))
+
+    robots = [source.sample(joints, rng, gains_of_joints) for _ in range(motors)]
+    first = robots[0]
+    if not isinstance(first, GreyBoxActuator):
         raise ConfigError(
-            "the prior is a network without physical constants", remedy=remedy, argument="source"
+            "the prior is a network without physical constants",
+            remedy="identify with preset rollout",
+            argument="source",
         )
-    every = None if first.gains is None else np.tile(first.gains, motors)  # the same for all robots
-    return replace(first, z=np.concatenate([robot.z for robot in robots]), gains=every)
+    # all robots have the same gains
+    gains_of_motors = None if first.gains is None else np.tile(first.gains, motors)
+    latents = np.concatenate([robot.z for robot in robots])
+    return replace(first, z=latents, gains=gains_of_motors)
 
 
 def one_motor(values: ConstantArrays, index: int | tuple[int, int]) -> dict[str, float]:
     """The constants of one motor of (n,) or (K, J)."""
-    return {name: float(value[index]) for name, value in values.items()}
+    return {name: float(array[index]) for name, array in values.items()}
 
 
 def described_loss(losses: Mapping[str, float], not_expressed: Mapping[str, float]) -> str:
     """For example "RMSE against …: leg 2.4 mrad; not expressed: backlash (median 0.01)"."""
-    errors = ", ".join(
-        f"{name} {1e3 * value:.1f} mrad" if value < UNSTABLE else f"{name} unstable"
-        for name, value in losses.items()
+    errors = []
+    for load, error in losses.items():
+        errors.append(f"{load} {1e3 * error:.1f} mrad" if error < UNSTABLE else f"{load} unstable")
+
+    missing = [f"{name} (median {value:.3g})" for name, value in not_expressed.items()]
+    return (
+        f"RMSE against the learned motors, at steps of at most 2 ms: {', '.join(errors)}; "
+        f"not expressed: {', '.join(missing) or 'nothing'}"
     )
-    missing = ", ".join(f"{name} (median {value:.3g})" for name, value in not_expressed.items())
-    return f"RMSE against the learned motors, at steps of at most 2 ms: {errors}; not expressed: {missing or 'nothing'}"

@@ -1,124 +1,76 @@
-"""The user's MJCF, of which comments and the order of elements stay."""
+"""Format mjcf: variants of the user's MJCF, with every motor as a plain joint."""
 
-# pyright: reportAttributeAccessIssue=false
-# MuJoCo ships no type stubs.
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
+import re
+import shutil
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
-from xml.dom import minidom
-from xml.parsers.expat import ExpatError
 
-import mujoco
-import numpy as np
-
-from motorprior.exceptions import ConfigError
-from motorprior.robots.user_model import cannot_read
-from motorprior.simulation.driven_joints import drives
-
-Element: TypeAlias = Any  # minidom element; minidom's types allow every parent to be None
+from motorprior.artifacts import write_text
+from motorprior.exports.exporter import Exporter, Request, described_loss, prior_of
+from motorprior.exports.mjcf_document import Mjcf
+from motorprior.exports.plain_joint import NOT_EXPRESSED, WriteMotor, replayed, write_plain
+from motorprior.exports.table import write_table
+from motorprior.robots.model_source import model_files
+from motorprior.simulation.driven_joints import hinge, require_uncoupled
 
 
-@dataclass
-class Mjcf:
-    """A document, and the model that it was before any change."""
+def write_variants(request: Request, write: WriteMotor) -> list[Path]:
+    """Write K variants of the user's MJCF, with copies of the files that it names, and motors.json.
 
-    document: Any  # minidom document
-    compiled: mujoco.MjModel
-    path: Path | None
-    in_degrees: bool  # unit of its angles
-    drivers: np.ndarray  # (actuators, joints) see `drives`
-    dropped: tuple[int, ...] = ()  # addresses of activations that were removed from keyframes
-    # for each rotor that was added, the first joint of the body that it stands before
-    rotors: tuple[int, ...] = ()
+    Files keep their positions relative to each other: if a model in scene/ has meshes in ../assets,
+    both folders are written. Raises ArtifactError if a variant cannot be compiled.
+    """
+    original = request.model
+    assert original is not None
+    hinges = [hinge(original.compiled, name) for name in request.joint_names]
+    require_uncoupled(original.compiled, hinges)
+    model_path = _copy_files(request)
 
-    @classmethod
-    def read(cls, text: str, path: Path | None = None) -> "Mjcf":
-        """Parse the text of a file; raises ArtifactError if it is not a well-formed MJCF."""
-        try:
-            spec = (
-                mujoco.MjSpec.from_string(text)
-                if path is None
-                else mujoco.MjSpec.from_file(str(path))
-            )
-            compiled = spec.compile()
-            return cls(
-                minidom.parseString(text.encode()),
-                compiled,
-                path,
-                spec.compiler.degree,
-                drives(compiled),
-            )
-        except (ExpatError, ValueError) as error:
-            raise cannot_read(path, str(error)) from error
+    variants = []
+    for _ in range(len(request.constants["kp"])):
+        variants.append(replace(original, document=original.document.cloneNode(True)))
+    for index, joint, values in request.motors():
+        write(variants[index], joint, values)
 
-    def joint(self, name: str) -> Element:
-        """The joint of this name in the bodies; raises ConfigError for one of an included file."""
-        for each in self._inside("worldbody", "joint"):
-            if each.getAttribute("name") == name:
-                return each
-        problem = f"joint {name!r} is in an included file"
-        raise ConfigError(problem, where=self.path, remedy="give that file", argument="joints")
-
-    def actuator_of(self, joint: str) -> tuple[Element, int] | None:
-        """The element and index of the actuator that drives a joint, None without any.
-
-        ConfigError for several, for one in another file, and for one that drives it by a tendon.
-        """
-        every = self._inside("actuator", "*")
-        found = [
-            each for each in every if joint in map(each.getAttribute, ("joint", "jointinparent"))
-        ]
-        drivers = np.flatnonzero(self.drivers[:, self.compiled.joint(joint).id]).tolist()
-        if len(drivers) > 1 or len(drivers) > len(found):
-            problem = f"joint {joint!r} has {len(drivers)} actuators, {len(found)} of them on it and in this file"
-            remedy = "leave one at most, on it and in this file: the motor takes its place"
-            raise ConfigError(problem, where=self.path, remedy=remedy, argument="model")
-        return (found[0], drivers[0]) if drivers else None
-
-    def _inside(self, section: str, element: str) -> list[Element]:
-        sections = self.document.getElementsByTagName(section)
-        return [found for each in sections for found in each.getElementsByTagName(element)]
-
-    def section(self, name: str) -> Element:
-        """The last section of this name, which is added if there is none."""
-        root = self.document.documentElement
-        found = [each for each in root.childNodes if each.nodeName == name]
-        return found[-1] if found else self.add(root, name)
-
-    def element(self, tag: str, /, **attributes: str) -> Element:
-        """A new element, not yet in the document."""
-        made = self.document.createElement(tag)
-        for key, value in attributes.items():
-            made.setAttribute(key, value)
-        return made
-
-    def add(
-        self, parent: Element, tag: str, before: Element | None = None, /, **attributes: str
-    ) -> Element:
-        """Add an element to another, before one of its children or at its end."""
-        made = parent.insertBefore(self.element(tag, **attributes), before)
-        parent.insertBefore(self.document.createTextNode("\n"), before)
-        return made
-
-    def edit_keyframes(self, name: str, edit: Callable[[list[str], int], object]) -> None:
-        """Change the words of an attribute of each keyframe that has it; ConfigError for keyframes in another file."""
-        keys = self.document.getElementsByTagName("key")
-        if len(keys) != self.compiled.nkey:
-            remedy = "move them into this file"
-            raise ConfigError(
-                "keyframes in an included file", where=self.path, remedy=remedy, argument="model"
-            )
-        for index, key in enumerate(keys):
-            if words := key.getAttribute(name).split():
-                edit(words, index)
-                key.setAttribute(name, " ".join(words))
-
-    def text(self) -> str:
-        """The document as text."""
-        return "\n".join(each.toxml() for each in self.document.childNodes)
+    paths = []
+    comment = _comment(request)
+    for index, variant in enumerate(variants):
+        path = model_path.with_name(f"{model_path.stem}_{index:03d}.xml")
+        text = f"{variant.text()}\n<!-- {comment} -->\n"
+        write_text(path, text)
+        Mjcf.read(text, path)  # raises ArtifactError if it cannot be compiled
+        paths.append(path)
+    return [*paths, *write_table(request)]
 
 
-def number(*values: float) -> str:
-    """Numbers of an attribute."""
-    return " ".join(f"{value:.6g}" for value in values)
+def _copy_files(request: Request) -> Path:
+    """Copy the files that the model names; returns the path of the model next to the copies."""
+    original = request.model
+    assert original is not None and original.path is not None
+    model, *named_files = model_files(original.path)
+    root = Path(os.path.commonpath([file.parent for file in (model, *named_files)]))
+    for file in named_files:
+        target = request.out / file.relative_to(root)
+        if target.resolve() != file:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+    return request.out / model.relative_to(root)
+
+
+def _comment(request: Request) -> str:
+    """Origin and loss of the motors, as an XML comment."""
+    motor = prior_of(request.source).motor
+    loss = described_loss(request.losses, request.not_expressed)
+    text = f"motors of {motor}, seed {request.seed}; {loss}"
+    return re.sub("-{2,}", "-", text)  # an XML comment must not contain two dashes
+
+
+MJCF = Exporter(
+    name="mjcf",
+    not_expressed=NOT_EXPRESSED,
+    write=partial(write_variants, write=write_plain),
+    replay=partial(replayed, write=write_plain),
+    needs_model=True,
+)

@@ -1,17 +1,20 @@
-"""The user's MJCF with rotor and play as joints of their own, for any simulator that reads MJCF version 4.
+"""Format mjcf-detailed: the user's MJCF with rotor and play as joints of their own.
 
-Per joint, next to the body that it moves:
+Any simulator that reads MJCF version 4 can read it. Per joint, next to the link that it moves:
 
-    NAME_rotor   hinge with the armature, viscous damping and dry friction of the motor; its angle θ is the encoder's
-    NAME_gear    tendon θ - joint with stiffness, damping, and the backlash as a dead band about the encoder zero
+    NAME_rotor   hinge with the armature, viscous damping and dry friction of the motor; its angle θ
+                 is the encoder's
+    NAME_gear    tendon θ - joint with stiffness, damping, and the backlash as a dead band about the
+                 encoder zero
 
 The actuator is a servo kp·(u - θ) with delay. A second one, a `dcmotor` without input, has the
 resistance 1/kd, the torque constant 1 and the electric time constant of the velocity filter: its
 shorted winding brakes the rotor by kd·filtered velocity. MuJoCo limits the sum of both to the
 torque limit (``actuatorfrcrange``), as our control law does. A damper outside of the actuators,
-such as a Maxwell element, would not be limited. An integrator that does not damp tendons implicitly
-is changed to implicitfast. A motor whose gear is too stiff for the timestep becomes a plain joint,
-as in the format mjcf.
+such as a Maxwell element, would not be limited.
+
+An integrator that does not damp tendons implicitly is changed to implicitfast. A motor whose gear
+is too stiff for the timestep becomes a plain joint, as in the format mjcf.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -25,15 +28,9 @@ import mujoco
 import numpy as np
 
 from motorprior.exports.exporter import Exporter
-from motorprior.exports.mjcf import Mjcf, number
-from motorprior.exports.plain_joint import (
-    PASSIVE,
-    drive,
-    replayed,
-    servo,
-    write_plain,
-    write_variants,
-)
+from motorprior.exports.mjcf import write_variants
+from motorprior.exports.mjcf_document import Element, Mjcf, number
+from motorprior.exports.plain_joint import PASSIVE, drive, replayed, servo, write_plain
 
 # integrators that damp tendons implicitly; Euler makes stiff gears on light links unstable
 IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
@@ -42,38 +39,56 @@ IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPL
 MAX_STIFFNESS = 0.25
 
 
+def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
+    """Write one motor at a joint."""
+    option = mjcf.compiled.opt
+    if too_stiff(values, option.timestep):
+        write_plain(mjcf, joint, values)
+        return
+
+    element = mjcf.joint(joint)
+    for attribute in PASSIVE:
+        element.setAttribute(attribute, "0")
+    rotor = f"{joint}_rotor"
+    _add_rotor(mjcf, joint, rotor, values)
+    _add_gear(mjcf, joint, rotor, values)
+
+    # the sum of servo and brake is limited, not the servo
+    at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}
+    drive(mjcf, joint, rotor, servo(at_rotor, 0.0, option.timestep))
+    _add_brake(mjcf, joint, rotor, values)
+
+    if option.integrator not in IMPLICIT:
+        mjcf.section("option").setAttribute("integrator", "implicitfast")
+
+
 def too_stiff(values: Mapping[str, Any], timestep: float) -> Any:
     """Whether gears are too stiff for a timestep [s]; such motors become plain joints."""
     return values["gear_stiffness"] * timestep**2 > MAX_STIFFNESS * values["armature"]
 
 
-def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
-    """One motor at a joint."""
-    option = mjcf.compiled.opt
-    if too_stiff(values, option.timestep):
-        write_plain(mjcf, joint, values)
-        return
-    rotor = f"{joint}_rotor"
-    for name in PASSIVE:
-        mjcf.joint(joint).setAttribute(name, "0")
-    _add_rotor(mjcf, joint, rotor, values)
-    ends = (values["encoder_zero"] + side * 0.5 * values["backlash"] for side in (-1.0, 1.0))
+def _add_gear(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
+    """Add the tendon between rotor and joint, whose dead band is the backlash."""
+    low = values["encoder_zero"] - 0.5 * values["backlash"]
+    high = values["encoder_zero"] + 0.5 * values["backlash"]
     gear = mjcf.add(
         mjcf.section("tendon"),
         "fixed",
         name=f"{joint}_gear",
         stiffness=number(values["gear_stiffness"]),
         damping=number(values["gear_damping"]),
-        springlength=number(*ends),
+        springlength=number(low, high),
     )
     mjcf.add(gear, "joint", joint=rotor, coef="1")
     mjcf.add(gear, "joint", joint=joint, coef="-1")
-    # the sum is limited, not the servo
-    at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}
-    drive(mjcf, joint, rotor, servo(at_rotor, 0.0, option.timestep))
-    last = mjcf.add(mjcf.document.documentElement, "actuator")  # the indices of others stay
+
+
+def _add_brake(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
+    """Add the shorted winding that brakes the rotor, after all other actuators."""
+    # in a section of its own at the end, so that the indices of other actuators stay
+    section = mjcf.add(mjcf.document.documentElement, "actuator")
     mjcf.add(
-        last,
+        section,
         "dcmotor",
         name=f"{joint}_brake",
         joint=rotor,
@@ -82,39 +97,35 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
         resistance=number(1.0 / values["kd"]),
         inductance=number(0.0, values["velocity_filter"]),
     )
-    # of the brake, the last actuator
+    # its activation, the current, is the last one
     mjcf.edit_keyframes("act", lambda words, _: words.append("0"))
-    if option.integrator not in IMPLICIT:
-        mjcf.section("option").setAttribute("integrator", "implicitfast")
 
 
-def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
-    """Add a body with a hinge along the axis of a joint, in the frame of the body that the joint moves."""
+def _add_rotor(mjcf: Mjcf, joint_name: str, rotor: str, values: Mapping[str, float]) -> None:
+    """Add a rotor with a hinge along the axis of a joint, in the frame of the link that moves."""
     model = mjcf.compiled
-    moved = mjcf.joint(joint).parentNode
-    found = model.joint(joint)
-    while moved.nodeName != "body":  # a joint may stand in a <frame>, as may its body
-        moved = moved.parentNode
-    while moved.parentNode.nodeName == "frame":
-        moved = moved.parentNode
-    frame = model.body(int(found.bodyid[0]))
-    body = mjcf.add(
-        moved.parentNode,
+    joint = model.joint(joint_name)
+    link = model.body(int(joint.bodyid[0]))
+    link_element = _outermost_element(mjcf.joint(joint_name))
+    rotor_element = mjcf.add(
+        link_element.parentNode,
         "body",
-        moved,
+        link_element,
         name=rotor,
-        pos=number(*frame.pos),
-        quat=number(*frame.quat),
+        pos=number(*link.pos),
+        quat=number(*link.quat),
     )
-    start = float(model.qpos0[found.qposadr[0]]) + values["encoder_zero"]
-    mjcf.add(body, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-10 1e-10 1e-10")
+    mjcf.add(rotor_element, "inertial", pos="0 0 0", mass="1e-6", diaginertia="1e-10 1e-10 1e-10")
+
+    start = float(model.qpos0[joint.qposadr[0]]) + values["encoder_zero"]
+    limit = values["torque_limit"]
     mjcf.add(
-        body,
+        rotor_element,
         "joint",
         name=rotor,
         type="hinge",
-        pos=number(*found.pos),
-        axis=number(*found.axis),
+        pos=number(*joint.pos),
+        axis=number(*joint.axis),
         armature=number(values["armature"]),
         damping=number(values["viscous_damping"]),
         frictionloss=number(values["friction"]),
@@ -122,24 +133,52 @@ def _add_rotor(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) 
         limited="false",
         stiffness="0",
         actuatorfrclimited="true",
-        actuatorfrcrange=number(-values["torque_limit"], values["torque_limit"]),
+        actuatorfrcrange=number(-limit, limit),
     )
-    # the joints before which the rotor stands: of its own body, or of the first one in the frame
-    name = next((each.getAttribute("name") for each in moved.getElementsByTagName("body")), "")
-    body_id = model.body(name).id if moved.nodeName == "frame" and name else found.bodyid[0]
-    first = int(np.searchsorted(model.jnt_bodyid, body_id))
-    # rotors of the same body stand in the order of their writing
-    before = sum(other <= first for other in mjcf.rotors)
-    angles = [
-        number(angle + values["encoder_zero"]) for angle in model.key_qpos[:, found.qposadr[0]]
-    ]
-    at_pos, at_vel = (int(each[first]) + before for each in (model.jnt_qposadr, model.jnt_dofadr))
-    mjcf.edit_keyframes("qpos", lambda words, key: words.insert(at_pos, angles[key]))
+    _add_to_keyframes(mjcf, joint, link_element, values["encoder_zero"])
+
+
+def _outermost_element(joint_element: Element) -> Element:
+    """The link of a joint, or the outermost <frame> around the link."""
+    element = joint_element.parentNode
+    while element.nodeName != "body":  # a joint may stand in a <frame>
+        element = element.parentNode
+    while element.parentNode.nodeName == "frame":  # as may its link
+        element = element.parentNode
+    return element
+
+
+def _add_to_keyframes(mjcf: Mjcf, joint: Any, link_element: Element, encoder_zero: float) -> None:
+    """Insert angle and velocity of a new rotor into the keyframes."""
+    model = mjcf.compiled
+
+    # the rotor stands before the joints of its link, or of the first link in the frame
+    link_id = joint.bodyid[0]
+    if link_element.nodeName == "frame":
+        links = link_element.getElementsByTagName("body")
+        first_name = links[0].getAttribute("name") if links else ""
+        if first_name:
+            link_id = model.body(first_name).id
+    first_joint = int(np.searchsorted(model.jnt_bodyid, link_id))
+
+    # rotors of the same link stand in the order of their writing
+    earlier_rotors = sum(joint <= first_joint for joint in mjcf.rotors)
+    at_pos = int(model.jnt_qposadr[first_joint]) + earlier_rotors
+    at_vel = int(model.jnt_dofadr[first_joint]) + earlier_rotors
+
+    joint_angles = model.key_qpos[:, joint.qposadr[0]]
+    rotor_angles = [number(angle + encoder_zero) for angle in joint_angles]
+    mjcf.edit_keyframes("qpos", lambda words, key: words.insert(at_pos, rotor_angles[key]))
     mjcf.edit_keyframes("qvel", lambda words, _: words.insert(at_vel, "0"))
-    mjcf.rotors += (first,)
+    mjcf.rotors += (first_joint,)
 
 
 DETAILED = Exporter(
-    "mjcf-detailed", ("stribeck_torque", "load_friction"), partial(write_variants, write=write_detailed),
-    partial(replayed, write=write_detailed), needs_model=True, mujoco=4, becomes_plain=too_stiff,
-)  # fmt: skip
+    name="mjcf-detailed",
+    not_expressed=("stribeck_torque", "load_friction"),
+    write=partial(write_variants, write=write_detailed),
+    replay=partial(replayed, write=write_detailed),
+    needs_model=True,
+    mujoco=4,
+    becomes_plain=too_stiff,
+)

@@ -35,13 +35,20 @@ from motorprior.exceptions import ConfigError
 from motorprior.exports.exporter import sampled
 from motorprior.exports.warp_motors import WarpMotors
 
+_NO_LIMIT = 1e6  # torque limit of the engine's actuators [N·m]; the motors have theirs
+_SWITCHED_OFF = {"armature": 0.0, "frictionloss": 0.0, "viscous_damping": 0.0}
+
 
 @dataclass(kw_only=True)
 class MotorPriorActuatorCfg(ActuatorCfg):
-    """Motors with rotor, play, friction, delay and servo of their own: the engine's are switched off."""
+    """Motors with rotor, play, friction, delay and servo of their own.
+
+    The engine's armature, friction, damping and torque limit are switched off.
+    """
 
     source: MotorPrior | MotorPosterior
-    """Distribution of the motors; a posterior of all joints has their order, that of one motor is for every joint."""
+    """Distribution of the motors; a posterior of all joints has their order, a posterior of one
+    motor is for every joint."""
     samples: int = 1024
     """Motors per joint that resets choose from."""
     seed: int = 0
@@ -60,51 +67,54 @@ class MotorPriorActuator(Actuator):
     """E worlds of J motors, motor e·J + j in Warp."""
 
     def edit_spec(self, spec: mujoco.MjSpec, target_names: list[str]) -> None:
-        """Add a torque actuator per joint, without limit: the motors have theirs."""
-        # the motors have theirs
-        passive = {"armature": 0.0, "frictionloss": 0.0, "viscous_damping": 0.0}
+        """Add a torque actuator per joint, without limit."""
         for name in target_names:
-            self._mjs_actuators.append(
-                create_motor_actuator(spec, name, effort_limit=1e6, **passive)
-            )
+            actuator = create_motor_actuator(spec, name, effort_limit=_NO_LIMIT, **_SWITCHED_OFF)
+            self._mjs_actuators.append(actuator)
 
     def initialize(self, mj_model: mujoco.MjModel, model: Any, data: Any, device: str) -> None:
-        """Sample the motors; ConfigError if their gears cannot be resolved at the model's physics step."""
+        """Sample the motors.
+
+        Raises ConfigError if their gears cannot be resolved at the model's physics step.
+        """
         super().initialize(mj_model, model, data, device)
         cfg = self.cfg
-        names = tuple(self.target_names)
-        bank = sampled(cfg.source, cfg.samples, cfg.seed, names, cfg.gains)
+        joint_names = tuple(self.target_names)
+        num_joints = len(joint_names)
+        shape = (data.nworld, num_joints)
+        samples = sampled(cfg.source, cfg.samples, cfg.seed, joint_names, cfg.gains)
+        timestep = float(mj_model.opt.timestep)
+        self._motors = WarpMotors(samples, data.nworld * num_joints, timestep, device)
         self._model = model
-        shape = (data.nworld, len(names))
-        self._motors = WarpMotors(bank, shape[0] * shape[1], float(mj_model.opt.timestep), device)
         self._dofs = self.entity.indexing.joint_v_adr[self.target_ids].long()
-        arrays = (
-            self._motors.torque,
-            self._motors.damping,
-            self._motors.chosen,
-            self._motors.waiting,
-        )
-        self._torque, self._damping, self._chosen, self._waiting = (
-            wp.to_torch(each).view(shape) for each in arrays
-        )
-        self._joints = torch.arange(shape[1], device=device, dtype=torch.int32).repeat(shape[0], 1)
+
+        # tensors that share the memory of the motors
+        self._torque = wp.to_torch(self._motors.torque).view(shape)
+        self._damping = wp.to_torch(self._motors.damping).view(shape)
+        self._chosen = wp.to_torch(self._motors.chosen).view(shape)
+        self._waiting = wp.to_torch(self._motors.waiting).view(shape)
+
+        joints = torch.arange(num_joints, device=device, dtype=torch.int32)
+        self._joints = joints.repeat(data.nworld, 1)
         self.reset()
 
     def reset(self, env_ids: torch.Tensor | slice | None = None) -> None:
         """Choose other motors for some worlds, which start at their next step."""
         super().reset(env_ids)
-        rows = slice(None) if env_ids is None else env_ids
-        drawn = (
-            torch.randint_like(self._joints, self.cfg.samples) * self._joints.shape[1]
-            + self._joints
-        )
-        self._chosen[rows] = drawn[rows]
-        self._waiting[rows] = True
+        worlds = slice(None) if env_ids is None else env_ids
+        # sample k of joint j is column k·J + j
+        robots = torch.randint_like(self._joints, self.cfg.samples)
+        columns = robots * self._joints.shape[1] + self._joints
+        self._chosen[worlds] = columns[worlds]
+        self._waiting[worlds] = True
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
         """(E, J) torque [N·m] of the coming physics step; writes the damping of every world."""
-        given = (cmd.position_target, cmd.pos, cmd.vel)
-        self._motors.step(*(wp.from_torch(each.float().contiguous().view(-1)) for each in given))
+        inputs = []
+        for tensor in (cmd.position_target, cmd.pos, cmd.vel):
+            inputs.append(wp.from_torch(tensor.float().contiguous().view(-1)))
+        self._motors.step(*inputs)
+
         damping = self._model.dof_damping
         if damping.wp_array.shape[0] != len(self._torque):  # the tensor is expanded to all worlds
             remedy = 'add cfg.events["motors"] = per_world_damping()'
@@ -115,7 +125,7 @@ class MotorPriorActuator(Actuator):
 
 @requires_model_fields("dof_damping")
 def _expand(env: Any, env_ids: torch.Tensor | None) -> None:
-    """Only the decorator counts: it gives every world a damping of its own."""
+    """Do nothing: the decorator gives every world a damping of its own."""
 
 
 def per_world_damping() -> EventTermCfg:

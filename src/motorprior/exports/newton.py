@@ -1,4 +1,6 @@
-"""Motors of a prior or posterior as a drive of Newton 1.6 (extra ``newton``), the physics of Isaac Lab 3.
+"""Motors of a prior or posterior as a drive of Newton 1.6 (extra ``newton``).
+
+Newton is the physics of Isaac Lab 3.
 
     motors = mp.from_pretrained(NAME).sample(12, seed=0)
     actuator = newton.actuators.Actuator(indices, drive=MotorPriorDrive(motors, dt=0.002))
@@ -12,7 +14,7 @@ their next step.
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportInvalidTypeForm=false
 # Newton and Warp are optional dependencies.
-# ruff: noqa: D102 (most methods are those of DriveBase)
+# ruff: noqa: D102 (most methods implement DriveBase)
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,12 +72,12 @@ class MotorPriorDrive(DriveBase):
                 wp.launch(_mark, dim=len(mask), inputs=[mask, self.waiting], device=mask.device)
 
     def __init__(self, motors: GreyBoxActuator, dt: float, device: str = "cpu"):
-        n = motors.num_motors
-        self._motors = WarpMotors(motors, n, dt, device)
+        count = motors.num_motors
+        self._motors = WarpMotors(motors, count, dt, device)
         self._device = device
-        self._pos, self._vel, self._target = (
-            wp.zeros(n, dtype=float, device=device) for _ in range(3)
-        )
+        self._pos = wp.zeros(count, dtype=float, device=device)
+        self._vel = wp.zeros(count, dtype=float, device=device)
+        self._target = wp.zeros(count, dtype=float, device=device)
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
@@ -106,15 +108,17 @@ class MotorPriorDrive(DriveBase):
         state,
         dt,
         device=None,
-        **newer,
+        **arguments_of_later_versions,  # such as custom_inputs
     ) -> None:
-        """Write the effort [N·m] of the coming step; velocity targets and feed-forward have no effect.
+        """Write the effort [N·m] of the coming step.
 
-        ``newer`` are arguments of later versions, such as ``custom_inputs``.
+        Velocity targets and feed-forward have no effect.
         """
         wp.copy(self._pos, positions[pos_indices.view(wp.int32)])
         wp.copy(self._vel, velocities[vel_indices.view(wp.int32)])
         wp.copy(self._target, target_pos[target_pos_indices.view(wp.int32)])
         self._motors.step(self._target, self._pos, self._vel)
-        arrays = [self._motors.torque, self._motors.damping, self._vel, self._motors.memory, forces]
-        wp.launch(_effort, dim=self._motors.count, inputs=arrays, device=self._device)
+
+        motors = self._motors
+        inputs = [motors.torque, motors.damping, self._vel, motors.memory, forces]
+        wp.launch(_effort, dim=motors.count, inputs=inputs, device=self._device)

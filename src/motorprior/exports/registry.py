@@ -1,10 +1,4 @@
-"""Write motors of a prior or posterior in any format, and replay the exported motors next to our own.
-
-The replay simulates one hinge in closed loop on two loads. With the motors' median armature a, the
-shank has the inertia 0.1·a and the leg 1.25·a. Both have the gravity of a pendulum of 0.1 m,
-linearised at 45°. For the shipped robot's motors (a = 0.0032 kg·m²) these are its bare shank and
-its leg.
-"""
+"""Write motors of a prior or posterior in any format."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,45 +6,23 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import constants_of
 from motorprior.artifacts import read_text
-from motorprior.bench.dynamometer import Trial, run, trial_of
-from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
 from motorprior.bounds import require_count
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import ConfigError
 from motorprior.exports.bam import BAM
 from motorprior.exports.cards import CARD
-from motorprior.exports.exporter import Exporter, ReplayFunction, Request, described_loss, sampled
-from motorprior.exports.mjcf import Mjcf
+from motorprior.exports.exporter import Exporter, Request, described_loss, sampled
+from motorprior.exports.mjcf import MJCF
 from motorprior.exports.mjcf_detailed import DETAILED
-from motorprior.exports.plain_joint import PLAIN, TABLE
+from motorprior.exports.mjcf_document import Mjcf
+from motorprior.exports.replay import MAX_STEP, constants, log_trial, losses
+from motorprior.exports.table import TABLE
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import resample
-from motorprior.signals import rmse
 
-EXPORTERS = {each.name: each for each in (BAM, CARD, PLAIN, DETAILED, TABLE)}
-MAX_STEP = 0.002  # maximum physics step of the replay [s]
-# trial -> load inertia over the median armature [-], and signals in turn for the motors; steps
-# reach the torque limit
-TRIALS = {
-    "leg": (1.25, ("gait", "sine")),
-    "shank": (0.1, ("gait", "sine")),
-    "leg_steps": (1.25, ("steps",)),
-}
-# torque of gravity, and its change with the angle, over the load inertia [1/s²]
-GRAVITY_PER_INERTIA = 0.7 * 98.0
-# duration of a trial and of each target (a 100 Hz policy's) [s]
-SECONDS = 3.0
-HOLD = 0.01
-_SEED = 54
-
-
-def is_supported(exporter: Exporter) -> bool:
-    """Whether the installed MuJoCo has what the format uses."""
-    return int(mujoco.__version__.split(".")[0]) >= exporter.mujoco
+EXPORTERS = {exporter.name: exporter for exporter in (BAM, CARD, MJCF, DETAILED, TABLE)}
 
 
 @dataclass(frozen=True)
@@ -70,13 +42,12 @@ class Exported:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
         if self.gains is not None:
             kp, kd = (f"{value:.4g}" for value in self.gains)
-            lines.append(
-                f"motors at kp {kp}{'' if kd == kp else f' and kd {kd}'}, in the unit of their logs"
-            )
+            text = f"kp {kp}" if kd == kp else f"kp {kp} and kd {kd}"
+            lines.append(f"motors at {text}, in the unit of their logs")
         if self.plain:
-            share = f"{100 * self.plain:.0f} %"
             lines.append(
-                f"{share} are plain joints: too stiff for the model's timestep, see format mjcf"
+                f"{100 * self.plain:.0f} % are plain joints: too stiff for the model's timestep, "
+                "see format mjcf"
             )
         if self.losses:  # a card loses nothing
             lines.append(described_loss(self.losses, self.not_expressed))
@@ -95,7 +66,9 @@ def export(
     gains: np.ndarray | tuple[float, float] | None = None,
     log: MotorLog | None = None,
 ) -> Exported:
-    """Write ``motors`` samples per joint for another simulator, and measure the error of the format in closed loop.
+    """Write ``motors`` samples per joint for another simulator, and measure the format's error.
+
+    The error is measured in a replay in closed loop, see `replay`.
 
     Args:
         source: prior or posterior with physical constants.
@@ -104,10 +77,10 @@ def export(
         motors: number of samples, K; formats with an MJCF write K variants of it.
         seed: of the samples; the files are deterministic.
         model: your MJCF, for mjcf and mjcf-detailed.
-        joints: names of the J joints; those of the source if not given, one joint for a bench's
-            prior.
-        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; those of the
-            log if not given.
+        joints: names of the J joints; the joints of the source if not given, one joint for a
+            bench's prior.
+        gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; the gains of
+            the log if not given.
         log: of the J joints, with loads: the loss on it is measured, too.
 
     Raises:
@@ -115,110 +88,84 @@ def export(
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
         LogError: a log without loads.
     """
+    exporter = _exporter_of(format)
+    require_count("motors", motors)
+    _require_supported(exporter)
+    document = _model_of(exporter, model)
+    joints = joints or source.joint_names or ("motor",)
+    if log is not None:
+        log = _with_joints(log, joints)
+        gains = log.gains if gains is None else gains
+
+    actuator = sampled(source, motors, seed, joints, gains)
+    step = min(MAX_STEP, actuator.model.period)
+    values = constants(actuator, step)
+
+    # what the format cannot express, and the error of its motors
+    not_expressed = {}
+    for name in exporter.not_expressed:
+        not_expressed[name] = float(np.median(np.abs(values[name])))
+    errors: dict[str, float] = {}
+    if exporter.replay is not None:
+        for name in constants_of(actuator.model.terms):
+            not_expressed[name] = float(np.median(values[name]))
+        trial = None if log is None else log_trial(log, motors, step)
+        errors = losses(exporter.replay, actuator, step, trial)
+
+    plain = 0.0
+    if document is not None and exporter.becomes_plain is not None:
+        plain = float(np.mean(exporter.becomes_plain(values, document.compiled.opt.timestep)))
+
+    by_robot = {name: array.reshape(motors, -1) for name, array in values.items()}
+    request = Request(source, joints, seed, by_robot, Path(out), document, errors, not_expressed)
+    files = tuple(exporter.write(request))
+    median_gains = None
+    if actuator.gains is not None:
+        median_gains = tuple(np.median(actuator.gains, axis=1).tolist())
+    return Exported(files, errors, not_expressed, median_gains, plain)
+
+
+def is_supported(exporter: Exporter) -> bool:
+    """Whether the installed MuJoCo has what the format uses."""
+    return int(mujoco.__version__.split(".")[0]) >= exporter.mujoco
+
+
+def _exporter_of(format: str) -> Exporter:
     if format not in EXPORTERS:
         raise ConfigError(
             f"no format {format!r}", remedy=f"use one of {', '.join(EXPORTERS)}", argument="format"
         )
-    exporter = EXPORTERS[format]
-    changed = None
-    plain = 0.0
-    require_count("motors", motors)
+    return EXPORTERS[format]
+
+
+def _require_supported(exporter: Exporter) -> None:
     if not is_supported(exporter):
-        problem = (
-            f"format {format} needs MuJoCo {exporter.mujoco}, and this is {mujoco.__version__}"
-        )
         raise ConfigError(
-            problem, remedy="export where no extra holds MuJoCo back", argument="format"
+            f"format {exporter.name} needs MuJoCo {exporter.mujoco}, "
+            f"and this is {mujoco.__version__}",
+            remedy="export where no extra holds MuJoCo back",
+            argument="format",
         )
-    if exporter.needs_model:
-        if model is None:
-            raise ConfigError(
-                f"format {format} changes your MJCF", remedy="give model", argument="model"
-            )
-        changed = Mjcf.read(read_text(Path(model)), Path(model))
-    joints = joints or source.joint_names or ("motor",)
-    if log is not None:
-        if missing := [name for name in joints if name not in log.joint_names]:
-            problem = (
-                f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}"
-            )
-            raise ConfigError(problem, remedy="name joints of the log", argument="joints")
-        log = log.with_joints([log.joint_names.index(name) for name in joints])
-        gains = log.gains if gains is None else gains
-    bank = sampled(source, motors, seed, joints, gains)
-    step = min(MAX_STEP, bank.model.period)
-    values = constants(bank, step)
-    not_expressed = {
-        name: float(np.median(np.abs(values[name]))) for name in exporter.not_expressed
-    }
-    errors: dict[str, float] = {}
-    if exporter.replay is not None:
-        not_expressed |= {
-            name: float(np.median(values[name])) for name in constants_of(bank.model.terms)
-        }
-        errors = losses(
-            exporter.replay, bank, step, None if log is None else log_trial(log, motors, step)
+
+
+def _model_of(exporter: Exporter, model: str | Path | None) -> Mjcf | None:
+    """The user's MJCF for a format that changes it, None for the others."""
+    if not exporter.needs_model:
+        return None
+    if model is None:
+        raise ConfigError(
+            f"format {exporter.name} changes your MJCF", remedy="give model", argument="model"
         )
-    if changed is not None and exporter.becomes_plain is not None:
-        plain = float(np.mean(exporter.becomes_plain(values, changed.compiled.opt.timestep)))
-    table = {name: value.reshape(motors, -1) for name, value in values.items()}
-    request = Request(source, joints, seed, table, Path(out), changed, errors, not_expressed)
-    logged = None if bank.gains is None else tuple(np.median(bank.gains, axis=1).tolist())
-    return Exported(tuple(exporter.write(request)), errors, not_expressed, logged, plain)
+    return Mjcf.read(read_text(Path(model)), Path(model))
 
 
-def replay_trial(name: str, armature: np.ndarray, dt: float) -> Trial:
-    """One of TRIALS for motors with these armatures (n,) [kg·m²], at steps of ``dt`` [s]."""
-    load, signals = TRIALS[name]
-    rng = np.random.default_rng(_SEED)
-    steps = round(SECONDS / dt)
-    n = len(armature)
-    chosen = [EXCITATIONS[signals[motor % len(signals)]].target for motor in range(n)]
-    targets = np.stack(
-        [zero_order_hold(signal(rng, steps, dt), round(HOLD / dt)) for signal in chosen], axis=1
-    )
-    inertia = np.full(n, load * float(np.median(armature)))
-    weight = np.tile(-GRAVITY_PER_INERTIA * inertia, (steps, 1))
-    return Trial(targets, weight, inertia, dt, load_stiffness=weight)
-
-
-def log_trial(log: MotorLog, robots: int, dt: float) -> Trial:
-    """Commands and loads of a log's longest segment, robot after robot; LogError without loads."""
-    if log.load_inertia is None or log.external_torque is None:
-        raise LogError(
-            "no loads", where=log.source, remedy="import it with loads (docs/your-motors.md)"
+def _with_joints(log: MotorLog, joints: tuple[str, ...]) -> MotorLog:
+    """The log of these joints, in their order."""
+    missing = [name for name in joints if name not in log.joint_names]
+    if missing:
+        raise ConfigError(
+            f"{log.source} has no joint {', '.join(missing)}, but {', '.join(log.joint_names)}",
+            remedy="name joints of the log",
+            argument="joints",
         )
-    one = trial_of(resample(max(log.segments(), key=lambda each: each.num_rows), dt))
-    stiffness = (
-        np.zeros_like(one.external_torque) if one.load_stiffness is None else one.load_stiffness
-    )
-    series = (one.position_target, one.external_torque, one.load_inertia, stiffness)
-    targets, external, inertia, stiffness = (np.tile(each, robots) for each in series)
-    return Trial(targets, external, inertia, dt, load_stiffness=stiffness)
-
-
-def constants(motors: GreyBoxActuator, dt: float) -> dict[str, np.ndarray]:
-    """(n,) constants by name, with kd = kp·kd_over_kp [N·m·s/rad] in place of kd_over_kp.
-
-    ``friction`` is the dry friction with its load-dependent part at the mean absolute torque on the
-    leg [N·m].
-    """
-    values = motors.constants()
-    values["kd"] = values["kp"] * values.pop("kd_over_kp")
-    torque = run(motors, replay_trial("leg", values["armature"], dt)).joint_torque
-    return values | {
-        "friction": values["coulomb"] + values["load_friction"] * np.abs(torque).mean(axis=0)
-    }
-
-
-def losses(
-    replay: ReplayFunction, motors: GreyBoxActuator, dt: float, log: Trial | None = None
-) -> dict[str, float]:
-    """RMSE over all motors of exported against our own joint angles [rad], by the name in TRIALS, and of a ``log``."""
-    values = constants(motors, dt)
-    trials = {name: replay_trial(name, values["armature"], dt) for name in TRIALS}
-    trials |= {} if log is None else {"log": log}
-    return {
-        name: float(rmse(replay(values, given), run(motors, given).joint_pos))
-        for name, given in trials.items()
-    }
+    return log.with_joints([log.joint_names.index(name) for name in joints])

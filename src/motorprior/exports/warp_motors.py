@@ -1,18 +1,19 @@
-"""Geared motors as one Warp kernel in float32, traced from the formula of the compiled step (`geared_motor_step.step`).
+"""Geared motors as one Warp kernel in float32.
 
-Warp takes the body of a function as C++. `traced_step` runs the formula on symbols that write each
-operation down, so simulators on a GPU and the CPU share one formula. n motors are columns of a
-table and of a memory, as on the CPU; every motor has its own position in the delay line, so each
-can be reset alone.
+The kernel is traced from the formula of the compiled step (`geared_motor_step.step`). Warp takes
+the body of a function as C++. `traced_step` runs the formula on symbols that write each operation
+down, so simulators on a GPU and on the CPU share one formula.
+
+n motors are columns of a table and of a memory, as on the CPU. Every motor has its own position in
+the delay line, so that it can be reset alone.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false, reportOperatorIssue=false
 # pyright: reportCallIssue=false, reportInvalidTypeForm=false
 # Warp is an optional dependency.
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any
+from functools import cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -38,19 +39,12 @@ from motorprior.exceptions import ConfigError
 
 # minimum stiffness of a softened gear over kp: twist is at most 5 % of the position error
 MIN_STIFFNESS = 20.0
+
+# arrays on a device
 Rows = wp.array2d(dtype=float)
 Row = wp.array(dtype=float)
 Indices = wp.array(dtype=int)
 Mask = wp.array(dtype=wp.bool)
-
-
-def _text(value: Any) -> str:
-    return value.text if isinstance(value, Symbol) else f"{float(value)!r}f"
-
-
-def _written(pattern: str) -> "Callable[..., Symbol]":
-    """An operation on symbols and numbers, the first of which is a symbol."""
-    return lambda own, *others: own.new(pattern.format(*map(_text, (own, *others))))
 
 
 class Symbol:
@@ -62,43 +56,94 @@ class Symbol:
 
     def new(self, text: str) -> "Symbol":
         """A variable with this value."""
-        self.code.append(f"const auto t{len(self.code)} = {text};")
-        return Symbol(self.code, f"t{len(self.code) - 1}")
+        name = f"t{len(self.code)}"
+        self.code.append(f"const auto {name} = {text};")
+        return Symbol(self.code, name)
 
-    __add__, __sub__, __mul__, __truediv__ = (_written(f"{{}} {sign} {{}}") for sign in "+-*/")
-    __radd__, __rsub__, __rmul__, __rtruediv__ = (
-        _written(f"{{1}} {sign} {{0}}") for sign in "+-*/"
-    )
-    __gt__, __lt__, __or__ = map(_written, ("{} > {}", "{} < {}", "{} || {}"))
-    __neg__, __abs__ = map(_written, ("-{}", "wp::abs({})"))
+    def __add__(self, right: "Operand") -> "Symbol":
+        return _operation("{} + {}", self, right)
+
+    def __radd__(self, left: "Operand") -> "Symbol":
+        return _operation("{1} + {0}", self, left)
+
+    def __sub__(self, right: "Operand") -> "Symbol":
+        return _operation("{} - {}", self, right)
+
+    def __rsub__(self, left: "Operand") -> "Symbol":
+        return _operation("{1} - {0}", self, left)
+
+    def __mul__(self, right: "Operand") -> "Symbol":
+        return _operation("{} * {}", self, right)
+
+    def __rmul__(self, left: "Operand") -> "Symbol":
+        return _operation("{1} * {0}", self, left)
+
+    def __truediv__(self, right: "Operand") -> "Symbol":
+        return _operation("{} / {}", self, right)
+
+    def __rtruediv__(self, left: "Operand") -> "Symbol":
+        return _operation("{1} / {0}", self, left)
+
+    def __gt__(self, right: "Operand") -> "Symbol":
+        return _operation("{} > {}", self, right)
+
+    def __lt__(self, right: "Operand") -> "Symbol":
+        return _operation("{} < {}", self, right)
+
+    def __or__(self, right: "Operand") -> "Symbol":
+        return _operation("{} || {}", self, right)
+
+    def __neg__(self) -> "Symbol":
+        return _operation("-{}", self)
+
+    def __abs__(self) -> "Symbol":
+        return _operation("wp::abs({})", self)
+
+
+Operand: TypeAlias = Symbol | float
+
+
+def _operation(pattern: str, symbol: Symbol, *operands: Operand) -> Symbol:
+    """A new variable with the value of an expression of a symbol and other operands."""
+    return symbol.new(pattern.format(*map(_text, (symbol, *operands))))
+
+
+def _text(operand: Operand) -> str:
+    if isinstance(operand, Symbol):
+        return operand.text
+    return f"{float(operand)!r}f"
 
 
 SYMBOLS = Arithmetic(
-    where=_written("{} ? {} : {}"),
-    indicator=_written("{} ? 1.0f : 0.0f"),
-    clip=_written("wp::min(wp::max({0}, -({1})), {1})"),
-    positive_part=_written("{0} > 0.0f ? {0} : ({0} == {0} ? 0.0f : {0})"),
-    with_sign_of=_written("wp::copysign({}, {})"),
-    sqrt=_written("wp::sqrt({})"),
+    where=partial(_operation, "{} ? {} : {}"),
+    indicator=partial(_operation, "{} ? 1.0f : 0.0f"),
+    clip=partial(_operation, "wp::min(wp::max({0}, -({1})), {1})"),
+    positive_part=partial(_operation, "{0} > 0.0f ? {0} : ({0} == {0} ? 0.0f : {0})"),
+    with_sign_of=partial(_operation, "wp::copysign({}, {})"),
+    sqrt=partial(_operation, "wp::sqrt({})"),
 )
 
 
 def traced_step(terms: tuple[str, ...]) -> str:
-    """C++ of one step of motor ``i`` of ``n``, from arrays table, memory and torque, damping."""
-    constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
-    states = len(MotorState._fields) if terms else BASE_STATE
+    """C++ of one step of motor ``i`` of ``n``, from arrays table, memory, torque and damping."""
+    num_constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
+    num_states = len(MotorState._fields) if terms else BASE_STATE
     code: list[str] = []
     new = Symbol(code, "").new
-    p = StepConstants(*(new(f"table.data[{row} * n + i]") for row in range(constants)))
-    state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(states)))
+
+    # read the constants and the state
+    constants = StepConstants(*(new(f"table.data[{row} * n + i]") for row in range(num_constants)))
+    state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(num_states)))
+
     target, q, dq, h = (Symbol(code, name) for name in ("target", "q", "dq", "h"))
-    state, torque, damping = step(p, state, target, q, dq, h, SYMBOLS, terms)
-    code += [
-        f"memory.data[{row} * n + i] = {_text(value)};" for row, value in enumerate(state[:states])
-    ]
-    return "\n".join(
-        [*code, f"torque.data[i] = {_text(torque)};", f"damping.data[i] = {_text(damping)};"]
-    )
+    state, torque, damping = step(constants, state, target, q, dq, h, SYMBOLS, terms)
+
+    # write the state and the results
+    for row, value in enumerate(state[:num_states]):
+        code.append(f"memory.data[{row} * n + i] = {_text(value)};")
+    code.append(f"torque.data[i] = {_text(torque)};")
+    code.append(f"damping.data[i] = {_text(damping)};")
+    return "\n".join(code)
 
 
 _DELAY_LINE = f"""
@@ -111,7 +156,8 @@ const int whole = (int)age;
 const int first = newest >= whole ? newest - whole : newest - whole + length;
 const int second = first > 0 ? first - 1 : length - 1;
 const float newer = memory.data[({LINE} + first) * n + i];
-const float target = newer + (age - (float)whole) * (memory.data[({LINE} + second) * n + i] - newer);
+const float older = memory.data[({LINE} + second) * n + i];
+const float target = newer + (age - (float)whole) * (older - newer);
 memory.data[{TARGET} * n + i] = target;
 clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 """
@@ -121,6 +167,7 @@ clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
     """The kernel of a step of motors with these terms."""
 
+    # Warp replaces the body by the C++
     @wp.func_native(_DELAY_LINE + traced_step(terms))
     def motor_step(
         i: int,
@@ -137,7 +184,7 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
 
     @wp.kernel(module="unique")
     def motors_step(
-        bank: Rows,
+        samples: Rows,
         chosen: Indices,
         waiting: Mask,
         table: Rows,
@@ -151,15 +198,18 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
         damping: Row,
     ):
         i = wp.tid()
+
+        # restart at rest, at the joint's angle
         if waiting[i]:
             waiting[i] = False
             clock[i] = 0
             for row in range(table.shape[0]):
-                table[row, i] = bank[row, chosen[i]]
+                table[row, i] = samples[row, chosen[i]]
             for row in range(memory.shape[0]):
                 memory[row, i] = wp.where(row < wp.static(LINE), 0.0, joint_pos[i])
             memory[0, i] = joint_pos[i]
             memory[wp.static(REFERENCE_ROW), i] = joint_pos[i]
+
         motor_step(
             i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping
         )
@@ -171,10 +221,10 @@ class WarpMotors:
     """n motors on a device of Warp.
 
     To restart motors, set their elements of ``waiting`` (n,): they begin their next step at rest at
-    its joint angle, as the columns ``chosen`` (n,) of the bank. All wait at first.
+    its joint angle, as the columns ``chosen`` (n,) of the samples. All motors wait at first.
 
     Args:
-        bank: motors to choose from.
+        samples: motors to choose from.
         count: n.
         dt: physics step [s].
         device: of Warp.
@@ -183,39 +233,46 @@ class WarpMotors:
         ConfigError: the physics step is longer than one of `max_steps`.
     """
 
-    def __init__(self, bank: GreyBoxActuator, count: int, dt: float, device: str):
-        values = bank.constants()
-        limits = max_steps(bank)
-        terms = bank.model.terms
-        if dt > (limit := float(limits.min())):
-            worst = int(limits.argmin())
-            raise ConfigError(
-                f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an armature of "
-                f"{values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
-                remedy=f"use a step of {limit:.2g} s or less, with a larger decimation",
-                argument="dt",
-            )
+    def __init__(self, samples: GreyBoxActuator, count: int, dt: float, device: str):
+        _require_resolved(samples, dt)
+        terms = samples.model.terms
+        self.count = count
         self._step = step_kernel(terms)
         self._dt = dt
         self._device = device
-        self.count = count
-        table = motor_table(values, dt, terms).astype(np.float32)
-        self._bank = wp.array(table, dtype=float, device=device)
+
+        table = motor_table(samples.constants(), dt, terms).astype(np.float32)
+        self._samples = wp.array(table, dtype=float, device=device)
         self.table = wp.zeros((len(table), count), dtype=float, device=device)
         self.memory = wp.zeros((memory_rows(dt), count), dtype=float, device=device)
         self.clock = wp.zeros(count, dtype=int, device=device)
-        self.torque, self.damping = (wp.zeros(count, dtype=float, device=device) for _ in range(2))
+        self.torque = wp.zeros(count, dtype=float, device=device)
+        self.damping = wp.zeros(count, dtype=float, device=device)
+
         self.waiting = wp.full(count, True, dtype=wp.bool, device=device)
-        self.chosen = wp.array(np.arange(count) % bank.num_motors, dtype=int, device=device)
+        first_samples = np.arange(count) % samples.num_motors
+        self.chosen = wp.array(first_samples, dtype=int, device=device)
 
     def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
-        """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step, from Warp arrays (n,).
+        """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
 
-        The engine gets torque - damping·joint_vel, of which it integrates the damping implicitly,
-        as for `Motors`.
+        Arguments are Warp arrays (n,). The engine gets torque - damping·joint_vel, of which it
+        integrates the damping implicitly, as for `Motors`.
         """
-        own = [self._bank, self.chosen, self.waiting, self.table, self.memory, self.clock]
-        inputs = [*own, command, joint_pos, joint_vel, self._dt, self.torque, self.damping]
+        inputs = [
+            self._samples,
+            self.chosen,
+            self.waiting,
+            self.table,
+            self.memory,
+            self.clock,
+            command,
+            joint_pos,
+            joint_vel,
+            self._dt,
+            self.torque,
+            self.damping,
+        ]
         wp.launch(self._step, dim=self.count, inputs=inputs, device=self._device)
 
 
@@ -224,3 +281,19 @@ def max_steps(motors: GreyBoxActuator) -> np.ndarray:
     values = motors.constants()
     needed = np.minimum(0.5 * values["gear_stiffness"], MIN_STIFFNESS * values["kp"])
     return np.sqrt(MAX_STIFFNESS * values["armature"] / needed)
+
+
+def _require_resolved(motors: GreyBoxActuator, dt: float) -> None:
+    """Raise ConfigError if a physics step [s] is too long for one of the gears."""
+    limits = max_steps(motors)
+    worst = int(limits.argmin())
+    limit = float(limits[worst])
+    if dt <= limit:
+        return
+    values = motors.constants()
+    raise ConfigError(
+        f"physics step {dt:g} s: the gear of {values['gear_stiffness'][worst]:.3g} N·m/rad on an "
+        f"armature of {values['armature'][worst]:.2g} kg·m² needs at most {limit:.2g} s",
+        remedy=f"use a step of {limit:.2g} s or less, with a larger decimation",
+        argument="dt",
+    )

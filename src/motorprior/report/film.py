@@ -1,4 +1,7 @@
-"""Films of walks, one under the other: rendered by MuJoCo where OpenGL works, else stick figures; GIF or MP4."""
+"""Films of walks, one under the other, as GIF or MP4.
+
+They are rendered by MuJoCo where OpenGL works, and are stick figures elsewhere.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
@@ -13,29 +16,35 @@ from PIL import Image, ImageDraw, ImageFont
 
 from motorprior.artifacts import atomic_path
 from motorprior.exceptions import ConfigError
-from motorprior.progress import Progress
+from motorprior.progress import Progress, Task
 from motorprior.report.plots_style import INK, MUTED
 from motorprior.robots.robot import Robot
 from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer, skeleton
 from motorprior.simulation.scene import Episode
 from motorprior.studies.gait_quality import headings, steps_along_heading
 
-_GROUND = 240  # row of the floor in a stick figure
+_GROUND = 240  # row of the floor in a stick figure [pixel]
+_BEHIND = "#b4bac2"  # colour of the legs on the far side
+_HEADER = 58  # height of the title [pixel]
+_MARGIN = 16  # to the left and right of the title [pixel]
 
 
 def film(
     robot: Robot, walks: Mapping[str, Episode], steps: int, stride: int, note: Callable[[str], None]
 ) -> Iterator[Image.Image]:
-    """Pictures of the first control steps of walks by title, every ``stride`` steps; a robot that falls stays there.
+    """Pictures of the first control steps of walks by title, every ``stride`` steps.
 
-    A line states time, distance along the heading, and a fall. ``note`` gets the reason if stick
-    figures are drawn for lack of OpenGL.
+    A robot that falls stays where it fell. A line states time, distance along the heading, and a
+    fall. ``note`` gets the reason if stick figures are drawn for lack of OpenGL.
     """
-    traces = [until_end(episode.trace[:steps], steps) for episode in walks.values()]
-    distances = [
-        np.append(0.0, np.cumsum(steps_along_heading(each[:, :2], headings(each))))
-        for each in traces
-    ]
+    traces = []
+    distances = []  # along the heading [m]
+    for episode in walks.values():
+        trace = until_end(episode.trace[:steps], steps)
+        traces.append(trace)
+        steps_forward = steps_along_heading(trace[:, :2], headings(trace))
+        distances.append(np.append(0.0, np.cumsum(steps_forward)))
+
     with ExitStack() as stack:
         try:
             draw = stack.enter_context(renderer(robot))
@@ -46,12 +55,9 @@ def film(
             whole = Image.new("RGB", (WIDTH, len(walks) * HEIGHT))
             for row, (title, episode) in enumerate(walks.items()):
                 picture = Image.fromarray(draw(traces[row][step]))
+                time = step * robot.control_dt
                 fell = "fell" if step >= episode.steps else ""
-                _label(
-                    picture,
-                    title,
-                    f"{step * robot.control_dt:.2f} s    {distances[row][step]:z.2f} m    {fell}",
-                )
+                _label(picture, title, f"{time:.2f} s    {distances[row][step]:z.2f} m    {fell}")
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
 
@@ -59,20 +65,30 @@ def film(
 def write_film(
     folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: int, progress: Progress
 ) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title; returns its path."""
+    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title.
+
+    Returns its path.
+    """
     as_mp4 = can_write_mp4()
-    path, rate = (folder / "play.mp4", 25.0) if as_mp4 else (folder / "play.gif", 20.0)
+    path = folder / ("play.mp4" if as_mp4 else "play.gif")
+    rate = 25.0 if as_mp4 else 20.0  # [Hz]
     stride = _stride(robot, rate)
     count = len(range(0, steps, stride))
     seconds = stride * robot.control_dt
     with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = film(robot, walks, steps, stride, progress.note)
-        counted = (picture for picture in pictures if task.advance() is None)
+        pictures = _counted(film(robot, walks, steps, stride, progress.note), task)
         if as_mp4:
-            write_mp4(temporary, counted, seconds)
+            write_mp4(temporary, pictures, seconds)
         else:
-            temporary.write_bytes(gif_bytes(counted, seconds))
+            temporary.write_bytes(gif_bytes(pictures, seconds))
     return path
+
+
+def _counted(pictures: Iterable[Image.Image], task: Task) -> Iterator[Image.Image]:
+    """The pictures; each advances the task."""
+    for picture in pictures:
+        task.advance()
+        yield picture
 
 
 def comparison_gif(
@@ -88,6 +104,7 @@ def comparison_gif(
 
 
 def _stride(robot: Robot, rate: float) -> int:
+    """Control steps from one picture to the next."""
     return max(1, round(1.0 / (rate * robot.control_dt)))
 
 
@@ -97,13 +114,17 @@ def until_end(trace: np.ndarray, steps: int) -> np.ndarray:
 
 
 def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:
-    """An endless GIF of at least one picture, each shown for ``seconds``, rounded to 10 ms and at least 20 ms."""
+    """An endless GIF of at least one picture, each shown for ``seconds``.
+
+    The time is rounded to 10 ms, and at least 20 ms.
+    """
     rest = iter(pictures)
     first = next(rest).quantize(64, dither=Image.Dither.NONE)
-    flat = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in rest)
+    # all pictures have the colours of the first
+    quantized = (picture.quantize(palette=first, dither=Image.Dither.NONE) for picture in rest)
+    duration = max(20, round(100 * seconds) * 10)  # [ms]
     out = BytesIO()
-    duration = max(20, round(100 * seconds) * 10)
-    first.save(out, "GIF", save_all=True, append_images=flat, duration=duration, loop=0)
+    first.save(out, "GIF", save_all=True, append_images=quantized, duration=duration, loop=0)
     return out.getvalue()
 
 
@@ -113,7 +134,7 @@ def can_write_mp4() -> bool:
 
 
 def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> None:
-    """An MP4 (H.264) of at least one picture, each shown for ``seconds``; the file is overwritten."""
+    """Write an MP4 (H.264) of at least one picture, each shown for ``seconds``."""
     import imageio_ffmpeg  # pyright: ignore[reportMissingImports]
 
     rest = iter(pictures)
@@ -124,8 +145,8 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
         fps=1.0 / seconds,
         quality=7,
         macro_block_size=2,
-        output_params=["-f", "mp4"],
-    )  # the format is given, since a temporary file has another suffix
+        output_params=["-f", "mp4"],  # since a temporary file has another suffix
+    )
     writer.send(None)
     try:
         for picture in chain([first], rest):
@@ -135,24 +156,32 @@ def write_mp4(path: Path, pictures: Iterable[Image.Image], seconds: float) -> No
 
 
 def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
-    """A `renderer` of a side view from the right, without OpenGL; the camera follows the robot, a tick is 0.1 m."""
-    # [pixel/m]
-    lines = skeleton(robot)
-    scale = 146.0 / robot.standing_height
+    """A `renderer` of a side view from the right, without OpenGL.
+
+    The camera follows the robot; a tick of the floor is 0.1 m.
+    """
+    lines_of = skeleton(robot)
+    scale = 146.0 / robot.standing_height  # [pixel/m]
 
     def draw(qpos: np.ndarray) -> np.ndarray:
         image = Image.new("RGB", (WIDTH, HEIGHT), "white")
         pen = ImageDraw.Draw(image)
         camera = float(qpos[0])
+
+        # the floor and its ticks
         reach = WIDTH / 2 / scale
-        for tick in range(int((camera - reach) * 10) - 1, int((camera + reach) * 10) + 2):
+        first_tick = int((camera - reach) * 10) - 1
+        last_tick = int((camera + reach) * 10) + 1
+        for tick in range(first_tick, last_tick + 1):
             x = WIDTH / 2 + (tick / 10 - camera) * scale
-            pen.line((x, _GROUND, x, _GROUND + (14 if tick % 5 == 0 else 8)), fill=MUTED)
+            length = 14 if tick % 5 == 0 else 8
+            pen.line((x, _GROUND, x, _GROUND + length), fill=MUTED)
         pen.line((0, _GROUND, WIDTH, _GROUND), fill=MUTED, width=2)
-        found = lines(qpos)
+
         # the left of the robot first, since it is behind
-        for line in found[np.argsort(-found[:, 1, 1])]:
-            color = INK if line[1, 1] < qpos[1] else "#b4bac2"
+        lines = lines_of(qpos)
+        for line in lines[np.argsort(-lines[:, 1, 1])]:
+            color = INK if line[1, 1] < qpos[1] else _BEHIND
             ends = [(WIDTH / 2 + (x - camera) * scale, _GROUND - z * scale) for x, _, z in line]
             pen.line(ends, fill=color, width=7)
             pen.circle(ends[1], 5, fill=color)
@@ -162,15 +191,13 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _label(picture: Image.Image, title: str, note: str) -> None:
-    pen = ImageDraw.Draw(picture)
+    """Write two lines at the top of a picture; long ones get a smaller font."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-    pen.rectangle((0, 0, picture.width, 58), fill="white")
+    pen = ImageDraw.Draw(picture)
+    pen.rectangle((0, 0, picture.width, _HEADER), fill="white")
     for text, top, size, color in ((title, 11, 18, INK), (note, 36, 15, MUTED)):
         font = ImageFont.truetype(str(path), size)
-        width = font.getlength(text) / (picture.width - 32)
-        pen.text(
-            (16, top),
-            text,
-            fill=color,
-            font=font if width <= 1 else font.font_variant(size=int(size / width)),
-        )
+        share = font.getlength(text) / (picture.width - 2 * _MARGIN)
+        if share > 1:
+            font = font.font_variant(size=int(size / share))
+        pen.text((_MARGIN, top), text, fill=color, font=font)

@@ -1,4 +1,4 @@
-"""The report: one HTML file with sections of text, pictures and tables, the settings and the command."""
+"""The report: one HTML file with sections of text, pictures and tables, settings and command."""
 
 import base64
 import re
@@ -19,12 +19,13 @@ class Picture:
 
     caption: str
     data: bytes
-    kind: Literal["png", "gif"] = "png"
+    image_format: Literal["png", "gif"] = "png"
 
     @property
     def uri(self) -> str:
         """The image as a data URI."""
-        return f"data:image/{self.kind};base64,{base64.b64encode(self.data).decode('ascii')}"
+        text = base64.b64encode(self.data).decode("ascii")
+        return f"data:image/{self.image_format};base64,{text}"
 
 
 @dataclass(frozen=True)
@@ -60,25 +61,44 @@ def page(
 ) -> str:
     """The page as HTML, with all pictures inside.
 
-    ``command`` makes the same page; ``complete``: all stages of the run are finished.
+    ``command`` makes the same page. ``complete`` states whether all stages of the run are finished.
     """
-    environment = Environment(
+    templates = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     template = files("motorprior.report").joinpath("report.html.j2").read_text(encoding="utf-8")
-    return environment.from_string(template).render(
+    return templates.from_string(template).render(
         title=title,
-        sections=[
-            (re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-"), section)
-            for section in sections
-        ],
-        settings=[
-            (name, ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value))
-            for name, value in settings.items()
-        ],
+        sections=[(_anchor(section.title), section) for section in sections],
+        settings=[(name, _setting_text(value)) for name, value in settings.items()],
         command=command,
         complete=complete,
-        label=lambda cell: model_label(cell) if model_key(cell) else cell,
-        is_number=lambda cell: re.match(r"[-+]?\d", cell) is not None,
-        color=lambda cell: model_color(cell) if model_key(cell) else None,
+        label=_label,
+        is_number=_is_number,
+        color=_color,
     )
+
+
+def _anchor(title: str) -> str:
+    """Identifier of a section in links."""
+    return re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-")
+
+
+def _setting_text(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value))
+    return str(value)
+
+
+def _label(cell: str) -> str:
+    """Display name of a model; other cells stay."""
+    return model_label(cell) if model_key(cell) else cell
+
+
+def _color(cell: str) -> str | None:
+    """Colour of a model; None for other cells."""
+    return model_color(cell) if model_key(cell) else None
+
+
+def _is_number(cell: str) -> bool:
+    return re.match(r"[-+]?\d", cell) is not None

@@ -1,4 +1,4 @@
-"""Pictures: commands and response of motors, simulated and recorded angles, errors by joint, learning curves."""
+"""Pictures of motors, logs and trainings: responses, traces, errors by joint, learning curves."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,24 +18,32 @@ from motorprior.report import plots_style as style
 from motorprior.signals import rmse
 
 LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
-LearningCurve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
+STEP = 0.3  # size of the step [rad]
 SHOWN_SECONDS = 8.0  # duration of a trace [s], from its end, where a chirp is fastest
+LearningCurve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
+
+_EXTERNAL_TORQUE = "#8a6fb3"  # colour
+_MARKERS = "osDx|^v*"  # of models in `draw_errors_by_joint`
+# behaviours of a class of joints -> label of the y axis
+_BEHAVIOURS = {"step": "step [rad]", "chirp": "chirp [rad]", "friction": "friction [N·m]"}
 
 
 def excitation_and_response(log: MotorLog, title: str) -> Figure:
-    """Commands and response of the first motor of a log: angles, velocity and torques that it has."""
-    time = log.time - log.time[0]
+    """Commands and response of the first motor of a log: angles, velocity and logged torques."""
     figure = style.new_figure(4.6)
     angle, velocity, torque = style.panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
+
+    time = log.time - log.time[0]
     style.target_line(angle, time, log.position_target[:, 0])
     for axes, values, color, label in (
         (angle, log.joint_pos, style.INK, "joint angle"),
         (velocity, log.joint_vel, style.INK, "joint velocity"),
-        (torque, log.external_torque, "#8a6fb3", "external torque"),
+        (torque, log.external_torque, _EXTERNAL_TORQUE, "external torque"),
         (torque, log.joint_torque, style.INK, "motor torque"),
     ):
         if values is not None:
             axes.plot(time, values[:, 0], color=color, lw=1.1, label=label)
+
     style.describe(angle, y="angle [rad]", title=title)
     style.describe(velocity, y="velocity [rad/s]")
     style.describe(torque, x=style.TIME, y="torque [N·m]")
@@ -44,19 +52,20 @@ def excitation_and_response(log: MotorLog, title: str) -> Figure:
 
 
 def step_responses(motors: Actuator, title: str, period: float) -> Figure:
-    """Responses of motors to a step of 0.3 rad and back, each on a joint that carries LOAD, and their 5-95 % range.
+    """Responses of motors to a step of 0.3 rad and back, and their 5-95 % range.
 
-    ``period`` is the largest physics step of the motors [s].
+    Each motor is on a joint that carries LOAD. ``period`` is the largest physics step of the motors
+    [s].
     """
     dt = period / max(1, round(period / 0.002))
     count = motors.num_motors
     time = dt * np.arange(round(1.2 / dt))
-    target = np.where((time >= 0.1) & (time < 0.7), 0.3, 0.0)
+    target = np.where((time >= 0.1) & (time < 0.7), STEP, 0.0)
     commands = np.repeat(target[:, None], count, axis=1)
-    angles = run(
-        motors, Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)
-    ).joint_pos
+    trial = Trial(commands, np.zeros_like(commands), np.full(count, LOAD), dt)
+    angles = run(motors, trial).joint_pos
     low, median, high = np.percentile(angles, [5, 50, 95], axis=1)
+
     figure = style.new_figure(3.2)
     axes = style.panels(figure, 1)[0, 0]
     style.target_line(axes, time, target)
@@ -73,71 +82,75 @@ def draw_traces(traces: Sequence[Trace]) -> Figure:
     figure = style.new_figure(0.7 + 1.9 * len(traces))
     grid = style.panels(figure, len(traces), 2)
     for (angle, error), trace in zip(grid, traces, strict=True):
-        _draw(angle, error, trace)
+        _draw_trace(angle, error, trace)
     for axes in grid[-1]:
         style.describe(axes, x=style.TIME)
     style.legend_below(figure, grid[:, 0], columns=3)
     return figure
 
 
-def _draw(angle: Axes, error: Axes, trace: Trace) -> None:
+def _draw_trace(angle: Axes, error: Axes, trace: Trace) -> None:
     rows = trace.time >= trace.time[-1] - SHOWN_SECONDS
     time = trace.time[rows]
+    target = trace.target[rows]
     measured = trace.measured[rows]
-    style.target_line(angle, time, trace.target[rows]).set_linewidth(0.7)
-    style.model_line(angle, time, measured, "measured").set_linewidth(1.9)
     simulated = {model: values[rows] for model, values in trace.models.items()}
+
+    style.target_line(angle, time, target).set_linewidth(0.7)
+    style.model_line(angle, time, measured, "measured").set_linewidth(1.9)
     for model, values in simulated.items():
         style.model_line(angle, time, values, model).set_linewidth(1.1)
         style.model_line(error, time, 1e3 * (values - measured), model).set_linewidth(0.9)
-    style.fit_y(angle, np.append(measured, trace.target[rows]), 0.3)
+
+    # models that diverge leave the picture
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
+    style.fit_y(angle, np.append(measured, target), 0.3)
     style.fit_y(error, 1e3 * (best - measured), 1.5)
     style.describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
     style.describe(error, y="simulated - measured [mrad]")
 
 
-def draw_class_behaviours(found: Sequence[ClassBehaviour]) -> Figure:
+def draw_class_behaviours(behaviours: Sequence[ClassBehaviour]) -> Figure:
     """A row per class of joints: 90 % bands of samples, and the training motors as lines."""
-    columns = {"step": "step [rad]", "chirp": "chirp [rad]", "friction": "friction [N·m]"}
-    shown = [name for name in columns if name in found[0].axes]
-    figure = style.new_figure(0.7 + 1.7 * len(found))
-    for row, behaviour in zip(style.panels(figure, len(found), len(shown)), found, strict=True):
-        for axes, name in zip(row, shown, strict=True):
-            x = behaviour.axes[name]
-            values = behaviour.sampled[name]
-            low, high = np.percentile(values, [5, 95], axis=0)
-            color = style.model_color("prior")
-            axes.fill_between(
-                x, low, high, color=color, alpha=0.25, lw=0.0, label="90 % of samples"
-            )
-            lines = axes.plot(x, behaviour.training_motors[name].T, color=style.INK, lw=0.6)
-            lines[0].set_label("training motors")
-            style.describe(
-                axes, y=columns[name], x="speed [rad/s]" if name == "friction" else style.TIME
-            )
+    names = [name for name in _BEHAVIOURS if name in behaviours[0].axes]
+    figure = style.new_figure(0.7 + 1.7 * len(behaviours))
+    grid = style.panels(figure, len(behaviours), len(names))
+    for row, behaviour in zip(grid, behaviours, strict=True):
+        for axes, name in zip(row, names, strict=True):
+            _draw_behaviour(axes, behaviour, name)
         style.describe(row[0], title=behaviour.name or "all joints")
     style.legend_below(figure, figure.axes[:1])
     return figure
 
 
+def _draw_behaviour(axes: Axes, behaviour: ClassBehaviour, name: str) -> None:
+    x = behaviour.axes[name]
+    low, high = np.percentile(behaviour.sampled[name], [5, 95], axis=0)
+    color = style.model_color("prior")
+    axes.fill_between(x, low, high, color=color, alpha=0.25, lw=0.0, label="90 % of samples")
+    lines = axes.plot(x, behaviour.training_motors[name].T, color=style.INK, lw=0.6)
+    lines[0].set_label("training motors")
+
+    x_label = "speed [rad/s]" if name == "friction" else style.TIME
+    style.describe(axes, x=x_label, y=_BEHAVIOURS[name])
+
+
 def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     """A line per joint with a marker per model, from model -> joint -> RMSE [rad]."""
-    joints = list(dict.fromkeys(joint for values in errors.values() for joint in values))
-    legend = 0.2 * len(errors) / 3.0  # of its height
-    figure = style.new_figure(1.1 + legend + 0.23 * len(joints))
+    joints = list(dict.fromkeys(joint for by_joint in errors.values() for joint in by_joint))
+    legend_height = 0.2 * len(errors) / 3.0
+    figure = style.new_figure(1.1 + legend_height + 0.23 * len(joints))
     axes = style.panels(figure, 1)[0, 0]
-    for number, (model, values) in enumerate(errors.items()):
-        rows = [joints.index(joint) for joint in values]
-        milli = [1e3 * value for value in values.values()]
+    for number, (model, by_joint) in enumerate(errors.items()):
         axes.plot(
-            milli,
-            rows,
-            "osDx|^v*"[number % 8],
+            [1e3 * error for error in by_joint.values()],
+            [joints.index(joint) for joint in by_joint],
+            _MARKERS[number % len(_MARKERS)],
             color=style.model_color(model),
             label=model,
             markersize=5,
         )
+
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -151,14 +164,13 @@ def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
 
 def read_curves(folders: Iterable[Path]) -> list[LearningCurve]:
     """Learning curves of trainings, from curve.json in their folders."""
-    points = [read_json(folder / "curve.json") for folder in folders]
-    return [
-        (
-            np.array([each["iteration"] for each in curve]),
-            np.array([each["mean_return"] for each in curve]),
-        )
-        for curve in points
-    ]
+    curves = []
+    for folder in folders:
+        points = read_json(folder / "curve.json")
+        iterations = np.array([point["iteration"] for point in points])
+        mean_returns = np.array([point["mean_return"] for point in points])
+        curves.append((iterations, mean_returns))
+    return curves
 
 
 def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
@@ -169,16 +181,22 @@ def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
         color = style.model_color(name) if style.model_key(name) else f"C{number}"
         for iteration, mean_return in seeds:
             axes.plot(iteration, mean_return, color=color, lw=0.6, alpha=0.4)
-        label = f"{style.model_label(name)}, {len(seeds)} seed" + "s" * (len(seeds) != 1)
-        style.model_line(axes, *_median(seeds), name, label, color).set_linewidth(2.0)
+
+        iteration, mean_return = _median(seeds)
+        plural = "" if len(seeds) == 1 else "s"
+        label = f"{style.model_label(name)}, {len(seeds)} seed{plural}"
+        line = style.model_line(axes, iteration, mean_return, name, label, color)
+        line.set_linewidth(2.0)
     style.describe(axes, x="ARS iteration [-]", y="mean return [m]")
     style.legend_below(figure, axes, columns=3)
     return figure
 
 
 def _median(seeds: Sequence[LearningCurve]) -> LearningCurve:
+    """Median curve over the iterations that all seeds have."""
     start = max(iteration[0] for iteration, _ in seeds)
     stop = min(iteration[-1] for iteration, _ in seeds)
     grid = np.unique(np.concatenate([iteration for iteration, _ in seeds]))
     grid = grid[(grid >= start) & (grid <= stop)]
-    return grid, np.median([np.interp(grid, *seed) for seed in seeds], axis=0)
+    returns = [np.interp(grid, iteration, mean_return) for iteration, mean_return in seeds]
+    return grid, np.median(returns, axis=0)

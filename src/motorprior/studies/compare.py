@@ -1,4 +1,7 @@
-"""How policies walk: numbered walks in a simulated environment, and a tidy table over policies and sets of motors."""
+"""How policies walk: numbered walks in a simulated environment, and their mean results.
+
+`compare` gives a tidy table over policies and sets of motors.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,16 +44,18 @@ from motorprior.studies.environments import (
     twin_scene,
     walk_seed,
 )
-from motorprior.studies.gait_quality import share_upright
+from motorprior.studies.gait_quality import UNITS, share_upright
 
 DURATION_STEPS = 500  # control steps of a walk of 5 s
 NUM_WALKS = 24  # walks of an evaluation
-EVALUATION_SEED = 90_000_000  # first seed of an evaluation; those of training are hashes
-# of `robustness_map`
+EVALUATION_SEED = 90_000_000  # first seed of an evaluation; seeds of training are hashes
+SEED_OF_WALK = partial(add, EVALUATION_SEED)  # number of a walk -> its seed
+
+# axes of `robustness_map`
 PUSHES = (0.0, 0.3, 0.6, 0.9)  # largest impulse, every second [N·s]
 FRICTIONS = (0.5, 0.75, 1.0, 1.25)  # factor on the friction of the feet
+_MAP_WALKS = 4  # walks of each policy per push and friction
 
-SEED_OF_WALK = partial(add, EVALUATION_SEED)  # of an evaluation, by its number
 ONE_AT_A_TIME = partial(ThreadExecutor, workers=1)
 
 
@@ -62,10 +67,10 @@ def run_walks(
     motors: Callable[[int], Actuator] | None = None,
     executor: Callable[[Callable[[], Any]], Executor] = ONE_AT_A_TIME,
 ) -> list[Episode]:
-    """Episodes of a policy in a scene, with their traces, one per number; those of one number differ by policy only.
+    """Episodes of a policy in a scene, with their traces, one per number.
 
-    ``seed_of`` gives the seed of a number's motors, sensors, ground and pushes, ``motors`` its
-    motors instead of the scene's. For Ray, all arguments must be picklable.
+    The number seeds motors, sensors, ground and pushes by ``seed_of``; ``motors`` gives its motors
+    instead of the scene's. For Ray, all arguments must be picklable.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:
@@ -93,30 +98,36 @@ class _Walks:
 
 
 def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int) -> list[Result]:
-    """Walk NUM_WALKS times with a policy of a training condition ``model`` in every scene, of DURATION_STEPS.
+    """Walk NUM_WALKS times with a policy in every scene, of DURATION_STEPS.
 
-    Returns rows of the means of speed (forward displacement over the whole time, also after a fall
-    [m/s]), upright (share of the time before a fall) and drift (|final lateral displacement| [m]).
+    ``model`` is the training condition of the policy, ``seed`` the seed of its training. Returns
+    rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]),
+    upright (share of the time before a fall) and drift (|final lateral displacement| [m]).
+
     Raises SimulationFault if a walk diverged.
     """
     rows = []
     for name, scene in scenes.items():
         episodes = run_walks(scene, policy.arrays, range(NUM_WALKS))
         require_walks(episodes, f"{name}/{model}")
+
+        duration = DURATION_STEPS * scene.robot.control_dt
         forward = np.array([episode.displacement[0] for episode in episodes])
+        lateral = [abs(episode.displacement[1]) for episode in episodes]
         values = {
-            "speed": ("m/s", np.mean(forward) / (DURATION_STEPS * scene.robot.control_dt)),
-            "upright": (
-                "1",
-                np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]),
-            ),
-            "drift": ("m", np.mean([abs(episode.displacement[1]) for episode in episodes])),
+            "speed": np.mean(forward) / duration,
+            "upright": _mean_upright(episodes),
+            "drift": np.mean(lateral),
         }
-        rows += [
-            Result(key, unit, float(value), model, name, seed=seed)
-            for key, (unit, value) in values.items()
-        ]
+        for measure, value in values.items():
+            unit = UNITS[measure]
+            rows.append(Result(measure, unit, float(value), model, name, seed=seed))
     return rows
+
+
+def _mean_upright(episodes: Sequence[Episode]) -> float:
+    """Mean share of DURATION_STEPS before a fall [-]."""
+    return float(np.mean([share_upright(episode, DURATION_STEPS) for episode in episodes]))
 
 
 @dataclass(frozen=True)
@@ -129,14 +140,20 @@ class TrainedPolicy:
 
     @classmethod
     def load(cls, path: Path, robot: Robot) -> "TrainedPolicy":
-        """Read a policy; ArtifactError or ConfigError for a damaged one, or another robot or control period."""
+        """Read a policy.
+
+        Raises ArtifactError or ConfigError for a damaged file, or another robot or control period.
+        """
         policy = Policy.load(path)
         policy.require_robot(robot, path)
         return cls(path, robot.with_speed_range(policy.forward), policy)
 
     @property
     def motors(self) -> SimulatedMotors:
-        """The motors of its training; raises `ArtifactError` or `ConfigError` if they are not recorded or missing."""
+        """The motors of its training.
+
+        Raises ArtifactError or ConfigError if they are not recorded or their files are missing.
+        """
         text = motors_from_json(self.policy.provenance.get("motors"), self.path)
         try:
             return simulated_motors(text, self.robot)
@@ -152,20 +169,22 @@ class TrainedPolicy:
         return Randomization(**self.policy.provenance.get("randomization", {}))
 
     def scene(self, walk: WalkConfig, engine: Engine | None = None) -> Scene:
-        """The simulation of its training, with the episode ``walk`` and, if it is given, in another engine.
+        """The simulation of its training, with the episode ``walk``, in another engine if given.
 
         Raises ArtifactError or ConfigError for missing motors, or an engine that is not installed.
         """
         motors = self.motors
-        engine = engine or self.policy.provenance.get("engine", "mujoco")
-        walk = replace(walk, engine=engine)
+        training_engine = self.policy.provenance.get("engine", "mujoco")
+        walk = replace(walk, engine=engine or training_engine)
         return Scene(self.robot, motors.draw, walk, motors.physics_dt)
 
 
 def with_shared_speeds(robot: Robot, policies: Iterable[Policy]) -> Robot:
-    """The robot with the range of speeds of all these policies."""
+    """The robot with the range of speeds that all these policies have."""
     ranges = [policy.forward for policy in policies]
-    return robot.with_speed_range((max(low for low, _ in ranges), min(high for _, high in ranges)))
+    low = max(low for low, _ in ranges)
+    high = min(high for _, high in ranges)
+    return robot.with_speed_range((low, high))
 
 
 def straight_ahead(robot: Robot) -> Commands:
@@ -178,9 +197,8 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     robot = robot.with_speed_range(policy.forward)
     walk = WalkConfig(DURATION_STEPS, commands=commands)
     if isinstance(motors, Fleet):
-        return twin_scene(
-            robot, motors, replace(walk, randomization=Randomization(joint_noise=ENCODER_NOISE))
-        )
+        encoder_noise = Randomization(joint_noise=ENCODER_NOISE)
+        return twin_scene(robot, motors, replace(walk, randomization=encoder_noise))
     simulated = simulated_motors(motors, robot)
     return Scene(robot, simulated.draw, walk, simulated.physics_dt)
 
@@ -192,7 +210,9 @@ def compare(
     *,
     progress: Progress = WARNED,
 ) -> Results:
-    """Evaluate every policy on every set of motors: 24 walks of 5 s, straight ahead at the shared maximum speed.
+    """Evaluate every policy on every set of motors.
+
+    A policy walks 24 times for 5 s, straight ahead at the maximum speed that all policies share.
 
     Args:
         robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
@@ -215,23 +235,26 @@ def compare(
     for name, value in (("policies", policies), ("motors", motors)):
         if not value:
             raise ConfigError(f"no {name} given", remedy="give at least one by name", argument=name)
-    seeds = {
-        name: [each] if isinstance(each, Policy) else list(each) for name, each in policies.items()
-    }
-    every = [policy for each in seeds.values() for policy in each]
-    for name, each in seeds.items():
-        for policy in each:
+
+    seeds: dict[str, list[Policy]] = {}
+    for name, policy_or_seeds in policies.items():
+        if isinstance(policy_or_seeds, Policy):
+            seeds[name] = [policy_or_seeds]
+        else:
+            seeds[name] = list(policy_or_seeds)
+        for policy in seeds[name]:
             policy.require_robot(robot, name)
-    commands = straight_ahead(with_shared_speeds(robot, every))
+    all_policies = [policy for policies_of_name in seeds.values() for policy in policies_of_name]
+    commands = straight_ahead(with_shared_speeds(robot, all_policies))
+
     rows: list[Result] = []
-    count = len(every) * len(motors)
+    count = len(all_policies) * len(motors)
     with progress.start(f"compare: {count} x {NUM_WALKS} walks", count) as task:
-        for model, each in seeds.items():
-            for seed, policy in enumerate(each):
-                scenes = {
-                    name: motors_scene(robot, policy, chosen, commands)
-                    for name, chosen in motors.items()
-                }
+        for model, policies_of_name in seeds.items():
+            for seed, policy in enumerate(policies_of_name):
+                scenes = {}
+                for name, source in motors.items():
+                    scenes[name] = motors_scene(robot, policy, source, commands)
                 rows += evaluate(policy, scenes, model, seed)
                 task.advance(len(motors))
     return Results(rows)
@@ -240,22 +263,21 @@ def compare(
 def robustness_map(
     policies: Sequence[TrainedPolicy], fleet: Fleet, commands: Commands, study: int
 ) -> np.ndarray:
-    """(pushes, frictions) mean time upright [-] of policies in walks of 5 s, each on the same robots of a fleet.
+    """(pushes, frictions) mean time upright [-] of policies in walks of 5 s.
 
-    ``study`` is the seed of the study, which numbers the robots, see `motors_of_robot`.
+    All policies walk on the same robots of a fleet. ``study`` is the seed of the study, which
+    numbers the robots, see `motors_of_robot`.
     """
-    found = np.zeros((len(PUSHES), len(FRICTIONS)))
+    upright = np.zeros((len(PUSHES), len(FRICTIONS)))
+    walk = WalkConfig(DURATION_STEPS, commands=commands)
+    seed_of_walk = partial(walk_seed, study)
     for trained in policies:
-        walk = WalkConfig(DURATION_STEPS, commands=commands)
         motors = partial(motors_of_walk, trained.robot, fleet, study, None)
+        policy = trained.policy.arrays
         for row, push in enumerate(PUSHES):
             for column, friction in enumerate(FRICTIONS):
-                around = replace(NOISY, push=push, friction=(friction, friction))
-                scene = twin_scene(trained.robot, fleet, replace(walk, randomization=around))
-                episodes = run_walks(
-                    scene, trained.policy.arrays, range(4), partial(walk_seed, study), motors
-                )
-                found[row, column] += np.mean(
-                    [share_upright(episode, DURATION_STEPS) for episode in episodes]
-                )
-    return found / len(policies)
+                disturbances = replace(NOISY, push=push, friction=(friction, friction))
+                scene = twin_scene(trained.robot, fleet, replace(walk, randomization=disturbances))
+                episodes = run_walks(scene, policy, range(_MAP_WALKS), seed_of_walk, motors)
+                upright[row, column] += _mean_upright(episodes)
+    return upright / len(policies)

@@ -4,10 +4,12 @@ The *twin* is a held-out virtual robot: unseen motors of a fleet, 1 kHz physics,
 test environments of a study are twins, too, with numbered robots: a robot's motors depend on its
 fleet's name, the study's seed and its number alone.
 
-    fleet     motors of the bench's fleet, with one offset of all its motors per robot
-    out_of_family   out-of-family motors: other friction, hardening gear, torque-speed line with sag, heat, ripple
-    hard      out-of-family motors; floor, load, slope, delays, dropped readings and pushes as in HARD
-    pybullet  the bench's fleet in the other engine: other contacts, other integration
+    fleet          motors of the bench's fleet, with one offset of all its motors per robot
+    out_of_family  out-of-family motors: other friction, hardening gear, torque-speed line with sag,
+                   heat, ripple
+    hard           out-of-family motors; floor, load, slope, delays, dropped readings and pushes as
+                   in HARD
+    pybullet       the bench's fleet in the other engine: other contacts, other integration
 
 All have at least the sensor noise of NOISY.
 """
@@ -26,10 +28,13 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import Engine, Scene, WalkConfig
 
-TWIN_STREAM = 0x7717  # random stream of the twin's motors, used by no bench and no training
-ROBOT_STREAM = 0x20B0  # random stream of a numbered robot's motors, likewise
-WALK_STREAM = 0x20B1  # random stream of a study's sensors, floor and pushes
+# random streams, used by no bench and no training
+TWIN_STREAM = 0x7717  # of the twin's motors
+ROBOT_STREAM = 0x20B0  # of a numbered robot's motors
+WALK_STREAM = 0x20B1  # of a study's sensors, floor and pushes
+
 ENCODER_NOISE = 0.001  # [rad] standard deviation; assumption, 50 counts of the rotor's encoder
+
 # populations of motors
 IN_FAMILY = "fleet"
 OUT_OF_FAMILY = "out_of_family"
@@ -42,9 +47,18 @@ NOISY = Randomization(joint_noise=ENCODER_NOISE, tilt_noise=0.002, rate_noise=0.
 # Assumptions: friction, an off-centre load, sloping floors, jitter of a busy computer, and pushes
 # that change the speed of 2.1 kg by up to 0.14 m/s.
 HARD = replace(
-    NOISY, friction=(0.7, 1.3), mass=(0.9, 1.1), com=0.01, gravity_tilt=0.03, sensor_delay=(0.0, 0.02),
-    sensor_jitter=0.005, command_jitter=0.005, dropped=0.02, push=0.3, push_interval=2.0,
-)  # fmt: skip
+    NOISY,
+    friction=(0.7, 1.3),
+    mass=(0.9, 1.1),
+    com=0.01,
+    gravity_tilt=0.03,
+    sensor_delay=(0.0, 0.02),
+    sensor_jitter=0.005,
+    command_jitter=0.005,
+    dropped=0.02,
+    push=0.3,
+    push_interval=2.0,
+)
 
 
 @dataclass(frozen=True)
@@ -70,8 +84,8 @@ def twin_scene(robot: Robot, fleet: Fleet, walk: WalkConfig) -> Scene:
 
 
 def _twin_motors(robot: Robot, fleet: Fleet, rng: np.random.Generator) -> Actuator:
-    own = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
-    return fleet.sample(robot.num_joints, own, of_one_robot=True).actuator()
+    twin_rng = np.random.default_rng([TWIN_STREAM, *rng.integers(2**32, size=2)])
+    return fleet.sample(robot.num_joints, twin_rng, of_one_robot=True).actuator()
 
 
 def motors_of_robot(robot: Robot, fleet: Fleet, study_seed: int, number: int) -> TrueMotors:
@@ -84,10 +98,14 @@ def motors_of_robot(robot: Robot, fleet: Fleet, study_seed: int, number: int) ->
 def motors_of_walk(
     robot: Robot, fleet: Fleet, study_seed: int, only: int | None, number: int
 ) -> Actuator:
-    """Motors of walk ``number`` of a study: of robot ``only``, or if that is None, of the robot of this number."""
-    return motors_of_robot(robot, fleet, study_seed, number if only is None else only).actuator()
+    """Motors of walk ``number`` of a study: the motors of a numbered robot.
+
+    The robot has the number ``only`` or, if that is None, the number of the walk.
+    """
+    robot_number = number if only is None else only
+    return motors_of_robot(robot, fleet, study_seed, robot_number).actuator()
 
 
 def walk_seed(study_seed: int, number: int) -> int:
-    """Seed of the sensors, floor and pushes of walk ``number`` of the study with seed ``study_seed``."""
+    """Seed of the sensors, floor and pushes of walk ``number`` of a study with this seed."""
     return seed_of(WALK_STREAM, study_seed, number)

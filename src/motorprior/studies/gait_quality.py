@@ -21,11 +21,20 @@ MIN_COMMAND = 0.1
 _MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
 _MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
 
-# of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is that of a leg
+# units of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is per leg
 UNITS = {
-    "upright": "1", "speed": "m/s", "speed_error": "1", "heading_deg_per_m": "°/m", "lateral_share": "1",
-    "foot_lift_mm": "mm", "slip": "m/m", "body_rate": "rad/s", "cost_of_transport": "1", "drift": "m",
-}  # fmt: skip
+    "upright": "1",
+    "speed": "m/s",
+    "speed_error": "1",
+    "heading_deg_per_m": "°/m",
+    "lateral_share": "1",
+    "foot_lift_mm": "mm",
+    "slip": "m/m",
+    "body_rate": "rad/s",
+    "cost_of_transport": "1",
+    "drift": "m",
+}
+# measures of `gait_quality` that a study has, too
 _OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "cost_of_transport", "body_rate")
 
 
@@ -42,12 +51,13 @@ def share_upright(episode: Episode, steps: int) -> float:
 def gait_quality(
     robot: Robot, episode: Episode, forward: float, yaw_rate: float, steps: int
 ) -> dict[str, float]:
-    """Measure a walk with a constant command after its first second and, if it fell, before the last half second.
+    """Measures of a walk with a constant command.
 
-    Undefined measures are NaN. If less than a second remains, there is only ``upright``, and a
-    speed of 0 after a fall. Without velocities from the engine, differences of the poses are used,
-    and measures of torques are NaN. Measures per metre need 5 cm of distance and a command of at
-    least a tenth of the robot's maximum speed.
+    The walk is measured after its first second and, if it fell, before the last half second. If
+    less than a second remains, there is only ``upright``, and a speed of 0 after a fall. Undefined
+    measures are NaN. Without velocities from the engine, differences of the poses are used, and
+    measures of torques are NaN. Measures per metre need 5 cm of distance and a command of at least
+    a tenth of the robot's maximum speed.
 
     upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time
     [m/s]; speed_error: |speed - command| / |command|; heading_deg_per_m: final |heading - commanded
@@ -58,48 +68,58 @@ def gait_quality(
     body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; cost_of_transport:
     mean of Σ |torque · joint velocity| over weight · |speed|.
 
-    ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has this
-    many control steps.
+    ``forward`` [m/s] and ``yaw_rate`` [rad/s] are commanded; an episode without a fall has
+    ``steps`` control steps.
     """
     dt = robot.control_dt
-    begin = round(WARM_UP / robot.control_dt)
-    upright = float(completed(episode, steps))
-    end = len(episode.trace) - (0 if upright else round(FALL_TIME / dt))
-    walks = abs(forward) >= MIN_COMMAND * robot.require_gait().forward[1]
+    begin = round(WARM_UP / dt)
+    end = len(episode.trace)
+    is_upright = completed(episode, steps)
+    if not is_upright:
+        end -= round(FALL_TIME / dt)
+    is_commanded = abs(forward) >= MIN_COMMAND * robot.require_gait().forward[1]
+
     if end < begin + round(_MIN_TIME / dt):
-        return {"upright": upright} | (
-            {} if upright else {"speed": 0.0, "speed_error": 1.0 if walks else math.nan}
-        )
-    heading = headings(episode.trace[:end])
-    goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
+        if is_upright:
+            return {"upright": 1.0}
+        return {"upright": 0.0, "speed": 0.0, "speed_error": 1.0 if is_commanded else math.nan}
+
+    # the measured part of the walk
     motion = episode.motion if len(episode.motion) else _motion_of(robot, episode.trace)
     qpos = episode.trace[begin:end]
-    moved = motion[begin:end]
-    qvel = moved[:, : 6 + robot.num_joints]
-    torque = moved[:, 6 + robot.num_joints :]
-    time = dt * (len(qpos) - 1)
+    qvel = motion[begin:end, : 6 + robot.num_joints]
+    torque = motion[begin:end, 6 + robot.num_joints :]
+
+    # speed and distance
+    heading = headings(episode.trace[:end])
+    goal = heading[0] + _commanded_heading(robot, yaw_rate, len(heading))
     along = float(np.sum(steps_along_heading(qpos[:, :2], heading[begin:])))
-    speed = along / time
-    defined = walks and abs(along) >= _MIN_DISTANCE
-    distance, pace = (abs(along), abs(speed)) if defined else (math.nan, math.nan)
+    speed = along / (dt * (len(qpos) - 1))
+    distance = math.nan
+    pace = math.nan
+    if is_commanded and abs(along) >= _MIN_DISTANCE:
+        distance = abs(along)
+        pace = abs(speed)
+
+    measures = {"upright": float(is_upright), "speed": speed, "speed_error": math.nan}
+    if is_commanded:
+        measures["speed_error"] = abs(speed - forward) / abs(forward)
+    heading_error = math.degrees(abs(float(heading[-1] - goal[-1])))
+    measures["heading_deg_per_m"] = heading_error / distance
+    lateral = _lateral_distance(qpos[:, :2], goal[begin:], speed * dt)
+    measures["lateral_share"] = abs(lateral) / distance
+
     clearance, sliding = foot_motion(robot, qpos, qvel)
+    for leg, clearance_of_leg in zip(robot.legs, clearance.T, strict=True):
+        measures[f"foot_lift_mm/{leg.name}"] = 1e3 * _lift(clearance_of_leg)
+    sliding_on_ground = np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0)
+    measures["slip"] = float(np.mean(sliding_on_ground)) * dt / distance
+
+    tumbling = np.square(qvel[:, 3:5]).sum(axis=1)
+    measures["body_rate"] = float(np.sqrt(np.mean(tumbling)))
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
-    return {
-        "upright": upright,
-        "speed": speed,
-        "speed_error": abs(speed - forward) / abs(forward) if walks else math.nan,
-        "heading_deg_per_m": math.degrees(abs(float(heading[-1] - goal[-1]))) / distance,
-        "lateral_share": abs(_lateral_distance(qpos[:, :2], goal[begin:], speed * dt)) / distance,
-        **{
-            f"foot_lift_mm/{leg.name}": 1e3 * _lift(each)
-            for leg, each in zip(robot.legs, clearance.T, strict=True)
-        },
-        "slip": float(np.mean(np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0)))
-        * dt
-        / distance,
-        "body_rate": float(np.sqrt(np.mean(np.square(qvel[:, 3:5]).sum(axis=1)))),
-        "cost_of_transport": power / (robot.weight * pace),
-    }
+    measures["cost_of_transport"] = power / (robot.weight * pace)
+    return measures
 
 
 def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) -> dict[str, float]:
@@ -107,21 +127,25 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
 
     speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the
     time before a fall; drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm:
-    mean over the legs. Others: see `gait_quality`, with the same arguments. All are NaN if the
-    simulation diverged, which is no fall.
+    mean over the legs. For the others, and the arguments, see `gait_quality`. All measures are NaN
+    if the simulation diverged, which is no fall.
     """
     if episode.fault:
         return dict.fromkeys(("speed", "upright", "drift", *_OF_STUDY, "foot_lift_mm"), math.nan)
-    quality = gait_quality(robot, episode, forward, 0.0, steps)
+
     upright = share_upright(episode, steps)
-    lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
-    return {
-        "speed": float(episode.displacement[0]) / (steps * robot.control_dt),
+    displacement = episode.displacement
+    measures = {
+        "speed": float(displacement[0]) / (steps * robot.control_dt),
         "upright": upright,
-        "drift": abs(float(episode.displacement[1])) if upright == 1.0 else math.nan,
-        **{name: quality.get(name, math.nan) for name in _OF_STUDY},
-        "foot_lift_mm": float(np.mean(lifts)),
+        "drift": abs(float(displacement[1])) if upright == 1.0 else math.nan,
     }
+    quality = gait_quality(robot, episode, forward, 0.0, steps)
+    for name in _OF_STUDY:
+        measures[name] = quality.get(name, math.nan)
+    lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
+    measures["foot_lift_mm"] = float(np.mean(lifts))
+    return measures
 
 
 def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
@@ -130,7 +154,8 @@ def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
     rate = np.gradient(trace, robot.control_dt, axis=0)
     motion[:, :3] = rate[:, :3]
     motion[:, 6 : 6 + robot.num_joints] = rate[:, 7:]
-    # angular velocity in the body's frame: 2·(conj(q)·dq/dt), its vector part
+
+    # angular velocity in the body's frame: the vector part of 2·conj(q)·dq/dt
     w = trace[:, 3:4]
     v = trace[:, 4:7]
     dw = rate[:, 3:4]
@@ -145,37 +170,55 @@ def headings(qpos: np.ndarray) -> np.ndarray:
 
 
 def steps_along_heading(position: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """(F - 1,) distances along the heading [m], backward below 0, at (F, 2) positions [m] and (F,) headings [rad]."""
+    """(F - 1,) distances along the heading [m], backward below 0.
+
+    Arguments are positions (F, 2) [m] and headings (F,) [rad].
+    """
     step = np.diff(position, axis=0)
     return np.cos(yaw[:-1]) * step[:, 0] + np.sin(yaw[:-1]) * step[:, 1]
 
 
 def _commanded_heading(robot: Robot, yaw_rate: float, steps: int) -> np.ndarray:
-    """(steps,) commanded heading [rad] before every control step, 0 before the first, with the ramp of a command."""
+    """(steps,) commanded heading [rad] before every control step, with the ramp of a command.
+
+    It is 0 before the first step.
+    """
     reached = robot.require_gait().yaw_rate * robot.control_dt / RAMP * np.arange(steps)
     rates = np.sign(yaw_rate) * np.minimum(abs(yaw_rate), reached)  # of the previous control step
     return robot.control_dt * np.cumsum(rates)
 
 
 def _lateral_distance(position: np.ndarray, goal: np.ndarray, step: float) -> float:
-    """Final distance to the left [m] of the path with commanded headings ``goal`` (F,) [rad] and ``step`` [m]."""
-    off = (
-        position[-1]
-        - position[0]
-        - step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
-    )
+    """Final distance [m] to the left of a path.
+
+    The path has steps of length ``step`` [m] along the commanded headings ``goal`` (F,) [rad].
+    """
+    path = step * np.array([np.cos(goal[:-1]).sum(), np.sin(goal[:-1]).sum()])
+    off = position[-1] - position[0] - path
     return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
 
 
 def _lift(clearance: np.ndarray) -> float:
-    """Median over complete swings above LIFTED of their maximum clearance [m], from that of a foot (F,); 0 if none."""
-    edges = np.flatnonzero(np.diff((clearance >= CONTACT_HEIGHT).astype(int)))
-    swings = [each for each in np.split(clearance, edges + 1)[1:-1] if each[0] >= CONTACT_HEIGHT]
-    return float(np.median([each.max() for each in swings if each.max() > LIFTED] or [0.0]))
+    """Median over complete swings of their maximum clearance [m]; 0 without a swing.
+
+    ``clearance`` (F,) is the height of a foot above the ground [m]. Swings below LIFTED do
+    not count.
+    """
+    is_lifted = clearance >= CONTACT_HEIGHT
+    edges = np.flatnonzero(np.diff(is_lifted.astype(int)))
+    heights = []
+    for phase in np.split(clearance, edges + 1)[1:-1]:
+        is_swing = phase[0] >= CONTACT_HEIGHT
+        if is_swing and phase.max() > LIFTED:
+            heights.append(phase.max())
+    return float(np.median(heights or [0.0]))
 
 
 def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Results:
-    """A row per finite measure of a policy ``model``, for the lift a row per leg; ``motors``: own, twin or hard."""
+    """A row per finite measure of a policy ``model``; the lift has a row per leg.
+
+    ``motors`` are own, twin or hard.
+    """
     rows = []
     for measure, value in quality.items():
         name, _, leg = measure.partition("/")

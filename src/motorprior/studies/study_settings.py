@@ -22,7 +22,7 @@ from motorprior.studies.environments import ENVIRONMENTS, NOISY, OUT_OF_FAMILY
 
 VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
-# kinds of PD -> their fitted constants
+# PDs by name -> their fitted constants
 PDS = {"gains": GAINS, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}
 # sensor noise of the environments, and pushes: without any disturbance policies overfit one
 # deterministic walk, and fall more often on held-out robots
@@ -31,14 +31,17 @@ TRAINING = replace(NOISY, push=0.3, push_interval=1.0)
 
 @dataclass(frozen=True)
 class Condition:
-    """The motors of trainings: a PD or a prior, fitted to the bench or to the log of one robot, or the true fleet."""
+    """A training condition: the motors of trainings, and what else differs between them.
 
-    pd: str = ""  # kind of PD
+    The motors are a PD or a prior, fitted to the bench or to the log of one robot, or the fleet.
+    """
+
+    pd: str = ""  # name in PDS
     prior: str = ""  # preset of the prior
     adapted: bool = False  # to the log of one robot, the only robot that the policy walks on
     options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
-    randomization: Randomization = TRAINING  # of the training in addition to the motors
-    iterations: int | None = None  # at most, if not the study's number
+    randomization: Randomization = TRAINING  # of the training, in addition to the motors
+    iterations: int | None = None  # largest number of iterations; the study's if None
 
     @property
     def per_population(self) -> bool:
@@ -46,7 +49,8 @@ class Condition:
         return self.adapted or not (self.pd or self.prior)
 
 
-CONDITIONS = {  # in the order of every table, see docs/transfer.md
+# training conditions in the order of every table, see docs/transfer.md
+CONDITIONS = {
     "ideal_pd": Condition(pd="gains"),
     "tuned_pd": Condition(pd="rotor"),
     "friction_pd": Condition(pd="friction"),
@@ -61,60 +65,69 @@ CONDITIONS = {  # in the order of every table, see docs/transfer.md
     "oracle": Condition(),
 }
 STANDARD = tuple(CONDITIONS)
-# of a condition that is a text as of `walk`; the same for both populations
+# a condition that is a text of motors, as of `walk`; the same for both populations
 OTHER_MOTORS = Condition(prior="given")
-# the sampled prior with the mean motor's values of these constants, and with fewer iterations
+
+# the sampled prior with the mean motor's values of some constants, and with fewer iterations
 CONDITIONS |= {
     f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN
 }
 CONDITIONS["short_training"] = Condition(prior="rollout", iterations=40)
 
 
+_COUNTS = ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers")
+_OPTIONAL_COUNTS = ("oracle_seeds", "robots", "patience")
+_MAX_PD_RANGE = 0.9
+
+
 @dataclass(frozen=True)
 class Study:
-    """Train on each model of a bench's motors, with several seeds, and evaluate on held-out robots."""
+    """Train on each model of a bench's motors, with several seeds; evaluate on held-out robots."""
 
     out: Path
     """Run folder."""
     fleet: str | None = None
-    """Population of the bench's motors and of the environment `fleet`; the robot's own if not given."""
+    """Population of the bench's motors and of the environment `fleet`; the robot's own if not
+    given."""
     out_of_family: str = "foreign_direct"
     """Out-of-family population, of the environments `out_of_family` and `hard`."""
     conditions: tuple[str, ...] = STANDARD
-    """Training conditions: some of those of docs/transfer.md, or other motors, as in `walk`."""
+    """Training conditions: some of docs/transfer.md, or other motors, as in `walk`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
-    """Environments of the evaluation, some of those of docs/transfer.md."""
+    """Environments of the evaluation, some of docs/transfer.md."""
     benches: int = 4
-    """Number of benches, each with its own motors, robots, floors and pushes; bench k has the seed `seed` + k."""
+    """Number of benches, each with its own motors, robots, floors and pushes; bench k has the seed
+    `seed` + k."""
     seeds: int = 4
     """Policies per condition and bench."""
     oracle_seeds: int | None = None
-    """Policies of the oracle, whose physics step is shorter; `seeds` if not given."""
+    """Policies of the oracle per bench, whose physics step is shorter; `seeds` if not given."""
     walks: int = 32
     """Walks of each policy per environment."""
     robots: int | None = None
-    """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo this number; one
-    per policy if not given."""
+    """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo
+    this number; one per policy if not given."""
     seconds: float = 10.0
     """Duration of a walk [s]."""
     speed: float | None = None
-    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum if not given.
-    At lower speeds the untrained gait walks with any motors."""
+    """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum
+    if not given. At lower speeds the untrained gait walks with any motors."""
     iterations: int = 120
     """Largest number of ARS iterations per policy."""
     patience: int | None = 3
-    """End a training once the mean training return of 10 iterations was no new maximum so many times in a row."""
+    """End a training once the mean training return of 10 iterations was no new maximum so many
+    times in a row."""
     directions: int = 14
     """Directions per iteration; the better half of them is used."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the randomised PD and
-    the share of the adapted prior are selected; no test environment uses it. The first of the
-    robot's other fleets if not given."""
+    """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the
+    randomised PD and the share of the adapted prior are selected; no test environment uses it. The
+    first of the robot's other fleets if not given."""
     pd_range: float | None = None
     """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
     prior_share: float | None = None
-    """Share of the prior's standard deviation that the adapted prior's motors have in addition to the posterior's [-];
-    selected on the validation fleet if not given."""
+    """Share of the prior's standard deviation that the adapted prior's motors have in addition to
+    the posterior's [-]; selected on the validation fleet if not given."""
     motors: int = 32
     """Motors on the bench."""
     bench_steps: int = 10_000
@@ -122,11 +135,13 @@ class Study:
     adam_steps: int | None = None
     """Adam steps of each identification; the preset's own number if not given."""
     seed: int = 0
-    """Seed of the first bench and its priors; policies of different benches share no search seed."""
+    """Seed of the first bench and its priors; policies of different benches share no search
+    seed."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not depend on it."""
+    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not
+    depend on it."""
     executor: ExecutorName = "threads"
     """Threads of this process, or walks on Ray's processes."""
     ray_address: str | None = None
@@ -134,12 +149,14 @@ class Study:
 
     @property
     def commanded(self) -> float:
-        """Commanded speed [m/s]. The maximum is that of the robot, not of a policy, which has its own range."""
-        return (
-            1.5 * load_robot(self.robot).require_gait().forward[1]
-            if self.speed is None
-            else self.speed
-        )
+        """Commanded speed [m/s].
+
+        Without a given speed it follows from the robot's range of speeds, not from a policy's.
+        """
+        if self.speed is not None:
+            return self.speed
+        _, max_speed = load_robot(self.robot).require_gait().forward
+        return 1.5 * max_speed
 
     @property
     def commands(self) -> Commands:
@@ -153,15 +170,16 @@ class Study:
         return self.out_of_family if population == OUT_OF_FAMILY else self.fleet
 
     def seeds_of(self, condition: str) -> range:
-        """Seeds of the policies of a condition."""
-        of_oracle = self.oracle_seeds if condition == "oracle" else None
-        return range(of_oracle or self.seeds)
+        """Seeds of the policies of a training condition."""
+        if condition == "oracle" and self.oracle_seeds:
+            return range(self.oracle_seeds)
+        return range(self.seeds)
 
     @property
     def fitted(self) -> list[Condition]:
-        """Conditions with a model that is fitted to logs."""
-        known = (CONDITIONS[name] for name in self.conditions if name in CONDITIONS)
-        return [each for each in known if each.pd or each.prior]
+        """Training conditions with a model that is fitted to logs."""
+        conditions = [CONDITIONS[name] for name in self.conditions if name in CONDITIONS]
+        return [condition for condition in conditions if condition.pd or condition.prior]
 
     def robot_of(self, seed: int) -> int:
         """Number of the robot that the adapted policies of a seed walk on."""
@@ -169,26 +187,30 @@ class Study:
 
     def of_benches(self) -> list[Self]:
         """The settings of every bench, with its folder and its seed."""
-        seeds = range(self.seed, self.seed + self.benches)
-        return [
-            replace(self, out=self.out / f"bench_{seed}", seed=seed, benches=1) for seed in seeds
-        ]
+        benches = []
+        for seed in range(self.seed, self.seed + self.benches):
+            out = self.out / f"bench_{seed}"
+            benches.append(replace(self, out=out, seed=seed, benches=1))
+        return benches
 
     def validation_fleet(self, robot: Robot) -> str | None:
-        """Fleet that no test environment uses, on which policies are selected; None: select on the training motors."""
+        """Fleet that no test environment uses, on which policies are selected.
+
+        None: they are selected on the training motors.
+        """
         if self.validation is not None:
             return self.validation
-        used = self._test_fleets(robot)
-        others = (
-            name
-            for name in _VALIDATION_FLEETS
-            if name not in used and load_fleet(name).robot == robot.name
-        )
-        return next(others, None)
+        test_fleets = self._test_fleets(robot)
+        for name in _VALIDATION_FLEETS:
+            if name not in test_fleets and load_fleet(name).robot == robot.name:
+                return name
+        return None
 
     def _test_fleets(self, robot: Robot) -> set[str]:
-        tested = (self.fleet, "fleet"), (self.out_of_family, "out_of_family")
-        return {load_robot_fleet(robot, fleet, option).name for fleet, option in tested}
+        """Names of the fleets of the test environments."""
+        in_family = load_robot_fleet(robot, self.fleet, "fleet")
+        out_of_family = load_robot_fleet(robot, self.out_of_family, "out_of_family")
+        return {in_family.name, out_of_family.name}
 
     @property
     def episodes_at_a_time(self) -> int:
@@ -198,59 +220,76 @@ class Study:
     def require_valid(self) -> None:
         """Check the settings; raises `ConfigError`, which names the invalid one."""
         robot = load_robot(self.robot)
-        for name in (name for name in self.conditions if name not in CONDITIONS):
+        self._require_conditions(robot)
+        self._require_environments()
+        robot.require_gait()
+        self._require_numbers(robot)
+        require_executor(self.executor, self.ray_address)
+        self._require_fleets(robot)
+
+    def _require_conditions(self, robot: Robot) -> None:
+        for name in self.conditions:
+            if name in CONDITIONS:
+                continue
             try:
                 simulated_motors(name, robot)
             except ConfigError as error:
-                remedy = f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`"
                 raise ConfigError(
-                    f"no condition {name!r}", argument="conditions", remedy=remedy
+                    f"no condition {name!r}",
+                    argument="conditions",
+                    remedy=f"use some of {', '.join(CONDITIONS)}, or motors as of `walk`",
                 ) from error
-        if unknown := set(self.environments) - set(ENVIRONMENTS):
-            remedy = f"use some of {', '.join(ENVIRONMENTS)}"
+
+    def _require_environments(self) -> None:
+        unknown = set(self.environments) - set(ENVIRONMENTS)
+        if unknown:
             raise ConfigError(
-                f"no environments {sorted(unknown)}", argument="environments", remedy=remedy
+                f"no environments {sorted(unknown)}",
+                argument="environments",
+                remedy=f"use some of {', '.join(ENVIRONMENTS)}",
             )
-        robot.require_gait()
-        for name in (
-            "benches",
-            "seeds",
-            "walks",
-            "iterations",
-            "directions",
-            "bench_steps",
-            "workers",
-        ):
+
+    def _require_numbers(self, robot: Robot) -> None:
+        for name in _COUNTS:
             require_count(name, getattr(self, name))
-        for name in (
-            name
-            for name in ("oracle_seeds", "robots", "patience")
-            if getattr(self, name) is not None
-        ):
-            require_count(name, getattr(self, name))
+        for name in _OPTIONAL_COUNTS:
+            count = getattr(self, name)
+            if count is not None:
+                require_count(name, count)
+
         require_number("seconds", self.seconds, robot.control_dt)
-        for name, maximum in {"pd_range": 0.9, "prior_share": 1.0}.items():
-            if (value := getattr(self, name)) is not None:
-                require_number(name, value, 0.0, maximum)
+        if self.pd_range is not None:
+            require_number("pd_range", self.pd_range, 0.0, _MAX_PD_RANGE)
+        if self.prior_share is not None:
+            require_number("prior_share", self.prior_share, 0.0, 1.0)
         require_count("motors", self.motors, robot.num_joints)
-        require_executor(self.executor, self.ray_address)
+
+    def _require_fleets(self, robot: Robot) -> None:
+        """Check that test and validation fleets differ, and that there is one to select on."""
+        test_fleets = self._test_fleets(robot)
         validation = self.validation_fleet(robot)
-        used = self._test_fleets(robot)
-        if len(used) < 2 or (
-            validation and load_robot_fleet(robot, validation, "validation").name in used
-        ):
-            problem = "fleet, out_of_family and validation must be three different fleets"
-            raise ConfigError(problem, argument="out_of_family", remedy="change one of them")
-        if validation is None and self.to_select():
-            problem = f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on"
+        is_test_fleet = False
+        if validation:
+            is_test_fleet = load_robot_fleet(robot, validation, "validation").name in test_fleets
+        if len(test_fleets) < 2 or is_test_fleet:
             raise ConfigError(
-                problem, argument="validation", remedy="give a validation fleet, or these numbers"
+                "fleet, out_of_family and validation must be three different fleets",
+                argument="out_of_family",
+                remedy="change one of them",
+            )
+
+        if validation is None and self.to_select():
+            raise ConfigError(
+                f"no fleet of {robot.name!r} to select {', '.join(self.to_select())} on",
+                argument="validation",
+                remedy="give a validation fleet, or these numbers",
             )
 
     def to_select(self) -> dict[str, str]:
-        """Setting that is selected on the validation fleet -> its condition."""
-        conditions = {"pd_range": "random_pd", "prior_share": "adapted_prior"}
-        unset = {
-            setting: name for setting, name in conditions.items() if getattr(self, setting) is None
-        }
-        return {setting: name for setting, name in unset.items() if name in self.conditions}
+        """Setting that is selected on the validation fleet -> its training condition."""
+        conditions = {}
+        if self.pd_range is None:
+            conditions["pd_range"] = "random_pd"
+        if self.prior_share is None:
+            conditions["prior_share"] = "adapted_prior"
+        return {setting: name for setting, name in conditions.items() if name in self.conditions}

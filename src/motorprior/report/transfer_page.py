@@ -1,0 +1,210 @@
+"""The page of the transfer study: training simulations, held-out robots, differences."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from motorprior.report.page import Section, Table, page, picture
+from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
+from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
+from motorprior.studies.statistics import (
+    ALL_ENVIRONMENTS,
+    CONVERGED,
+    OWN,
+    OWN_OUT_OF_FAMILY,
+    Cell,
+    Estimate,
+    StudyStatistics,
+)
+from motorprior.studies.study_settings import CONDITIONS
+
+
+class _Format(NamedTuple):
+    """How a measure is written in tables."""
+
+    title: str
+    factor: float  # from the unit of the measure to the unit in the title
+    number: str  # format of a number
+
+
+MEASURES = {
+    "upright": _Format("time upright [%]", 100.0, ".0f"),
+    "speed": _Format("speed [m/s]", 1.0, ".2f"),
+}
+
+
+def transfer_page(summary: StudyStatistics, settings: Mapping[str, Any], command: str) -> str:
+    """The page as HTML; ``command`` makes the same page."""
+    return page("Transfer study", study_sections(summary), settings, command)
+
+
+def study_sections(summary: StudyStatistics) -> list[Section]:
+    """Training simulations, results on held-out robots, and differences from the sampled prior."""
+    sections = [own_simulations(summary), _held_out_robots(summary)]
+    if summary.differences:
+        sections.append(_differences(summary))
+    return sections
+
+
+def own_simulations(summary: StudyStatistics) -> Section:
+    """Time upright of every policy in the simulation of its training.
+
+    The table has a row per training condition and a cell per bench.
+    """
+    rows = []
+    not_converged = []
+    for condition in conditions_in(summary):
+        for env in (OWN, OWN_OUT_OF_FAMILY):
+            policies = summary.upright.get((env, condition))  # (benches, policies)
+            if policies is None:
+                continue
+            name = condition if env == OWN else f"{condition}, out-of-family motors"
+            cells = []
+            for policies_of_bench in policies:
+                cells.append(" ".join(f"{100.0 * value:.0f}" for value in policies_of_bench))
+            rows.append((name, *cells))
+
+            count = int(np.sum(policies < CONVERGED))
+            if count:
+                not_converged.append(f"{count} of {policies.size} of {name}")
+
+    columns = ("trained on", *(f"bench {bench}" for bench in summary.benches))
+    caption = "time upright of every policy in the simulation of its training [%]"
+    text = (
+        "A policy that falls in the simulation of its training has not converged, or its motors "
+        "cannot walk so fast."
+    )
+    policies_below = "; ".join(not_converged) or "no policy"
+    counts = f"Upright for less than {100 * CONVERGED:.0f} %: {policies_below}."
+    return Section(
+        "In the simulation of the training",
+        (text, counts),
+        tables=(Table(columns, rows, caption),),
+    )
+
+
+def _held_out_robots(summary: StudyStatistics) -> Section:
+    text = (
+        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots, "
+        "an adapted one on its own: means over benches with 95 % intervals."
+    )
+    caption = (
+        "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the "
+        "training simulation."
+    )
+    drawn = picture(forest_plot(summary), caption)
+    tables = tuple(estimate_table(summary, measure) for measure in MEASURES)
+    return Section("Held-out robots", (text,), (drawn,), tables)
+
+
+def _differences(summary: StudyStatistics) -> Section:
+    text = "Permutation tests within benches; p corrected by Holm for all differences."
+    tables = tuple(difference_table(summary, measure) for measure in MEASURES)
+    return Section("Differences from the sampled prior", (text,), tables=tables)
+
+
+def conditions_in(summary: StudyStatistics) -> list[str]:
+    """Training conditions in the order of every table."""
+    names = {condition for _, condition in summary.upright}
+    standard = [name for name in CONDITIONS if name in names]
+    return standard + sorted(names - set(CONDITIONS))
+
+
+def estimate_table(summary: StudyStatistics, measure: str) -> Table:
+    """A row per training condition, a cell per environment: the mean over benches, its interval."""
+    title, factor, number = MEASURES[measure]
+    cells = {}
+    for (env, condition, name), estimate in summary.estimates.items():
+        if name == measure:
+            cells[env, condition] = with_interval(estimate, factor, number)
+    return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
+
+
+def difference_table(summary: StudyStatistics, measure: str) -> Table:
+    """A row per training condition, a cell per environment: the difference from the sampled prior.
+
+    Conditions without any difference have no row.
+    """
+    title, factor, number = MEASURES[measure]
+    cells = {}
+    for (env, condition, name), comparison in summary.differences.items():
+        if name == measure:
+            difference = with_interval(comparison.difference, factor, f"+{number}")
+            cells[env, condition] = f"{difference} p={comparison.p:.2g}"
+    caption = f"{title}, minus that of the sampled prior [95 % interval], and p"
+    table = _table(summary, ENVIRONMENTS, cells, caption)
+    rows = [row for row in table.rows if any(row[1:])]
+    return Table(table.columns, rows, caption)
+
+
+def _table(
+    summary: StudyStatistics, order: Iterable[str], cells: Mapping[Cell, str], caption: str
+) -> Table:
+    """A row per training condition, a column per environment in this order."""
+    evaluated = {env for env, _ in summary.upright}
+    envs = [env for env in order if env in evaluated]
+    rows = []
+    for condition in conditions_in(summary):
+        rows.append((condition, *(cells.get((env, condition), "") for env in envs)))
+    return Table(("trained on", *envs), rows, caption)
+
+
+def with_interval(estimate: Estimate, factor: float, number: str) -> str:
+    """The value times ``factor`` and, if it is defined, its interval; ``number`` is a format."""
+    value = f"{factor * estimate.value:{number}}"
+    if not np.isfinite(estimate.low):
+        return value
+    return f"{value} [{factor * estimate.low:{number}}, {factor * estimate.high:{number}}]"
+
+
+def forest_plot(summary: StudyStatistics) -> Figure:
+    """Time upright: a panel per environment, a row per training condition.
+
+    Hollow marks are the time upright in the training simulation.
+    """
+    conditions = conditions_in(summary)
+    evaluated = {env for env, _, measure in summary.estimates if measure == "upright"}
+    environments = [env for env in ENVIRONMENTS if env in evaluated] or [OWN]
+
+    figure = new_figure(0.28 * len(conditions) + 0.9)
+    grid = panels(figure, 1, len(environments), sharex=True, sharey=True)[0]
+    for axes, env in zip(grid, environments, strict=True):
+        _draw_environment(axes, summary, env, conditions)
+    left, _ = grid[0].get_xlim()
+    grid[0].set_xlim(min(0.5, left), 1.03)
+    return figure
+
+
+def _draw_environment(
+    axes: Axes, summary: StudyStatistics, env: str, conditions: Sequence[str]
+) -> None:
+    """The panel of an environment."""
+    upright = {}
+    for (name, condition, measure), estimate in summary.estimates.items():
+        if measure == "upright":
+            upright[name, condition] = estimate
+    is_out_of_family = env in ENVIRONMENTS and ENVIRONMENTS[env].population == OUT_OF_FAMILY
+    training_env = OWN_OUT_OF_FAMILY if is_out_of_family else OWN
+
+    for row, condition in enumerate(conditions):
+        color = model_color(condition)
+        benches = summary.by_bench.get((env, condition, "upright"), np.empty(0))
+        axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
+
+        in_training = upright.get((training_env, condition), upright.get((OWN, condition)))
+        if in_training is not None:
+            hollow = {"markerfacecolor": "white", "markeredgecolor": color}
+            axes.plot([in_training.value], [row], "o", markersize=5, **hollow)
+
+        held_out = upright.get((env, condition))
+        if held_out is not None:
+            axes.plot([held_out.low, held_out.high], [row, row], color=color, linewidth=1.8)
+            axes.plot([held_out.value], [row], "o", markersize=5, color=color)
+
+    labels = [model_label(condition) for condition in conditions]
+    axes.set_yticks(range(len(conditions)), labels)
+    axes.set_ylim(len(conditions) - 0.5, -0.5)
+    describe(axes, x="time upright [-]", title=env)
