@@ -35,8 +35,8 @@ from figures import PROGRESS, run_benchmark
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
 from motorprior.exceptions import RobotFault
+from motorprior.excitation.robot_targets import hardware_targets, joints_of
 from motorprior.hardware import runs
-from motorprior.hardware.motions import hardware_targets, joints_of
 from motorprior.hardware.settings import DeploySettings, RecordSettings
 from motorprior.locomotion.command import Commands
 from motorprior.logs.readers.motor_log_file import read_parquet

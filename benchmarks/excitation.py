@@ -24,7 +24,6 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.fleet import Fleet, load_fleet
-from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.bench.recording import (
     BENCH_PRESETS,
     BenchPreset,
@@ -34,7 +33,7 @@ from motorprior.bench.recording import (
 )
 from motorprior.exceptions import MotorPriorError
 from motorprior.excitation.fit_excitation import STEPS, fit_excitation
-from motorprior.excitation.plan import plan_excitation
+from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
@@ -130,8 +129,7 @@ def short_hash(*given: object) -> str:
 def excitation_file(s: Settings, kind: str) -> Path:
     """Of a learned kind, or of the held-out walks."""
     trained = short_hash(s.robot, s.fleet, s.runs, s.held_out_runs, s.run_seconds, s.training_steps)
-    planned = f"_{short_hash(s.motors, s.adam_steps, min(s.budgets))}" if kind == "active" else ""
-    return s.out / f"learned_{trained}" / f"{kind}{planned}.safetensors"
+    return s.out / f"learned_{trained}" / f"{kind}.safetensors"
 
 
 def walk(robot: Robot, fleet: Fleet, seed: int, seconds: float) -> MotorLog:
@@ -330,7 +328,7 @@ def of_walks(settings: Settings) -> dict[str, float]:
         for quantity, found in cells_of(settings, loss, kind, settings.seconds).items():
             name = {"standing_rmse": "walking_error"}.get(quantity, quantity)
             figures |= with_ends(f"{name}/{loss}/{kind}", found)
-    return figures | budgets(settings, excitation) | transfer(settings)
+    return figures | budgets(settings) | transfer(settings)
 
 
 def likeness_figures(alike: Results, name: str) -> dict[str, float]:
@@ -364,30 +362,24 @@ def real_likeness(settings: Settings) -> dict[str, float]:
     return likeness_figures(alike, "likeness_real")
 
 
-def budgets(settings: Settings, excitation: LearnedExcitation) -> dict[str, float]:
-    """Walking error against seconds of log, and the seconds that reach the error of ``rollout`` at the most seconds.
-
-    Kind active: windows of the generator chosen by a prior that was fitted to the shortest log of
-    the kind generated.
-    """
+def budgets(settings: Settings) -> dict[str, float]:
+    """Walking error against seconds of log, and the seconds that reach the best error of `rollout`."""
     if not settings.budgets:
         return {}
     figures: dict[str, float] = {}
-    for kind in (*settings.kinds, "active"):
-        if kind == "active" and not (path := excitation_file(settings, kind)).exists():
-            # a network has no constants to identify
-            physics = replace(settings, rollout_recipe="rollout")
-            prior = _prior(physics, "rollout", "generated", 0, min(settings.budgets))[0]
-            plan_excitation(excitation, prior)[0].save(path)
-        for seconds in settings.budgets:
-            found = cells_of(settings, "rollout", kind, seconds).get("standing_rmse")
-            figures |= with_ends(f"budget/{kind}/{seconds:g}", found) if found else {}
+    for kind, seconds in product(settings.kinds, settings.budgets):
+        errors = cells_of(settings, "rollout", kind, seconds).get("standing_rmse")
+        if errors:
+            figures |= with_ends(f"budget/{kind}/{seconds:g}", errors)
+
     goal = 1.02 * figures[f"budget/rollout/{settings.budgets[-1]:g}"]
-    for kind in (*settings.kinds, "active"):
-        reached = [
-            s for s in settings.budgets if figures.get(f"budget/{kind}/{s:g}", np.inf) <= goal
-        ]
-        figures |= {f"seconds_needed/{kind}": min(reached)} if reached else {}
+    for kind in settings.kinds:
+        errors_by_seconds = {
+            s: figures.get(f"budget/{kind}/{s:g}", np.inf) for s in settings.budgets
+        }
+        sufficient = [seconds for seconds, error in errors_by_seconds.items() if error <= goal]
+        if sufficient:
+            figures[f"seconds_needed/{kind}"] = min(sufficient)
     return figures
 
 
@@ -491,12 +483,12 @@ def report(settings: Settings, figures: dict[str, float]) -> str:
     if settings.budgets:
         figure = new_figure(3.0)
         ((axes,),) = panels(figure, 1)
-        for kind in (*settings.kinds, "active"):
+        for kind in settings.kinds:
             known = [
                 seconds for seconds in settings.budgets if f"budget/{kind}/{seconds:g}" in figures
             ]
             names = [f"budget/{kind}/{seconds:g}" for seconds in known]
-            color = COLORS.get(kind, "C4")
+            color = COLORS[kind]
             low, high = (
                 [max(1.0, 1e3 * figures.get(f"{n}{end}", figures[n])) for n in names]
                 for end in ("/low", "/high")

@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from motorprior.bench.excitation import EXCITATIONS
-from motorprior.bench.learned_excitation import SUB, LearnedExcitation
 from motorprior.bench.recording import BENCH_PRESETS
+from motorprior.excitation.frames import SUB
+from motorprior.excitation.learned_excitation import LearnedExcitation
+from motorprior.excitation.registry import EXCITATIONS
 from motorprior.results import Result, Results
 from virtual_fleets.two_sample import standardise, two_sample_auc
 

@@ -27,9 +27,9 @@ from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.excitation import gait, zero_order_hold
 from motorprior.bench.families import require_geared
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
+from motorprior.excitation.hand_made import gait, zero_order_hold
 from motorprior.identification.identify import identify
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data

@@ -71,13 +71,15 @@ import numpy as np, motorprior as mp
 np.savetxt("log.spaced", np.stack([np.arange(50) * 0.002, np.ones(50), np.linspace(0.0, 1.0, 50)], axis=1))
 assert mp.read_log("log.spaced").joint_names == ("knee",)
 """
-EXCITATION = '    "pulses": Excitation(lambda rng, steps, dt: 0.2 * (np.arange(steps) * dt % 1.0 < rng.uniform(0.1, 0.9))),\n'
+EXCITATION = (
+    '    "pulses": Excitation('
+    "lambda rng, steps, dt: 0.2 * (np.arange(steps) * dt % 1.0 < rng.uniform(0.1, 0.9))),\n"
+)
 USE_EXCITATION = """
 import motorprior as mp, numpy as np
-from motorprior.simulation.playback import excitation_targets
+from motorprior.excitation.robot_targets import excitation_targets, hardware_targets
 targets = excitation_targets(mp.load_robot("pupper_v2"), "pulses", 2.0, 0.3, 0)
 assert len(set(targets[:, 0])) == 2
-from motorprior.hardware.motions import hardware_targets
 assert np.ptp(hardware_targets(mp.load_robot("pupper_v2"), "pulses", (0,), 2.0, amplitude=0.1, speed=9.0, seed=0)) > 0.1
 """
 ROBOT = """
@@ -106,7 +108,7 @@ assert 0.1 < played.joint_pos[-1, 0] < 0.4
         ("motorprior/actuator/soft.py", "", ACTUATOR, USE_ACTUATOR),
         ("motorprior/actuator/optional_terms.py", "TERMS = {\n", TERM, USE_TERM),
         ("motorprior/logs/readers/spaced.py", "", READER, USE_READER),
-        ("motorprior/bench/excitation.py", "EXCITATIONS = {\n", EXCITATION, USE_EXCITATION),
+        ("motorprior/excitation/registry.py", "EXCITATIONS = {\n", EXCITATION, USE_EXCITATION),
         ("lever.toml", "", ROBOT, USE_ROBOT),
     ],
     ids=["actuator", "servo term", "log format", "excitation", "robot"],

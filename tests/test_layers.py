@@ -12,30 +12,40 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "motorprior"
 WORDS = {
     *("__version__", "compiled", "exceptions", "rotations", "signals", "artifacts", "results"),
-    *("schema", "bounds", "delay_line", "progress", "stage", "texts"),
+    *("schema", "bounds", "delay_line", "jax_device", "progress", "stage", "texts"),
 }
 ORDER = [
     *(
         "words",
         "robots",
+        "locomotion",
         "logs",
+        "excitation",
         "actuator",
         "bench",
         "identification",
         "evaluation",
         "priors",
-        "excitation",
     ),
-    *("locomotion", "simulation", "studies"),
+    *("simulation", "studies"),
     *("report", "exports", "environments", "hardware", "commands", "public", "cli"),
 ]
 FORBIDDEN = {
     # what the robot's computer does not install
-    "hardware": {"simulation", "actuator", "identification", "evaluation", "priors", "excitation"},
-    "locomotion": {"simulation"},  # gets a simulator handed in
+    "hardware": {
+        "simulation",
+        "actuator",
+        "excitation",  # gets targets handed in
+        "bench",
+        "identification",
+        "evaluation",
+        "priors",
+    },
 }
 FOLDERS = {
-    **dict.fromkeys(["jax", "optax"], "identification/networks/"),
+    **dict.fromkeys(
+        ["jax", "optax"], ("identification/networks/", "excitation/train_generator", "jax_device")
+    ),
     **dict.fromkeys(["warp", "torch", "mjlab", "mujoco_warp", "newton"], "exports/"),
     "mujoco": ("simulation/", "exports/", "robots/user_model", "robots/build_model", "logs/loads"),
     "pybullet": "simulation/",
@@ -223,8 +233,8 @@ def test_files_are_short():
 
 ROBOT_NAMES = re.compile(r"\b(pupper|go2|so-?101)(_?v\d)?s?\b", re.IGNORECASE)
 TWELVES = {
-    "bench/excitation.py": "sines of a multisine",
-    "bench/learned_excitation.py": "numbers of a window's code",
+    "excitation/hand_made.py": "sines of a multisine",
+    "excitation/generator.py": "numbers of a window's code",
 }
 """Where the number 12 is not the joints of some robot."""
 

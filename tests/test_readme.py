@@ -13,8 +13,9 @@ import pytest
 from motor_logs import TABLE_MAP, write_table
 
 from motorprior.bench.fleet import load_fleet
+from motorprior.excitation.robot_targets import excitation_targets
 from motorprior.robots.load import load_robot
-from motorprior.simulation.playback import excitation_targets, simulated_log
+from motorprior.simulation.playback import simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

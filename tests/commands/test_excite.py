@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from motor_logs import joints_of, log_of
 
-from motorprior.actuator.motor_prior import CARD_PRIOR, LIBRARY
-from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.commands.excite import Excite, run_excite
-from motorprior.exceptions import ConfigError, LogError
-from motorprior.hardware.motions import hardware_targets
+from motorprior.exceptions import LogError
+from motorprior.excitation.robot_targets import hardware_targets
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -73,29 +71,3 @@ def test_a_file_of_runs_plays_on_the_bench_on_the_robot_and_as_csv(tmp_path: Pat
     # scaled to the speed it would have 0.06
     assert np.abs(slow - PUPPER_V2.nominal_pose).max() > 0.065
     assert np.abs(np.diff(slow, axis=0)).max() <= 0.6 * PUPPER_V2.control_dt + 1e-9
-
-
-def test_a_plan_is_a_second_file_and_checked_before_the_training(tmp_path: Path):
-    write_log(tmp_path / "run.parquet", suspended_run())
-    config = Excite(
-        (tmp_path / "run.parquet",), tmp_path / "walk.safetensors", "recorded", robot="pupper_v2"
-    )
-    found = run_excite(config)
-    before = config.out.read_bytes()
-    plan = replace(
-        config, plan_prior=Path(str(LIBRARY / "pupper_v2" / CARD_PRIOR)), csv_seconds=1.0
-    )
-    assert run_excite(plan).provenance != found.provenance
-    assert (
-        0
-        < len(LearnedExcitation.load(tmp_path / "walk.plan.safetensors").windows)
-        < len(found.windows)
-    )
-    assert (tmp_path / "walk.plan.csv").exists() and not (tmp_path / "walk.csv").exists()
-    plan = replace(plan, method="generated")
-    with pytest.raises(ConfigError, match="of robot 'go2', the runs of pupper_v2"):
-        run_excite(replace(plan, plan_prior=Path(str(LIBRARY / "go2" / CARD_PRIOR))))
-    write_log(tmp_path / "run.parquet", replace(suspended_run(), joint_torque=None))
-    with pytest.raises(ConfigError, match="loads of the runs are unknown"):
-        run_excite(plan)
-    assert config.out.read_bytes() == before and not config.out.with_suffix(".checkpoint").exists()

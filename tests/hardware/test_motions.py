@@ -4,16 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from drawn_motors import draw_pd
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
-from motorprior.bench.excitation import EXCITATIONS
 from motorprior.bench.fleet import load_fleet
+from motorprior.excitation.robot_targets import hardware_targets
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.health import Measurement
-from motorprior.hardware.motions import OF_ROBOTS, PolicyMotion, hardware_targets, joints_of
+from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.runs import record
 from motorprior.hardware.safety_gate import Gains, SafetyGate
@@ -99,32 +97,6 @@ def test_a_policy_observes_and_commands_on_the_robot_what_it_does_in_simulation(
         firmware.receive(framed(gate.limited(target, 0.01 * (step + 1)), 12))
         assert not terminated
     assert gate.slew_clips == gate.position_clips == 0, "the gate does not change a walking policy"
-
-
-@given(
-    kind=st.sampled_from([*EXCITATIONS, *OF_ROBOTS]),
-    joint=st.sampled_from(["all", "FR", "knee", "RL_hip"]),
-    seconds=st.floats(1.0, 20.0),
-    amplitude=st.floats(0.05, 1.5),
-    speed=st.floats(0.5, 20.0),
-    seed=st.integers(0, 100),
-)
-@settings(max_examples=40, deadline=None)
-def test_an_excitation_stays_within_amplitude_and_speed(
-    kind, joint, seconds, amplitude, speed, seed
-):
-    targets = hardware_targets(
-        PUPPER_V2, kind, joints_of(PUPPER_V2, joint), seconds, amplitude, speed, seed
-    )
-    away = targets - PUPPER_V2.nominal_pose
-    assert np.abs(away).max() <= amplitude + 1e-9
-    assert np.all(targets >= PUPPER_V2.lower) and np.all(targets <= PUPPER_V2.upper)
-    moving = set(np.flatnonzero(np.abs(away).max(axis=0)))
-    assert moving <= set(joints_of(PUPPER_V2, joint)) and moving
-    assert np.abs(away[0]).max() == 0.0 and np.abs(away[-1]).max() < 1e-9
-    smooth = targets[: len(targets) // 2] if kind == "varied" else targets
-    if kind != "steps":
-        assert np.abs(np.diff(smooth, axis=0)).max() <= speed * PUPPER_V2.control_dt + 1e-9
 
 
 def test_a_ramp_begins_and_ends_softly_and_keeps_its_speed():

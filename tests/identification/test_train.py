@@ -11,7 +11,7 @@ from motor_logs import log_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.excitation import gait, impacts
+from motorprior.excitation.hand_made import gait, impacts
 from motorprior.identification.identify import identify
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData, training_data

@@ -8,11 +8,11 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.bench.dynamometer import BENCH, Response, Trial, bench_names, run
-from motorprior.bench.excitation import zero_order_hold
 from motorprior.bench.families import TrueMotors
 from motorprior.bench.fleet import Fleet
-from motorprior.bench.learned_excitation import excitation_of
 from motorprior.exceptions import ConfigError
+from motorprior.excitation.hand_made import zero_order_hold
+from motorprior.excitation.registry import excitation_of
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 

@@ -125,7 +125,7 @@ COMMANDS = {
         settings="motorprior.commands.excite:Excite",
         run="motorprior.commands.excite:run_excite",
         positional=("runs",),
-        common=("runs", "out", "method", "robot", "columns", "suspended", "plan_prior"),
+        common=("runs", "out", "method", "robot", "columns", "suspended"),
     ),
     "walk": Command(
         "Train a walking policy.",

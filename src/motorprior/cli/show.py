@@ -7,8 +7,8 @@ from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
 from motorprior.bench.fleet import load_fleet
-from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ArtifactError
+from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.locomotion.policy import Policy
 from motorprior.logs.read_log import read_log
 from motorprior.progress import Progress

@@ -17,7 +17,7 @@ class Record(RecordSettings, RobotChoice):
 def run_record(config: Record, progress: Progress = SILENT) -> None:
     """Play an excitation and record it; errors as `hardware.runs.record`."""
     require_robot_extra()
-    from motorprior.hardware.motions import hardware_targets, joints_of
+    from motorprior.excitation.robot_targets import hardware_targets, joints_of
     from motorprior.hardware.runs import record  # here: it needs the extra robot
 
     robot = load_robot(DEFAULT_ROBOT)

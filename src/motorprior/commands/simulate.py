@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.bounds import require_number, require_seed
+from motorprior.excitation.robot_targets import excitation_targets
 from motorprior.logs.loads import with_loads
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.playback import excitation_targets, simulated_log
+from motorprior.simulation.playback import simulated_log
 from motorprior.stage import description, is_finished, working
 
 LOG = "log.parquet"

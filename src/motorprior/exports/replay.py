@@ -10,8 +10,9 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.bench.dynamometer import Trial, run, trial_of
-from motorprior.bench.excitation import EXCITATIONS, zero_order_hold
 from motorprior.exceptions import LogError
+from motorprior.excitation.hand_made import zero_order_hold
+from motorprior.excitation.registry import EXCITATIONS
 from motorprior.exports.exporter import ReplayFunction
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import resample

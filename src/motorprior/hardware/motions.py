@@ -1,13 +1,10 @@
-"""What an armed robot plays: a walk with a trained policy, or an excitation of its motors."""
+"""What an armed robot plays: a walk with a trained policy, or given targets."""
 
 import time
-from collections.abc import Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
 
-from motorprior.bench.bounded_stream import Bounds, bounded
-from motorprior.bench.learned_excitation import LearnedExcitation, excitation_of
 from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.control_loop import AfterStep, ControlLoop, Motion
 from motorprior.hardware.health import Measurement
@@ -22,7 +19,7 @@ from motorprior.locomotion.control_step import (
     new_gait,
     write_readings,
 )
-from motorprior.locomotion.gait import YAW_RATE, action_size, open_loop_gait, walker_arrays
+from motorprior.locomotion.gait import YAW_RATE, action_size, walker_arrays
 from motorprior.locomotion.policy import Policy, act
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
@@ -199,113 +196,6 @@ def _status_line(link: RobotLink, motion: PolicyMotion, status: Print) -> AfterS
         )
 
     return show
-
-
-OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
-# frequency and speed of the gait, relative to the robot's usual frequency and maximum speed
-_SLOW = 0.5
-_FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
-
-
-def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
-    """Indices of all joints (``all``), of one (FR_knee), or of a leg or kind of joint (FR, knee)."""
-    names = robot.joint_names
-    indices = tuple(
-        index for index, joint in enumerate(names) if name in ("all", joint, *joint.split("_"))
-    )
-    if not indices:
-        parts = dict.fromkeys(part for joint in names for part in joint.split("_"))
-        valid = f"all, {', '.join((*parts, names[0]))}, ..."
-        raise ConfigError(
-            f"joint {name!r} is unknown", remedy=f"use one of {valid}", argument="joint"
-        )
-    return indices
-
-
-def hardware_targets(
-    robot: Robot,
-    kind: str,
-    joints: Sequence[int],
-    seconds: float,
-    amplitude: float,
-    speed: float,
-    seed: int,
-) -> np.ndarray:
-    """(steps, joints) targets [rad] about the nominal pose, for ``seconds`` [s].
-
-    Every joint gets a signal of its own (`bench.excitation`), scaled to ``amplitude`` [rad] and
-    then down to ``speed`` [rad/s]; ``trot`` is of the whole robot, scaled as one. Steps are not
-    scaled to the speed: the safety gate limits their slew rate. ``varied`` is a multisine of all
-    joints, and then steps of one joint after the other. Raises ConfigError for an unknown
-    excitation, one that moves none of the joints, or a trot without legs.
-    """
-    steps = round(seconds / robot.control_dt)
-    rng = np.random.default_rng([seed, robot.num_joints])
-    parts = (
-        [("multisine", steps // 2), ("steps", steps - steps // 2)]
-        if kind == "varied"
-        else [(kind, steps)]
-    )
-    away = np.concatenate(
-        [_away(robot, part, joints, num, amplitude, speed, rng) for part, num in parts]
-    )
-    if kind == "varied":
-        # A joint's load depends on the motion of all. If all jump at once, gears seem better damped
-        # than they are.
-        bounds = steps // 2 + np.linspace(0, steps - steps // 2, len(joints) + 1).astype(int)
-        for joint, first, end in zip(joints, bounds[:-1], bounds[1:], strict=True):
-            away[steps // 2 : first, joint] = away[end:, joint] = 0.0
-    return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
-
-
-def _away(
-    robot: Robot,
-    kind: str,
-    joints: Sequence[int],
-    steps: int,
-    amplitude: float,
-    speed: float,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """(steps, joints) differences between the targets and the nominal pose [rad], scaled and faded; 0 for others."""
-    # signals are scaled joint by joint
-    over = 0
-    jumps = False
-    min_range = 1e-9
-    limits = None
-    if kind == "trot":
-        # it keeps its shape
-        over = None
-        walker = walker_arrays(robot)
-        forward = _SLOW * walker.max_speed
-        frequency = _SLOW * walker.frequency
-        gait = open_loop_gait(walker, steps, forward, frequency, 0.0, 1.0)
-        away = gait - robot.nominal_pose
-    else:
-        excitation = excitation_of(kind, OF_ROBOTS)
-        jumps = excitation.jumps
-        min_range = amplitude if excitation.is_bounded else min_range
-        if isinstance(excitation, LearnedExcitation):
-            limits = Bounds(amplitude, speed, excitation.bounds[:, 2].max(), 0.0)
-        away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
-        away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
-    away[:, [joint for joint in range(robot.num_joints) if joint not in joints]] = 0.0
-    if not away.any():
-        names = ", ".join(robot.joint_names[joint] for joint in joints)
-        raise ConfigError(
-            f"{kind} does not move {names}",
-            remedy="choose another joint, or a sine",
-            argument="joint",
-        )
-    time = np.arange(steps) * robot.control_dt
-    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=over))
-    if limits is not None:  # only steps that are too fast are slowed; the stream keeps its size
-        away = bounded(np.concatenate([away[:1], away]), limits, robot.control_dt)
-    away *= np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
-    if not jumps:
-        fastest = np.abs(np.diff(away, axis=0)).max(axis=over) / robot.control_dt
-        away /= np.maximum(1.0, fastest / speed)
-    return away
 
 
 def excite(session: Session, targets: np.ndarray, suspended: bool) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.kernels import without_refcounts
-from motorprior.bench.learned_excitation import excitation_of
 from motorprior.bounds import generator_of, require_array
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
@@ -17,8 +16,6 @@ from motorprior.robots.robot import Robot
 from motorprior.simulation.motors import MotorSource, simulated_motors
 from motorprior.simulation.physics import FAULTS, find_fault, physics_step, read_joints
 from motorprior.simulation.world import World
-
-_EXCITATION_STREAM = 0x51E7  # not the random stream of the motors
 
 
 @dataclass(frozen=True)
@@ -135,26 +132,6 @@ def simulate(
     world = World(robot, source.physics_dt, suspended)
     actuator = source.draw(generator_of(seed))
     return replay(world, actuator, targets)
-
-
-def excitation_targets(
-    robot: Robot, excitation_name: str, seconds: float, amplitude: float, seed: int
-) -> np.ndarray:
-    """(control steps, joints) targets [rad]: each joint has its own signal about the nominal pose.
-
-    The maximum distance from the nominal pose is ``amplitude`` [rad]; a bounded excitation may stay
-    below it.
-    """
-    excitation = excitation_of(excitation_name)
-    rng = np.random.default_rng([seed, _EXCITATION_STREAM])
-    steps = max(2, round(seconds / robot.control_dt))
-    streams = excitation.streams(rng, steps, robot.control_dt, robot.joint_names)
-    offset = streams.position_target
-
-    min_reach = amplitude if excitation.is_bounded else 1e-9
-    reach = np.maximum(min_reach, np.abs(offset).max(axis=0))
-    offset *= amplitude / reach
-    return np.clip(robot.nominal_pose + offset, robot.lower, robot.upper)
 
 
 def simulated_log(

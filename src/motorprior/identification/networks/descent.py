@@ -10,10 +10,10 @@ import optax
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.networks import objectives
-from motorprior.identification.networks.device import use_cpu_by_default
 from motorprior.identification.networks.objectives import Parameters
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData
+from motorprior.jax_device import use_cpu_by_default
 from motorprior.progress import ReportProgress
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported

@@ -24,11 +24,11 @@ from motorprior.actuator.latent import (
 )
 from motorprior.bench.dynamometer import next_velocity
 from motorprior.identification import windows as channel
-from motorprior.identification.networks.device import use_cpu_by_default
 from motorprior.identification.physics.window_runs import SCALES
 from motorprior.identification.presets import Recipe
 from motorprior.identification.search import huber
 from motorprior.identification.windows import TrainingData
+from motorprior.jax_device import use_cpu_by_default
 
 Parameters = dict[str, Any]
 INITIAL_ARMATURE = 0.002  # [kg·m²]

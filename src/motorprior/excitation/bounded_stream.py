@@ -1,4 +1,4 @@
-"""Position targets that cannot exceed bounds of amplitude A, speed V and acceleration W, by construction.
+"""Position targets that cannot exceed bounds of amplitude A, speed V and acceleration W.
 
 A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
 
@@ -8,7 +8,7 @@ A raw signal x_k [rad] of any size is followed by a state (s, v) with period dt:
     q  = soft_clip(s, A)                                                 |q| < A
 
 `soft_clip` is the identity up to 80 % of its bound and saturates with tanh. Its slope is at most 1
-and its curvature at most CURVE / A, so that |q'- q| <= U·dt and |q'' - 2q' + q| <= B·dt² +
+and its curvature at most CURVE / A, so that |q' - q| <= U·dt and |q'' - 2q' + q| <= B·dt² +
 CURVE·(U·dt)²/A. With
 
     U = min(V, √(W·A / (2·CURVE))),   B = W - CURVE·U²/A
@@ -36,24 +36,32 @@ class Bounds(NamedTuple):
 
 
 def soft_clip(value: Any, bound: Any) -> Any:
-    """``value`` up to KNEE·b for ``bound`` b, then ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE)))."""
+    """``value`` clipped softly to ±``bound``.
+
+    With b for ``bound``, values up to KNEE·b are kept. Larger ones become
+    ±b·(KNEE + (1 - KNEE)·tanh((|value|/b - KNEE)/(1 - KNEE))).
+    """
     knee = KNEE * bound
-    rest = (1.0 - KNEE) * bound
+    headroom = (1.0 - KNEE) * bound
     over = np.maximum(np.abs(value) - knee, 0.0)
-    return np.clip(value, -knee, knee) + np.sign(value) * rest * np.tanh(over / rest)
+    return np.clip(value, -knee, knee) + np.sign(value) * headroom * np.tanh(over / headroom)
 
 
 def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:
     """(steps, n) bounded targets [rad] that follow ``raw`` (steps + 1, n) from rest at its first row."""
     amplitude = bounds.amplitude
+    # U and B·dt of the module's formulas
     speed = np.minimum(bounds.speed, np.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))
-    change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
+    speed_change = (bounds.acceleration - CURVE * speed**2 / amplitude) * dt
+
     position = raw[0]
     velocity = np.zeros_like(raw[0])
-    out = np.empty_like(raw[1:])
-    for row in range(len(out)):
-        wanted = soft_clip((raw[row + 1] - raw[row]) / dt + RETURN * (raw[row] - position), speed)
-        velocity = velocity + soft_clip(wanted - velocity, change)
+    targets = np.empty_like(raw[1:])
+    for row in range(len(targets)):
+        speed_of_raw = (raw[row + 1] - raw[row]) / dt
+        followed = soft_clip(speed_of_raw + RETURN * (raw[row] - position), speed)
+
+        velocity = velocity + soft_clip(followed - velocity, speed_change)
         position = position + dt * velocity
-        out[row] = soft_clip(position, amplitude)
-    return out
+        targets[row] = soft_clip(position, amplitude)
+    return targets

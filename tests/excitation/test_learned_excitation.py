@@ -8,21 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motorprior.bench.bounded_stream import Bounds, bounded
-from motorprior.bench.excitation import EXCITATIONS
-from motorprior.bench.learned_excitation import (
-    CHANNELS,
-    CODE,
-    FADE,
-    MIN_SCALE,
-    SUB,
-    LearnedExcitation,
-    excitation_of,
-    recorded,
-    surrogate,
-    weight_shapes,
-)
 from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.excitation.bounded_stream import Bounds, bounded
+from motorprior.excitation.frames import CHANNELS, SUB
+from motorprior.excitation.generator import CODE, weight_shapes
+from motorprior.excitation.learned_excitation import LearnedExcitation
+from motorprior.excitation.recorded import FADE, recorded_stream
+from motorprior.excitation.registry import EXCITATIONS, excitation_of
+from motorprior.excitation.run_windows import MIN_SCALE
+from motorprior.excitation.surrogate import surrogate_stream
 
 DT = 0.01
 
@@ -112,7 +106,8 @@ def test_a_channel_that_is_constant_in_the_runs_stays_constant():
 
 def test_recorded_windows_are_all_played_and_seams_fade():
     runs = sample()
-    raw = recorded(runs, np.random.default_rng(0), 10 * (64 - FADE), 1)
+    knees = runs.windows[runs.window_class == 1]
+    raw = recorded_stream(knees, np.random.default_rng(0), 10 * (64 - FADE))
     middles = raw.reshape(10, 64 - FADE, CHANNELS)[:, FADE:]
     played = {
         int(np.argmin([np.abs(own[FADE:-FADE] - middle).max() for own in runs.windows]))
@@ -126,8 +121,9 @@ def test_recorded_windows_are_all_played_and_seams_fade():
 
 def test_surrogates_have_the_marginals_and_the_frequency_of_the_runs():
     runs = sample()
-    raw = surrogate(runs, np.random.default_rng(0), 4096, 1)
-    knees = runs.windows[runs.window_class == 1].reshape(-1, CHANNELS)
+    knees = runs.windows[runs.window_class == 1]
+    raw = surrogate_stream(knees, np.random.default_rng(0), 4096)
+    knees = knees.reshape(-1, CHANNELS)
     shares = np.linspace(0.05, 0.95, 19)
     assert np.quantile(raw, shares, axis=0) == pytest.approx(
         np.quantile(knees, shares, axis=0), abs=0.02

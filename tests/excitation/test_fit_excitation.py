@@ -1,7 +1,6 @@
-"""Excitations learned from logs: windows and classes, the generator's training, and the choice of windows."""
+"""Excitations learned from logs: windows and classes, and the generator's training."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -9,14 +8,11 @@ import numpy as np
 import pytest
 from motor_logs import log_of
 
-from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.learned_excitation import LearnedExcitation
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.excitation.fit_excitation import fit_excitation, gait_frequency, windows_of
-from motorprior.excitation.plan import plan_excitation
-from motorprior.identification.physics.motor_problem import grey_box, initial_center
-from motorprior.identification.presets import identification_preset
+from motorprior.excitation.fit_excitation import fit_excitation
+from motorprior.excitation.learned_excitation import LearnedExcitation
+from motorprior.excitation.run_windows import gait_frequency, windows_of
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT, Task
 
@@ -116,22 +112,3 @@ def test_training_repeats_its_bytes_continues_where_it_stopped_and_learns_the_si
     assert [run["source"] for run in found.provenance["trained_on"]] == ["run 0", "run 1"]
     target, _ = found.frames(np.random.default_rng(0), 600, np.array([0, 1]))
     assert target[:, 1].std() > 1.5 * target[:, 0].std() > 0.0
-
-
-def test_the_plan_prefers_motion_and_shrinks_every_constant():
-    preset = identification_preset("rollout")
-    model = grey_box(initial_center(()), (), preset)
-    z = np.zeros((2, model.num_latents))
-    recipe = json.loads(json.dumps(asdict(preset)))
-    prior = MotorPrior(model, z, z, "rollout", "r", "m", {"recipe": recipe}, {"final_loss": 0.05})
-    runs = windows_of([run_of(0), run_of(1)], 0.01)
-    made, plans = plan_excitation(runs, prior, candidates=6)
-    assert [plan.joint_class for plan in plans] == ["hip", "knee"]
-    for plan in plans:
-        assert all(plan.after[name] <= plan.before[name] + 1e-9 for name in plan.after)
-        assert plan.seconds == pytest.approx(1.28 * len(plan.windows))
-    hip, knee = (np.mean(list(plan.after.values())) for plan in plans)
-    assert knee < hip  # larger motion
-    assert made.method == "recorded" and len(made.windows) == sum(
-        len(plan.windows) for plan in plans
-    )

@@ -1,0 +1,42 @@
+"""What an excitation is: position targets and loads of joints, from a random generator."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, TypeAlias
+
+import numpy as np
+
+Rng: TypeAlias = np.random.Generator
+# (generator, steps, sample period [s]) -> (steps,) signal
+Signal = Callable[[Rng, int, float], np.ndarray]
+
+
+class Streams(NamedTuple):
+    """Commands and loads of n joints."""
+
+    position_target: np.ndarray  # (steps, n) [rad]
+    external_torque: np.ndarray  # (steps, n) on the joints, on a bench [N·m]
+    load_inertia: np.ndarray | None = None  # (n,) on a bench [kg·m²]; None: the bench's own choice
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Excitation of a motor by hand-made signals."""
+
+    target: Signal  # position targets [rad]
+    external_torque: Signal | None = None  # on the joint, in the `unit` of `streams`; None: 0
+    jumps: bool = False  # whether targets change faster than any speed limit
+    # whether targets have a fixed amplitude, which a robot may only reduce
+    is_bounded: ClassVar[bool] = False
+
+    def streams(
+        self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0
+    ) -> Streams:
+        """Streams of joints, sampled every ``dt`` [s]; ``unit`` of external torques [N·m]."""
+        targets = np.stack([self.target(rng, steps, dt) for _ in joint_names], axis=1)
+
+        if self.external_torque is None:
+            return Streams(targets, np.zeros_like(targets))
+
+        torques = [self.external_torque(rng, steps, dt) for _ in joint_names]
+        return Streams(targets, unit * np.stack(torques, axis=1))
