@@ -12,7 +12,7 @@ import pytest
 
 import motorprior as mp
 from motorprior.cli.command_table import COMMANDS
-from motorprior.cli.parse import HELP_ALL
+from motorprior.cli.options import HELP_ALL
 
 WITHOUT_UNIT = {"--search.step-size", "--search.delta-std"}
 MAX_LINES = 45
