@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 
 from excitation_likeness import FEATURES, KINDS, TRAIN, likeness, windows_of_kind
 from figures import PROGRESS, markdown, run_benchmark
+from motorprior.actuator.fleet import Fleet, load_fleet
 from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
-from motorprior.bench.fleet import Fleet, load_fleet
 from motorprior.bench.recording import (
     BENCH_PRESETS,
     BenchPreset,

@@ -25,13 +25,13 @@ import numpy as np
 
 from figures import run_benchmark
 from motorprior.actuator import kernels
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.exports.bam import motors_of
 from motorprior.exports.exporter import sampled
 from motorprior.exports.registry import EXPORTERS, is_supported

@@ -16,11 +16,11 @@ from pathlib import Path
 import tyro
 
 from figures import PROGRESS, markdown
+from motorprior.actuator.fleet import nominal_pd
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
-from motorprior.bench.fleet import nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.evaluation.errors import MAX_ERROR

@@ -16,9 +16,10 @@ import tyro
 
 import motorprior as mp
 from figures import report
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.fleet import load_robot_fleet, nominal_pd
 from motorprior.actuator.kernels import without_refcounts
-from motorprior.bench.fleet import load_robot_fleet, nominal_pd
 from motorprior.compiled import njit
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays

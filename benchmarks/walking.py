@@ -26,7 +26,7 @@ import numpy as np
 
 import motorprior as mp
 from figures import PROGRESS, run_benchmark
-from motorprior.bench.fleet import load_robot_fleet
+from motorprior.actuator.fleet import load_robot_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import PolicyArrays

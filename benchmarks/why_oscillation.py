@@ -20,14 +20,14 @@ from matplotlib.figure import Figure
 
 import motorprior as mp
 from figures import markdown
-from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.families import require_geared
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import require_geared
 from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
 from motorprior.excitation.hand_made import gait, zero_order_hold
 from motorprior.identification.identify import identify

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from motor_logs import TABLE_MAP, write_table
 
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.fleet import load_fleet
 from motorprior.excitation.robot_targets import excitation_targets
 from motorprior.robots.load import load_robot
 from motorprior.simulation.playback import simulated_log

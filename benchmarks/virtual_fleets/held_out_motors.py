@@ -4,9 +4,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from motorprior.actuator.families import TrueMotors
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings
-from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.logs.motor_log import MotorLog

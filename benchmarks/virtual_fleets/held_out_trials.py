@@ -11,9 +11,9 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.families import TrueMotors
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import TrueMotors
 from motorprior.bench.recording import BenchPreset, bench_trial
 from motorprior.evaluation.bands import (
     LEVELS,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.families import TrueMotors
+from motorprior.actuator.families import TrueMotors
 from motorprior.evaluation.errors import MAX_ERROR, capped
 from motorprior.exceptions import SimulationFault
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays

@@ -13,14 +13,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from motorprior.actuator.fleet import Fleet as Fleet
+    from motorprior.actuator.fleet import load_fleet as load_fleet
     from motorprior.actuator.ideal_pd import IdealPd as IdealPd
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
     from motorprior.actuator.motor_prior import MotorPrior as MotorPrior
     from motorprior.actuator.motors import Motors as Motors
     from motorprior.actuator.physical import PhysicalActuator as PhysicalActuator
     from motorprior.bench.bench_folder import record_bench as record_bench
-    from motorprior.bench.fleet import Fleet as Fleet
-    from motorprior.bench.fleet import load_fleet as load_fleet
     from motorprior.environments import make_env as make_env
     from motorprior.exceptions import ArtifactError as ArtifactError
     from motorprior.exceptions import ConfigError as ConfigError
@@ -60,8 +60,8 @@ _MODULES = {
     "Motors": "motorprior.actuator.motors",
     "PhysicalActuator": "motorprior.actuator.physical",
     "record_bench": "motorprior.bench.bench_folder",
-    "Fleet": "motorprior.bench.fleet",
-    "load_fleet": "motorprior.bench.fleet",
+    "Fleet": "motorprior.actuator.fleet",
+    "load_fleet": "motorprior.actuator.fleet",
     "make_env": "motorprior.environments",
     "ArtifactError": "motorprior.exceptions",
     "ConfigError": "motorprior.exceptions",

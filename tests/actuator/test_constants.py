@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
 

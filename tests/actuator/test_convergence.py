@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from exports import true_grey_box
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.physical import PhysicalActuator
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_trial
 from motorprior.signals import rms
 from virtual_fleets.held_out_trials import HELD_OUT

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from networks import network
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import named_constants
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError
@@ -77,7 +77,7 @@ def test_a_prior_keeps_joint_names_and_logged_gains(gain_scaled: MotorPrior, tmp
 def classed(gain_scaled: MotorPrior) -> MotorPrior:
     """A prior with three classes of one motor each."""
     means = np.array([[-5.0, 0.0, 0.0], [0.0, 5.0, 0.0], [5.0, 0.0, 5.0]])
-    classes = JointClasses(
+    classes = ClassLatents(
         ("hip", "thigh", "calf"), ("hip", "thigh", "calf"), means, np.full(3, 4.0)
     )
     return replace(gain_scaled, given_classes=classes, misfit=np.array([0.5, 1.0, 2.0]))

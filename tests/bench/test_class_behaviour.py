@@ -8,12 +8,12 @@ import pytest
 
 import motorprior as mp
 from motorprior.actuator.actuator import Actuator, Factors, with_factors
+from motorprior.actuator.class_latents import ClassLatents
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import MotorPrior, shipped_cards
 from motorprior.bench.class_behaviour import class_behaviours
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.fleet import load_fleet
 from motorprior.robots.shipped import SHIPPED
 
 # inertia of loads over the armature [-]; a response whose last quarter varies by more than this
@@ -80,7 +80,7 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
     means = np.array([[-6.0, 0.0, 0.0], [6.0, 0.0, 0.0]])
     names = ("hip", "calf") * 6
     z = means[[0, 1] * 6] + rng.standard_normal((12, 3))
-    classes = JointClasses(("hip", "calf"), names, means, np.full(3, 6.0))
+    classes = ClassLatents(("hip", "calf"), names, means, np.full(3, 6.0))
     prior = MotorPrior(box, z, np.zeros_like(z), "rollout", "r", "m", {}, {}, given_classes=classes)
     hip, calf = class_behaviours(prior)
     assert (hip.name, calf.name) == ("hip", "calf") and set(hip.sampled) == {

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 
 LOAD = np.array([0.002, 0.03])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.logs.motor_log import channels, checked
 

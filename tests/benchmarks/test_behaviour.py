@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from virtual_fleets import behaviour
 
 KP = np.array([8.0, 12.0])

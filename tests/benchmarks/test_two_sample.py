@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.physical import PhysicalActuator
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from virtual_fleets.behaviour import behaviours
 from virtual_fleets.two_sample import area_under_curve, two_sample_auc
 

@@ -27,7 +27,7 @@ Edit = Callable[[Path], object]
         ("walk --motors pd:kd=nan", ("--motors 'pd:kd=nan'", "finite number")),
         ("walk --motors pd --task.alive nan", ("--task.alive nan",)),
         ("walk --motors prior", ("file is missing",)),
-        ("walk --motors hydraulic:3", ("no kind 'hydraulic'", "fleet, prior, posterior, pd")),
+        ("walk --motors hydraulic:3", ("no motors 'hydraulic'", "fleet, pd, posterior, prior")),
         ("transfer", ("no policy", "walk")),
         ("transfer --walks 2", ("walks needs --study",)),
         ("demo --motors 5", ("--motors 5", "at least 12")),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded_robot import record_log
 
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.fleet import load_fleet
 from motorprior.logs.readers.motor_log_file import write_log
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.log_replay import with_posture

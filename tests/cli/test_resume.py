@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from motorprior.actuator.fleet import fleet_path
 from motorprior.artifacts import read_json
-from motorprior.bench.fleet import fleet_path
 from motorprior.priors.fit_prior import CHECKPOINT, PRIOR
 
 Command = Callable[..., Any]

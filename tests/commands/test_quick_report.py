@@ -9,8 +9,8 @@ import pytest
 from motor_logs import log_of
 from weighed_arm import write_arm
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.artifacts import read_json
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report

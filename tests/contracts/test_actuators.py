@@ -8,6 +8,8 @@ import pytest
 from grey_boxes import make_grey_box
 from networks import network
 
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
@@ -16,8 +18,6 @@ from motorprior.actuator.latent import NetworkActuator
 from motorprior.actuator.out_of_family import OutOfFamilyMotors
 from motorprior.actuator.physical import PhysicalActuator, PhysicalMotors
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
 DT = 0.001

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit, typeof
 from policies import random_policy
 
-from motorprior.actuator.actuator import ActuatorArrays, empty_arrays, require_step
+from motorprior.actuator.actuator import Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.bench.dynamometer import Trial, run
@@ -64,6 +65,10 @@ class Spring:
     @property
     def damping(self) -> np.ndarray:
         return np.full(self.num_motors, KD)
+
+    def with_factors(self, factors: Factors) -> "Spring":
+        require_unchanged(SPRING, factors, *Factors._fields)
+        return self
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         require_step(physics_dt, SPRING.max_step)

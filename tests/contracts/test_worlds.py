@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from grey_boxes import make_grey_box
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.control_step import RobotState
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization

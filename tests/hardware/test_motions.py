@@ -7,7 +7,7 @@ from drawn_motors import draw_pd
 from policies import as_file_content, random_policy
 from telemetry import telemetry
 
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.fleet import load_fleet
 from motorprior.excitation.robot_targets import hardware_targets
 from motorprior.hardware.control_loop import ramp
 from motorprior.hardware.health import Measurement

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import BENCH_PRESETS, record
 from motorprior.identification.identify import TrainingResult, identify
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays
+from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from motor_logs import TABLE_MAP, log_of, write_table
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.motors import Motors
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.dynamometer import next_velocity
-from motorprior.bench.fleet import load_fleet
 from motorprior.logs.motor_log import MotorLog
 
 INERTIA = np.array([0.005, 0.012])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import GRAVITY

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from motorprior.actuator.fleet import fleet_path
 from motorprior.actuator.registry import motor_text, parsed
-from motorprior.bench.fleet import fleet_path
 from motorprior.exceptions import ConfigError
 from motorprior.simulation.motors import motors_as_json, motors_from_json
 

@@ -6,9 +6,9 @@ from drawn_motors import draw_pd
 from grey_boxes import make_grey_box
 from policies import random_policy
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
-from motorprior.bench.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.control_step import TaskWeights
 from motorprior.locomotion.policy import PolicyArrays

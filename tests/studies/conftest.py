@@ -2,7 +2,7 @@
 
 import pytest
 
-from motorprior.bench.fleet import Fleet, load_fleet
+from motorprior.actuator.fleet import Fleet, load_fleet
 
 
 @pytest.fixture(scope="session")

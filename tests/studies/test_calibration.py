@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from recorded_robot import record_log
 
-from motorprior.bench.families import FAMILIES
-from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.actuator.families import FAMILIES
+from motorprior.actuator.fleet import Distribution, Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.calibration import (
     FleetProblem,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from policies import random_policy
 
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.fleet import load_fleet
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES, episode_seed
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT

@@ -9,7 +9,7 @@ import pytest
 from recorded_robot import record_log
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.fleet import load_fleet, load_robot_fleet, nominal_pd
+from motorprior.actuator.fleet import load_fleet, load_robot_fleet, nominal_pd
 from motorprior.exceptions import ConfigError
 from motorprior.logs.motor_log import POSTURES, MotorLog
 from motorprior.logs.read_log import read_log, read_log_folder

@@ -18,13 +18,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import (
-    Actuator,
-    ActuatorArrays,
-    Factors,
-    empty_arrays,
-    require_step,
-)
+from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
@@ -127,7 +122,7 @@ class GreyBox:
 
 
 @dataclass(frozen=True, repr=False)
-class GreyBoxActuator(Actuator):
+class GreyBoxActuator:
     """n motors of one grey box."""
 
     model: GreyBox  # shared by all motors
@@ -150,8 +145,18 @@ class GreyBoxActuator(Actuator):
         """Number of motors."""
         return len(self.z)
 
+    @property
+    def armature(self) -> np.ndarray:
+        """(n,) zero [kg·m²]: the model simulates the rotor."""
+        return np.zeros(self.num_motors)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """(n,) zero [N·m·s/rad]: before the first step, no gear is in contact."""
+        return np.zeros(self.num_motors)
+
     def with_factors(self, factors: Factors) -> "GreyBoxActuator":
-        """See `actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
+        """See `Actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
         before = self.factors
         return replace(
             self, factors=factors if before is None else Factors(*np.multiply(before, factors))

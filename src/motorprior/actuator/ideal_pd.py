@@ -31,13 +31,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import (
-    ActuatorArrays,
-    Factors,
-    empty_arrays,
-    require_step,
-    require_unchanged,
-)
+from motorprior.actuator.actuator import Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -101,7 +96,7 @@ class IdealPd:
         return self.kd
 
     def with_factors(self, factors: Factors) -> "IdealPd":
-        """See `actuator.with_factors`."""
+        """See `Actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")
         return replace(

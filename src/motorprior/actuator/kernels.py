@@ -16,7 +16,7 @@ from numba.core.errors import TypingError
 from numba.core.imputils import impl_ret_untracked
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import ActuatorArrays, KernelTable
+from motorprior.actuator.arrays import ActuatorArrays, KernelTable
 from motorprior.compiled import njit
 
 

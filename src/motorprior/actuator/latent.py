@@ -18,7 +18,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_step
+from motorprior.actuator.actuator import Factors, require_step, require_unchanged
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
 from motorprior.actuator.vector import FLOAT, Vector
@@ -158,7 +159,7 @@ def network_schema(remedy: str) -> Schema:
 
 
 @dataclass(frozen=True)
-class NetworkActuator(Actuator):
+class NetworkActuator:
     """n motors of one network."""
 
     model: LatentNetwork  # shared by all motors
@@ -178,6 +179,16 @@ class NetworkActuator(Actuator):
     def armature(self) -> np.ndarray:
         """(n,) decoded from z [kg·m²]."""
         return self.model.armature(self.z)
+
+    @property
+    def damping(self) -> np.ndarray:
+        """(n,) zero [N·m·s/rad]: the network's torque includes it."""
+        return np.zeros(self.num_motors)
+
+    def with_factors(self, factors: Factors) -> "NetworkActuator":
+        """See `Actuator.with_factors`; a network has no constants to scale."""
+        require_unchanged(LATENT, factors, *Factors._fields)
+        return self
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; ConfigError if ``physics_dt`` does not divide the network's period."""

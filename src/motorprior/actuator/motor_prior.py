@@ -1,7 +1,7 @@
 """The motor prior: a distribution of motors, saved as a file.
 
 Training motor i has the latents z = μ_i. A new motor has z ~ N(m, I), where m is the mean of its
-class of joints (`joint_classes`), 0 for a prior with one class.
+class of joints (`class_latents`), 0 for a prior with one class.
 """
 
 import hashlib
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import (
     COLUMNS,
     NUM_SAMPLES,
@@ -24,7 +25,6 @@ from motorprior.actuator.constants import (
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
 from motorprior.bounds import (
@@ -41,7 +41,7 @@ from motorprior.bounds import (
 )
 from motorprior.exceptions import ArtifactError, ConfigError, LogError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
-from motorprior.robots.joint_classes import classes_by_name, kind_of
+from motorprior.robots.joint_classes import class_in_name, classes_by_name
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
@@ -138,31 +138,37 @@ class MotorPrior(Printable):
     joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
     # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     gains: np.ndarray | None = None
-    given_classes: JointClasses | None = None  # `classes`; None: one class
+    given_classes: ClassLatents | None = None  # `classes`; None: one class
     # (M,) residual of each training motor over that of all at its speeds
     # (`reference.residual_scale`) [-]; none: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @property
-    def classes(self) -> JointClasses:
+    def classes(self) -> ClassLatents:
         """Classes of joints."""
-        return self.given_classes or JointClasses.one(len(self.mean), self.model.num_latents)
+        return self.given_classes or ClassLatents.one(len(self.mean), self.model.num_latents)
 
-    def joint_classes(self, of: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
+    def joint_classes(self, joints: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
         """The class of each joint of a log or a robot, or of joints of these names.
 
-        As in the robot's description; if it has none or an unknown one, that of the training motor
-        of the same name, otherwise by name.
+        It is the class in the description of the robot or the log, if the prior has that class.
+        Otherwise it is the class of the training motor of the same name or, without one, the class
+        in the joint's name.
         """
-        names, stated = (of, ()) if isinstance(of, Sequence) else (of.joint_names, of.given_classes)
-        known = self.classes.names
-        own = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
-        kinds = zip(names, map(kind_of, names), classes_by_name(names), strict=True)
-        named = [own.get(name, kind if kind in known else other) for name, kind, other in kinds]
-        both = zip(stated if any(stated) else named, named, strict=True)
-        return tuple(
-            first if first in known or second not in known else second for first, second in both
-        )
+        names = joints if isinstance(joints, Sequence) else joints.joint_names
+        given_classes = () if isinstance(joints, Sequence) else joints.given_classes
+        recorded = self.classes.names
+        class_of_training_motor = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
+
+        classes = []
+        for joint, (name, by_name) in enumerate(zip(names, classes_by_name(names), strict=True)):
+            in_name = class_in_name(name)
+            inferred = in_name if in_name in recorded else by_name
+            inferred = class_of_training_motor.get(name, inferred)
+            described = given_classes[joint] if any(given_classes) else inferred
+            use_description = described in recorded or inferred not in recorded
+            classes.append(described if use_description else inferred)
+        return tuple(classes)
 
     def sample(
         self,
@@ -477,7 +483,7 @@ class MotorPrior(Printable):
             **texts,
             joint_names=names,
             gains=gains,
-            given_classes=JointClasses(*classes, tensors["class_mean"], tensors["unseen_std"]),
+            given_classes=ClassLatents(*classes, tensors["class_mean"], tensors["unseen_std"]),
             misfit=tensors["misfit"],
         )
 

@@ -55,7 +55,8 @@ from typing import Annotated
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays, Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.physical import TrueMotors, stribeck_share, voltage_limited
 from motorprior.compiled import njit

@@ -25,13 +25,8 @@ from typing import Annotated, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from motorprior.actuator.actuator import (
-    Actuator,
-    ActuatorArrays,
-    Factors,
-    empty_arrays,
-    require_step,
-)
+from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, held, write_line
@@ -101,7 +96,7 @@ class TrueMotors(Protocol):
 
 
 @dataclass(frozen=True)
-class PhysicalActuator(Actuator):
+class PhysicalActuator:
     """n physical motors. The model simulates the rotor, so the engine gets no armature."""
 
     motors: TrueMotors
@@ -117,12 +112,17 @@ class PhysicalActuator(Actuator):
         return len(self.motors)
 
     @property
+    def armature(self) -> np.ndarray:
+        """(n,) zero [kg·m²]: the model simulates the rotor."""
+        return np.zeros(self.num_motors)
+
+    @property
     def damping(self) -> np.ndarray:
         """(n,) damping of the output shaft [N·m·s/rad], 0 for some; that of the rotor is part of the model."""
         return getattr(self.motors, "output_damping", np.zeros(self.num_motors))
 
     def with_factors(self, factors: Factors) -> "PhysicalActuator":
-        """See `actuator.with_factors`."""
+        """See `Actuator.with_factors`."""
         scales = {
             name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()
         }

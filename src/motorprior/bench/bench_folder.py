@@ -4,9 +4,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.families import FAMILIES, GEARED, TrueMotors
+from motorprior.actuator.fleet import Fleet, distributions_of, load_robot_fleet
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.families import FAMILIES, GEARED, TrueMotors
-from motorprior.bench.fleet import Fleet, distributions_of, load_robot_fleet
 from motorprior.bench.recording import bench_preset, record, training_motors
 from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of, require_count, require_seed
 from motorprior.exceptions import LogError

@@ -151,8 +151,3 @@ def respond_alike(
 
 
 BENCH = "bench"  # robot name in the log of a bench
-
-
-def bench_names(count: int) -> tuple[str, ...]:
-    """Joint names in the log of a bench; motors of different benches have the same names."""
-    return tuple(f"motor_{index:03d}" for index in range(count))

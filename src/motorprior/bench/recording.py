@@ -7,12 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.dynamometer import BENCH, Response, Trial, bench_names, run
-from motorprior.bench.families import TrueMotors
-from motorprior.bench.fleet import Fleet
+from motorprior.actuator.families import TrueMotors
+from motorprior.actuator.fleet import Fleet
+from motorprior.bench.dynamometer import BENCH, Response, Trial, run
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.hand_made import zero_order_hold
 from motorprior.excitation.registry import excitation_of
+from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 

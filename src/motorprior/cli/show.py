@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior, card_file
 from motorprior.artifacts import read_tensors, read_toml
-from motorprior.bench.fleet import load_fleet
 from motorprior.exceptions import ArtifactError
 from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.locomotion.policy import Policy

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
+from motorprior.actuator.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
 from motorprior.commands.replay import read_logs
 from motorprior.evaluation.bands import band

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motorprior import stage
+from motorprior.actuator.fleet import load_robot_fleet
 from motorprior.artifacts import write_text
-from motorprior.bench.fleet import load_robot_fleet
 from motorprior.commands.quick_report import QuickReport, run_quick_report
 from motorprior.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.exceptions import ConfigError

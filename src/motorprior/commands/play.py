@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from motorprior.bench.fleet import load_robot_fleet
+from motorprior.actuator.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
 from motorprior.commands.walk import SEED_FOLDER
 from motorprior.exceptions import ConfigError

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.actuator.motor_prior import MotorPrior, prior_path, robot_gains
-from motorprior.bench.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bounds import require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.read_log import LogFolder, read_log_folder

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.fleet import fleet_files, load_robot_fleet
 from motorprior.artifacts import read_json, write_text
-from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results, read_results, write_results

@@ -47,7 +47,7 @@ def make_virtual_robot(
     """A virtual robot and its simulation, not yet running; ConfigError for a bad seed or fleet."""
     require_robot_extra()
     # here: the robot's own computer has no simulator
-    from motorprior.bench.fleet import load_robot_fleet
+    from motorprior.actuator.fleet import load_robot_fleet
     from motorprior.hardware.virtual_robot import Firmware, VirtualRobot
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 

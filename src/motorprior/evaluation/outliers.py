@@ -18,10 +18,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.evaluation.reference import LOSS_METRICS
 from motorprior.identification.latents.latent_fit import fit_posterior
@@ -49,7 +49,7 @@ def outliers(
     data: TrainingData,
     preset: Recipe,
     temperature: float,
-    classes: JointClasses,
+    classes: ClassLatents,
     of: Sequence[str],
 ) -> Outliers:
     """Test each of N motors, of the classes ``of``, against the training motors of a prior's model and its ``classes``.

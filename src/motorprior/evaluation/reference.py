@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.evaluation.errors import replay_errors
 from motorprior.identification.latents.latent_fit import fit_posterior, latent_search
@@ -109,7 +109,7 @@ def residual_scale(
 def residual_growth(
     model: GreyBox,
     mean: np.ndarray,
-    classes: JointClasses,
+    classes: ClassLatents,
     log: MotorLog,
     preset: Recipe,
     metrics: Mapping[str, float],

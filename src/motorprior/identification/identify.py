@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import (
     IDENTIFIED,
     UNIDENTIFIED,
@@ -53,7 +53,7 @@ class TrainingResult:
     # ``unknown_torque_scale``: `motor_prior`
     metrics: dict[str, float]
     notes: tuple[Note, ...]
-    classes: JointClasses | None = None  # joint classes of the prior; None: one class
+    classes: ClassLatents | None = None  # joint classes of the prior; None: one class
 
 
 def work_of(recipe: Recipe) -> int:

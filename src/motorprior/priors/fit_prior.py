@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import SPREAD, MotorPrior, check_gain_units
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.bench.dynamometer import bench_names
 from motorprior.bounds import require_seed
 from motorprior.evaluation import reference
 from motorprior.evaluation.errors import (
@@ -33,6 +32,7 @@ from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsa
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
+from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import (
     PHYSICAL_GAINS,
     MotorLog,
@@ -175,7 +175,7 @@ def _fitted(
     mean = found.mean
     log_var = found.log_var
     misfit = np.ones(log.num_joints)
-    classes = found.classes or JointClasses.one(log.num_joints, model.num_latents)
+    classes = found.classes or ClassLatents.one(log.num_joints, model.num_latents)
     metrics = {
         "final_loss": float(found.losses[-1]),
         "minutes_of_log": log.duration / 60 * log.num_joints,

@@ -4,11 +4,11 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from motorprior.actuator.families import FAMILIES
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench
 from motorprior.bench.class_behaviour import LOAD, class_behaviours
-from motorprior.bench.families import FAMILIES
 from motorprior.evaluation.free_runs import Validation, error_table, errors_by_joint
 from motorprior.exceptions import ConfigError
 from motorprior.report import plots

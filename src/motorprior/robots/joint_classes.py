@@ -1,9 +1,13 @@
-"""Classes of joints: joints of one class have the same motor and the same position on the robot, such as calves."""
+"""The class of a joint: joints of one class have the same motor and position on the robot.
+
+Calves are an example. A robot's description or a log may state the class of each joint
+(``given_classes``); otherwise it is in the joints' names (`classes_by_name`).
+"""
 
 import re
 from collections.abc import Sequence
 
-# words of a joint's name that state its side or its leg, not its kind
+# words of a joint's name that state its side or its leg, not its class
 _SIDES = frozenset((
     *("fl", "fr", "rl", "rr", "bl", "br", "hl", "hr", "lf", "rf", "lh", "rh", "lb", "rb", "l", "r"),
     *("left", "right", "front", "rear", "hind", "back", "fore", "joint", "motor"),
@@ -11,18 +15,20 @@ _SIDES = frozenset((
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 
-def kind_of(joint_name: str) -> str:
+def class_in_name(joint_name: str) -> str:
     """A joint's name without sides and numbers, such as "calf" for FL_calf_joint."""
-    words = (word.lower() for word in _WORD.findall(joint_name))
+    words = [word.lower() for word in _WORD.findall(joint_name)]
     return " ".join(word for word in words if word not in _SIDES)
 
 
 def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
-    """The class of each joint: `kind_of` its name.
+    """The class of each joint: `class_in_name` of its name.
 
-    If at least half of the joints have a kind of their own, or a joint has no kind, the names do
-    not state kinds: all joints then have the class "".
+    All joints have the class "" if a name states none, or if at least half of the joints would have
+    a class of their own: such names number the joints, or name them one by one.
     """
-    found = tuple(map(kind_of, joint_names))
-    alone = sum(found.count(kind) == 1 for kind in found)
-    return ("",) * len(found) if "" in found or 2 * alone >= len(found) else found
+    classes = tuple(class_in_name(name) for name in joint_names)
+    alone = sum(classes.count(joint_class) == 1 for joint_class in classes)
+    if "" in classes or 2 * alone >= len(classes):
+        return ("",) * len(classes)
+    return classes

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import measure_joint_pos, step_actuator
 from motorprior.compiled import njit
 from motorprior.delay_line import row_of_age, write_line

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from motorprior.actuator.actuator import ActuatorArrays
+from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import Fleet
 from motorprior.actuator.physical import FILTERED_VEL, PhysicalActuator, PhysicalMotors
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import Fleet
 from motorprior.compiled import njit
 from motorprior.robots.build_model import FLOOR
 from motorprior.robots.robot import MotorCommand, Robot, SensorReadings

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.fleet import fleet_files, load_robot_fleet
 from motorprior.artifacts import read_tensors, write_json, write_tensors, write_text
-from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig

@@ -9,7 +9,8 @@ A `World` is the robot in the engine. `World.reset` puts motors on it and return
 import mujoco
 import numpy as np
 
-from motorprior.actuator.actuator import Actuator, ActuatorArrays, require_motors, with_factors
+from motorprior.actuator.actuator import Actuator, require_motors, with_factors
+from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import reset_actuator
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.control_step import RobotState

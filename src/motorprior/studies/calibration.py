@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.families import FAMILIES
-from motorprior.bench.fleet import Distribution, Fleet
+from motorprior.actuator.families import FAMILIES
+from motorprior.actuator.fleet import Distribution, Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress

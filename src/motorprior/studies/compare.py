@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.fleet import Fleet
+from motorprior.actuator.fleet import Fleet
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Executor, ThreadExecutor

@@ -21,8 +21,8 @@ from zlib import crc32
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.families import TrueMotors
-from motorprior.bench.fleet import Fleet
+from motorprior.actuator.families import TrueMotors
+from motorprior.actuator.fleet import Fleet
 from motorprior.bounds import seed_of
 from motorprior.robots.robot import Robot
 from motorprior.simulation.randomization import Randomization

@@ -8,9 +8,9 @@ from typing import Literal, TypeAlias, TypeVar
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.families import TrueMotors
+from motorprior.actuator.fleet import Fleet
 from motorprior.actuator.ideal_pd import IdealPd
-from motorprior.bench.families import TrueMotors
-from motorprior.bench.fleet import Fleet
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, gain_texts
 from motorprior.logs.operations import drop_repeats, excited_joints, resample

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
+from motorprior.actuator.fleet import load_fleet, load_robot_fleet
 from motorprior.actuator.motor_prior import FROZEN
-from motorprior.bench.fleet import load_fleet, load_robot_fleet
 from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ConfigError
 from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.fleet import fleet_files, load_robot_fleet
 from motorprior.artifacts import write_json
-from motorprior.bench.fleet import fleet_files, load_robot_fleet
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.control_step import TaskWeights

@@ -13,11 +13,11 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+from motorprior.actuator.fleet import fleet_files, load_robot_fleet, nominal_pd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.bench_folder import record_bench
-from motorprior.bench.fleet import fleet_files, load_robot_fleet, nominal_pd
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
 from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, fit_pd

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record, training_motors
 from motorprior.identification.baselines.pd_fit import WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.logs.motor_log import MotorLog

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from motor_logs import log_of, swinging_load
 
+from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
-from motorprior.bench.fleet import load_fleet
 from motorprior.bench.recording import bench_preset, record
 from motorprior.evaluation.errors import (
     MAX_ERROR,

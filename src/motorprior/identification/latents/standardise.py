@@ -43,10 +43,10 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, normal_scores
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.joint_classes import JointClasses
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_variance
 from motorprior.identification.physics.motor_fit import ASSUMED_BETWEEN
@@ -86,7 +86,7 @@ def assumed_std(terms: tuple[str, ...], fixed: np.ndarray) -> np.ndarray:
     return np.where(fixed, 0.0, [ASSUMED_STD.get(name, OTHER_STD) for name in parameters_of(terms)])
 
 
-def spread_source(model: Decoder, classes: JointClasses) -> dict[str, Any]:
+def spread_source(model: Decoder, classes: ClassLatents) -> dict[str, Any]:
     """Where the spread between units comes from, for the provenance of a prior: what is measured, pooled, assumed."""
     motors = len(classes.of_motors)
     count = len(classes.names)
@@ -159,7 +159,7 @@ def standardised(
     classes: Sequence[str] = (),
     variance: np.ndarray | float = 0.0,
     least_std: np.ndarray | float = 0.0,
-) -> tuple[Decoder, np.ndarray, JointClasses]:
+) -> tuple[Decoder, np.ndarray, ClassLatents]:
     """Transform latents so that the units of a class are distributed as N(m, I); the decoded motors stay the same.
 
     ``mean`` (M, Z) are their latents in a model without a copula, ``assumed`` (Z,) the assumed
@@ -171,7 +171,7 @@ def standardised(
     of_motors = tuple(classes) or ("",) * motors
     names = tuple(dict.fromkeys(of_motors))
     if latents == 0 or len(names) == 1:
-        return *_of_one_class(model, mean, assumed, least_std), JointClasses.one(
+        return *_of_one_class(model, mean, assumed, least_std), ClassLatents.one(
             motors, latents, names[0]
         )
     row = np.array([names.index(name) for name in of_motors])
@@ -186,7 +186,7 @@ def standardised(
         return np.linalg.solve(mixing.T, (values / std).T).T
 
     unseen_std = np.maximum(1.0, np.sqrt(np.diag(standard(standard(unseen).T))))
-    hierarchy = JointClasses(names, of_motors, standard(middle - center), unseen_std)
+    hierarchy = ClassLatents(names, of_motors, standard(middle - center), unseen_std)
     copula = Copula(mixing, center + SCORES[:, None] * std)
     return replace(model, copula=copula), standard(mean - center), hierarchy
 
@@ -226,7 +226,7 @@ def standard_posterior(
     mean: np.ndarray,
     assumed: np.ndarray | None = None,
     least_std: np.ndarray | float = 0.0,
-) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
+) -> tuple[Decoder, np.ndarray, np.ndarray, ClassLatents]:
     """`standardised` model, means, log of the `laplace_variance` (M, Z) of the means, and classes."""
     variance = 0.0
     if len(set(data.joint_classes)) > 1 and mean.size:
@@ -242,8 +242,8 @@ def standard_posterior(
 
 
 def with_scaled_spread(
-    model: Decoder, mean: np.ndarray, log_var: np.ndarray, classes: JointClasses, factor: float
-) -> tuple[Decoder, np.ndarray, np.ndarray, JointClasses]:
+    model: Decoder, mean: np.ndarray, log_var: np.ndarray, classes: ClassLatents, factor: float
+) -> tuple[Decoder, np.ndarray, np.ndarray, ClassLatents]:
     """Model, latents, log-variances and classes with samples scaled around the mean of a class by ``factor`` >= 1.
 
     The decoded training motors and means of classes stay the same; a model without a copula is

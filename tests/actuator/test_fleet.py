@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motorprior.actuator.families import require_geared
+from motorprior.actuator.fleet import fleet_path, load_fleet, write_fleet
 from motorprior.bench.bench_folder import bench_from_json, read_bench
-from motorprior.bench.families import require_geared
-from motorprior.bench.fleet import fleet_path, load_fleet, write_fleet
 from motorprior.commands.bench import Bench, run_bench
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.shipped import SHIPPED

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from motorprior.bench.families import FAMILIES, Family
-from motorprior.bench.fleet import load_fleet
+from motorprior.actuator.families import FAMILIES, Family
+from motorprior.actuator.fleet import load_fleet
 from motorprior.exceptions import ConfigError
 
 FURTHER = {"slider_stiffness", "bristle_stiffness", "bristle_damping", "gear_hardening"}

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants
+from motorprior.actuator.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_toml, write_text
-from motorprior.bench.families import FAMILIES, GEARED, Family, TrueMotors
 from motorprior.bounds import (
     TABLE,
     TEXT,
