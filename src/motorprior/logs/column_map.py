@@ -1,8 +1,9 @@
-"""Column maps: short TOML files that state what the columns of a third-party table mean (docs/your-motors.md).
+"""Column maps: short TOML files that state what the columns of a third-party table mean.
 
-An angle is sign·unit·value + zero, a velocity or torque sign·unit·value; a velocity has the sign of
-the angle. An angle with ``wraps`` jumps by a turn in its column and is unwrapped. The table of a
-channel overrides that of its joint, and that overrides [units].
+docs/your-motors.md describes them. An angle is sign·unit·value + zero, a velocity or torque
+sign·unit·value; a velocity has the sign of the angle. An angle with ``wraps`` jumps by a turn in
+its column and is unwrapped. The table of a channel overrides the table of its joint, which
+overrides [units].
 """
 
 import math
@@ -37,10 +38,16 @@ SCALES: dict[str, dict[str, float]] = {
     "voltage": {"V": 1.0, "dV": 0.1, "mV": 1e-3},
     "temperature": {"degC": 1.0},
 }
-QUANTITIES = {  # of the channels that may have a sign or a unit of their own
-    "position_target": "angle", "joint_pos": "angle", "joint_vel": "velocity", "joint_torque": "torque",
-    "external_torque": "torque", "supply_voltage": "voltage", "motor_temperature": "temperature",
-}  # fmt: skip
+# quantity of each channel that may have a sign or a unit of its own
+QUANTITIES = {
+    "position_target": "angle",
+    "joint_pos": "angle",
+    "joint_vel": "velocity",
+    "joint_torque": "torque",
+    "external_torque": "torque",
+    "supply_voltage": "voltage",
+    "motor_temperature": "temperature",
+}
 SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 GAINS = ("kp", "kd")
 # placeholders in column names
@@ -50,43 +57,56 @@ NAME = "{name}"
 _UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {
     "ticks_per_turn": number(above=1.0)
 }
+# changes of a channel besides the unit of its quantity
 _CHANGES = {
     "scale": number(above=0.0),
     "sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1),
     "zero": number(-TURN, TURN, unit="rad"),
     "wraps": BOOLEAN,
     "ticks_per_turn": _UNITS["ticks_per_turn"],
-}  # and the unit of the channel's quantity
-_NAME = Field(
-    "a text of 1 to 200 letters", lambda value: TEXT.accepts(value) and 0 < len(value) <= 200
-)
-_CONDITION = Field(
-    "the name of a column, or a number", lambda value: _NAME.accepts(value) or is_number(value)
-)
+}
+
+
+def _is_name(value: Any) -> bool:
+    return TEXT.accepts(value) and 0 < len(value) <= 200
+
+
+def _is_name_or_number(value: Any) -> bool:
+    return _is_name(value) or is_number(value)
+
+
+def _is_table_with_entries(value: Any) -> bool:
+    return TABLE.accepts(value) and len(value) > 0
+
+
+_NAME = Field("a text of 1 to 200 letters", _is_name)
+_OPERATING_CONDITION = Field("the name of a column, or a number", _is_name_or_number)
 _MAP = Schema(
     {
         **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
-        **dict.fromkeys(OPERATING_CONDITIONS, _CONDITION),
+        **dict.fromkeys(OPERATING_CONDITIONS, _OPERATING_CONDITION),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         "posture": one_of(*POSTURES),
         **dict.fromkeys(("units", "firmware"), TABLE),
-        "joints": Field(
-            "a table with a table per joint", lambda value: TABLE.accepts(value) and len(value) > 0
-        ),
+        "joints": Field("a table with a table per joint", _is_table_with_entries),
     },
     REMEDY,
     optional=frozenset(
         {"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}
     ),
 )
+# entries that a ColumnMap has as they are
 _PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
 _UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
 _JOINT = {
-    "name": _NAME, **_CHANGES, "angle": _UNITS["angle"], **dict.fromkeys(QUANTITIES, TABLE),
+    "name": _NAME,
+    **_CHANGES,
+    "angle": _UNITS["angle"],
+    **dict.fromkeys(QUANTITIES, TABLE),
     **dict.fromkeys(GAINS, number(0.0)),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -100,7 +120,10 @@ class Conversion:
 
 @dataclass(frozen=True)
 class MappedJoint:
-    """A joint: its name in the columns, the robot's name for it, gains, and conversions of channels not in SI units."""
+    """A joint: its name in the columns, its name in the robot, gains, and conversions to SI units.
+
+    Channels without a conversion are in SI units.
+    """
 
     column: str
     name: str
@@ -111,10 +134,13 @@ class MappedJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """The meaning of the columns of a table; names, encoder, posture, gain_unit and firmware as in `MotorLog`."""
+    """The meaning of the columns of a table.
+
+    Names, encoder, posture, gain_unit and firmware are as in `MotorLog`.
+    """
 
     source: str  # file or name of the map
-    # channel -> name of its columns with JOINT or NAME; a condition may be one for all joints
+    # channel -> name of its columns with JOINT or NAME; all joints may share an operating condition
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     motor: str = ""
@@ -148,8 +174,9 @@ def shipped_maps() -> tuple[str, ...]:
 def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
     """A map itself, a shipped one by name, or a .toml file by path.
 
-    Raises ArtifactError for no such map or file, no TOML, or an unknown or bad entry, with its key
-    and value.
+    Raises:
+        ArtifactError: no such map or file, no TOML, or an unknown or bad entry, with its key and
+            value.
     """
     if isinstance(columns, ColumnMap):
         return columns
@@ -158,99 +185,115 @@ def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
     if str(columns) not in shipped_maps():
         remedy = f"use one of {', '.join(shipped_maps())}, or the path of a .toml file"
         raise ArtifactError(f"no column map {str(columns)!r}", remedy=remedy)
-    return _from_table(tomllib.loads((_MAPS / f"{columns}.toml").read_text("utf-8")), str(columns))
+    text = (_MAPS / f"{columns}.toml").read_text("utf-8")
+    return _from_table(tomllib.loads(text), str(columns))
 
 
 def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _MAP.check(table, where)
     units = table.get("units", {})
     _check(units, _UNIT_TABLE, f"{where}[units]")
-    if ("time" in table) == ("rate" in table):
-        problem = (
-            "both time and rate" if "time" in table else "neither time, a column, nor rate [Hz]"
-        )
-        raise ArtifactError(problem, where=where, remedy="give one of the two")
-    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
-    for name, column in series.items():
-        one_for_all = name in OPERATING_CONDITIONS or len(table["joints"]) == 1
-        if not one_for_all and JOINT not in column and NAME not in column:
-            remedy = f"put {JOINT} in place of the joint's name; pivot a table with a row per joint and time; {REMEDY}"
-            raise ArtifactError(
-                f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}", where=where, remedy=remedy
-            )
+    _require_time_or_rate(table, where)
+
+    constants = {name: table[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))}
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
         source=where,
         time_scale=TIMES[units.get("time", "s")],
-        series=series,
+        series=_series(table, where),
         joints=_joints(table["joints"], units, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
-        operating_conditions={
-            name: table[name] * scales[name]
-            for name in OPERATING_CONDITIONS
-            if is_number(table.get(name))
-        },
+        operating_conditions={name: value * scales[name] for name, value in constants.items()},
         **{name: table[name] for name in _PLAIN if name in table},
     )
+
+
+def _require_time_or_rate(table: dict[str, Any], where: str) -> None:
+    remedy = "give one of the two"
+    if "time" in table and "rate" in table:
+        raise ArtifactError("both time and rate", where=where, remedy=remedy)
+    if "time" not in table and "rate" not in table:
+        raise ArtifactError("neither time, a column, nor rate [Hz]", where=where, remedy=remedy)
+
+
+def _series(table: dict[str, Any], where: str) -> dict[str, str]:
+    """Name of the columns of each channel, with a placeholder for the joint."""
+    series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
+    for name, column in series.items():
+        may_be_shared = name in OPERATING_CONDITIONS or len(table["joints"]) == 1
+        if not may_be_shared and JOINT not in column and NAME not in column:
+            raise ArtifactError(
+                f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}",
+                where=where,
+                remedy=f"put {JOINT} in place of the joint's name; pivot a table with a row per "
+                f"joint and time; {REMEDY}",
+            )
+    return series
 
 
 def _check(table: Any, fields: Mapping[str, Field], where: str) -> None:
     Schema(fields, REMEDY, optional=frozenset(fields)).check(table, where)
 
 
-def _joints(table: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
-    found = []
-    for column, joint in table.items():
+def _joints(tables: dict[str, Any], units: dict[str, Any], where: str) -> tuple[MappedJoint, ...]:
+    joints = []
+    for column, table in tables.items():
         place = f"{where}[joints.{column}]"
-        _check(joint, _JOINT, place)
-        known = {name: _conversion(name, joint, units, place) for name in QUANTITIES}
-        found.append(
-            MappedJoint(column, joint.get("name", column), joint.get("kp"), joint.get("kd"), known)
-        )
-    names = [joint.name for joint in found]
-    if double := {name for name in names if names.count(name) > 1}:
+        _check(table, _JOINT, place)
+        conversions = {name: _conversion(name, table, units, place) for name in QUANTITIES}
+        name = table.get("name", column)
+        joints.append(MappedJoint(column, name, table.get("kp"), table.get("kd"), conversions))
+
+    names = [joint.name for joint in joints]
+    double = {name for name in names if names.count(name) > 1}
+    if double:
         raise ArtifactError(
             f"two joints are named {min(double)!r}", where=where, remedy="name each once"
         )
     for name in GAINS:
-        lacking = [joint.column for joint in found if getattr(joint, name) is None]
-        if 0 < len(lacking) < len(found):
+        lacking = [joint.column for joint in joints if getattr(joint, name) is None]
+        if 0 < len(lacking) < len(joints):
             problem = f"joint {lacking[0]!r} lacks {name}, others have it"
             raise ArtifactError(problem, where=where, remedy="give all or none")
-    return tuple(found)
+    return tuple(joints)
 
 
 def _conversion(
     channel: str, joint: dict[str, Any], units: dict[str, Any], place: str
 ) -> Conversion:
+    """Conversion of a channel of a joint, from its own table, the joint's, or [units]."""
     quantity = QUANTITIES[channel]
-    own = joint.get(channel, {})
-    _check(own, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
-    tables = (own, joint, units) if quantity == "angle" else (own, units)
+    changes = joint.get(channel, {})
+    _check(changes, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
+    tables = (changes, joint, units) if quantity == "angle" else (changes, units)
+
     sign = 1 if channel in OPERATING_CONDITIONS else joint.get("sign", 1)
     if channel == "joint_vel":
         sign = joint.get("joint_pos", {}).get("sign", sign)
-    changes = ChainMap(*tables)
+
+    first = ChainMap(*tables)
     return Conversion(
-        float(own.get("sign", sign) * _scale(quantity, tables, place)),
-        float(changes.get("zero", 0.0)),
-        quantity == "angle" and changes.get("wraps", False),
+        factor=float(changes.get("sign", sign) * _scale(quantity, tables, place)),
+        offset=float(first.get("zero", 0.0)),
+        wraps=quantity == "angle" and first.get("wraps", False),
     )
 
 
 def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
     """SI units per unit of the column, from the first table that gives one."""
     for table in tables:
-        unit = table.get(
-            quantity, "tick" if quantity == "angle" and "ticks_per_turn" in table else None
-        )
         if "scale" in table:
             return float(table["scale"])
+        has_ticks = quantity == "angle" and "ticks_per_turn" in table
+        unit = table.get(quantity, "tick" if has_ticks else None)
         if unit == "tick":
-            if ticks := ChainMap(*tables).get("ticks_per_turn"):
-                return TURN / ticks
-            raise ArtifactError("angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY)
+            ticks = ChainMap(*tables).get("ticks_per_turn")
+            if not ticks:
+                raise ArtifactError(
+                    "angle = 'tick' without ticks_per_turn", where=where, remedy=REMEDY
+                )
+            return TURN / ticks
         if unit is not None:
             return SCALES[quantity][unit]
     return 1.0

@@ -1,4 +1,4 @@
-"""How formats are read: the interface of a format, and logs from the columns that a `ColumnMap` names."""
+"""The interface of a log format, and logs from the columns that a `ColumnMap` names."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from motorprior.robots.robot import Robot
 
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
-# Reads named columns of a path, each (rows,) float64, or timedelta64 for time stamps
+# reads named columns of a path, each (rows,) float64, or timedelta64 for time stamps
 Columns: TypeAlias = Callable[[Path, list[str], ColumnMap], dict[str, np.ndarray]]
 
 
@@ -39,8 +39,8 @@ class LogReader:
     columns: Columns | None = None  # for a column map; None if it needs none
     # text about the content, for the error if a format that needs a map is read without
     unmapped: Callable[[Path], str] = lambda path: ""
-    # (path, robot, period [s], suspended) the log on a grid, for a format that knows more than its
-    # rows
+    # (path, robot, period [s], suspended) -> the log on a grid, for a format that has more
+    # information than its rows
     on_grid: Callable[[Path, Robot | None, float, bool], MotorLog] | None = None
     needs_robot: bool = False  # whether it needs a robot, since it does not name its joints
     # a sentence for the user about what is assumed because the format lacks it
@@ -66,64 +66,37 @@ def read_mapped_log(
 ) -> MotorLog:
     """The log of the columns of a path that ``source`` reads.
 
-    A robot gives the order of the joints, and the place of the encoder unless the map does. Raises
-    LogError as ``source``, or for a cell that is not finite, or a joint that the robot does not
-    have.
+    A robot gives the order of the joints, and the place of the encoder unless the map does.
+
+    Raises:
+        LogError: as ``source``; a cell that is not finite, or a joint that the robot does not have.
     """
     joints = _in_order(columns, robot, path)
-    wanted = {channel: columns.columns_of(channel, joints) for channel in columns.series}
-    names = [
-        *filter(None, (columns.time, columns.segment)),
-        *columns.base_orientation,
-        *chain(*wanted.values()),
-    ]
-    table = source(path, list(dict.fromkeys(names)), columns)
-    origin = str(path)
-    same = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
-    if columns.time and (duplicate := np.append(False, same)).any():
-        table = {name: values[~duplicate] for name, values in table.items()}
-        origin = f"{path} (duplicate rows left out: {duplicate.sum()})"
+    series = {channel: columns.columns_of(channel, joints) for channel in columns.series}
+    table = source(path, _column_names(columns, series), columns)
+    table, num_duplicates = _without_duplicates(table) if columns.time else (table, 0)
+    origin = f"{path} (duplicate rows left out: {num_duplicates})" if num_duplicates else str(path)
+
     shape = len(next(iter(table.values()))), len(joints)
-    if columns.rate is not None:
-        time = np.arange(shape[0]) / columns.rate
-    elif (time := table[columns.time or ""]).dtype.kind == "m":
-        time = time / np.timedelta64(1, "s")
-    else:
-        require_finite(time[:, None], [f"time (column {columns.time})"], path)
-        time = columns.time_scale * time
-    values: dict[str, Any] = {"time": time}
-    for channel, names in wanted.items():
-        raw = np.stack([table[name] for name in names], axis=1)
-        labels = [
-            f"{channel}/{joint.name} (column {name})"
-            for joint, name in zip(joints, names, strict=True)
-        ]
-        require_finite(raw, labels, path)
-        known = [joint.conversions.get(channel, Conversion()) for joint in joints]
-        values[channel] = np.array([each.factor for each in known]) * raw + np.array(
-            [each.offset for each in known]
-        )
-        wraps = np.array([each.wraps for each in known])
-        values[channel][:, wraps] = np.unwrap(values[channel][:, wraps], period=TURN, axis=0)
-        if channel == "joint_pos" and wraps.any():  # in the turn of the command
-            turns = np.rint(np.median(values["position_target"] - values[channel], axis=0) / TURN)
-            values[channel][:, wraps] += TURN * turns[wraps]
+    values: dict[str, Any] = {"time": _time(table, columns, shape[0], path)}
+    for channel, names in series.items():
+        values[channel] = _converted(table, channel, names, joints, path)
+    _match_turns(values, joints)
+
     for name in GAINS:
-        if None not in (gains := [getattr(joint, name) for joint in joints]):
+        gains = [getattr(joint, name) for joint in joints]
+        if None not in gains:
             values[f"logged_{name}"] = np.broadcast_to(gains, shape)
-    values |= {name: np.full(shape, value) for name, value in columns.operating_conditions.items()}
+    for name, value in columns.operating_conditions.items():
+        values[name] = np.full(shape, value)
     if columns.base_orientation:
-        values["base_orientation"] = np.stack(
-            [table[name] for name in columns.base_orientation], axis=1
-        )
+        angles = [table[name] for name in columns.base_orientation]
+        values["base_orientation"] = np.stack(angles, axis=1)
     if columns.segment:
-        segment = table[columns.segment]
-        if not np.all(whole := segment == np.rint(segment)):
-            row = int(np.argmin(whole))
-            raise bad_value(row, columns.segment, segment[row], "an integer", path, CORRECT)
-        values["segment"] = segment.astype(np.int64)
+        values["segment"] = _integers(table[columns.segment], columns.segment, path)
     if columns.posture:
         values["posture"] = np.full(shape[0], POSTURES.index(columns.posture))
+
     log = MotorLog(
         joint_names=tuple(joint.name for joint in joints),
         robot=robot.name if robot else columns.robot,
@@ -137,17 +110,98 @@ def read_mapped_log(
     return checked(log)
 
 
+def _column_names(columns: ColumnMap, series: dict[str, list[str]]) -> list[str]:
+    """Each column that the log needs, once."""
+    names = [name for name in (columns.time, columns.segment) if name]
+    names += columns.base_orientation
+    names += chain(*series.values())
+    return list(dict.fromkeys(names))
+
+
+def _without_duplicates(table: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], int]:
+    """The rows that differ from the previous row, and the number of the others."""
+    is_equal = np.all([values[1:] == values[:-1] for values in table.values()], axis=0)
+    duplicate = np.append(False, is_equal)
+    if not duplicate.any():
+        return table, 0
+    return {name: values[~duplicate] for name, values in table.items()}, int(duplicate.sum())
+
+
+def _time(
+    table: dict[str, np.ndarray], columns: ColumnMap, num_rows: int, path: Path
+) -> np.ndarray:
+    """(T,) [s]."""
+    if columns.rate is not None:
+        return np.arange(num_rows) / columns.rate
+    time = table[columns.time or ""]
+    if time.dtype.kind == "m":
+        return time / np.timedelta64(1, "s")
+    require_finite(time[:, None], [f"time (column {columns.time})"], path)
+    return columns.time_scale * time
+
+
+def _converted(
+    table: dict[str, np.ndarray],
+    channel: str,
+    names: list[str],
+    joints: tuple[MappedJoint, ...],
+    path: Path,
+) -> np.ndarray:
+    """(T, J) values of a channel in SI units, unwrapped."""
+    columns = np.stack([table[name] for name in names], axis=1)
+    labels = [
+        f"{channel}/{joint.name} (column {name})" for joint, name in zip(joints, names, strict=True)
+    ]
+    require_finite(columns, labels, path)
+
+    conversions = [joint.conversions.get(channel, Conversion()) for joint in joints]
+    factors = np.array([conversion.factor for conversion in conversions])
+    offsets = np.array([conversion.offset for conversion in conversions])
+    values = factors * columns + offsets
+
+    wraps = np.array([conversion.wraps for conversion in conversions])
+    values[:, wraps] = np.unwrap(values[:, wraps], period=TURN, axis=0)
+    return values
+
+
+def _match_turns(values: dict[str, np.ndarray], joints: tuple[MappedJoint, ...]) -> None:
+    """Put unwrapped angles into the turn of their command."""
+    for index, joint in enumerate(joints):
+        if joint.conversions.get("joint_pos", Conversion()).wraps:
+            angle = values["joint_pos"][:, index]
+            turns = np.rint(np.median(values["position_target"][:, index] - angle) / TURN)
+            values["joint_pos"][:, index] += TURN * turns
+
+
+def _integers(column: np.ndarray, name: str, path: Path) -> np.ndarray:
+    is_integer = column == np.rint(column)
+    if not np.all(is_integer):
+        row = int(np.argmin(is_integer))
+        raise bad_value(row, name, column[row], "an integer", path, CORRECT)
+    return column.astype(np.int64)
+
+
 def robot_of_joints(robot: Robot | None, joint_names: tuple[str, ...]) -> Robot | None:
-    """The robot if it has all these joints, else None: a log that names its joints may be of another robot."""
-    return robot if robot is not None and set(joint_names) <= set(robot.joint_names) else None
+    """The robot if it has all these joints, else None.
+
+    A log that names its joints may be of another robot.
+    """
+    if robot is None or not set(joint_names) <= set(robot.joint_names):
+        return None
+    return robot
 
 
 def _in_order(columns: ColumnMap, robot: Robot | None, path: Path) -> tuple[MappedJoint, ...]:
+    """The joints of the map, in the order of the robot."""
     if robot is None:
         return columns.joints
     by_name = {joint.name: joint for joint in columns.joints}
-    if unknown := sorted(by_name.keys() - set(robot.joint_names)):
-        problem = f"the column map {columns.source} has a joint {unknown[0]!r}, robot {robot.name} has none such"
-        remedy = f"remove its table, or give its key name one of {', '.join(robot.joint_names)}"
-        raise LogError(problem, where=path, remedy=remedy)
+    unknown = sorted(by_name.keys() - set(robot.joint_names))
+    if unknown:
+        raise LogError(
+            f"the column map {columns.source} has a joint {unknown[0]!r}, robot {robot.name} has "
+            "none such",
+            where=path,
+            remedy=f"remove its table, or give its key name one of {', '.join(robot.joint_names)}",
+        )
     return tuple(by_name[name] for name in robot.joint_names if name in by_name)

@@ -1,4 +1,4 @@
-"""`MotorLog`: commands and measured motion of motors, in SI units; its checks, and common errors of logs."""
+"""`MotorLog`: commands and measured motion of motors in SI units; its checks and common errors."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from motorprior.robots.joint_classes import classes_by_name
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
 
-# Channels of shape (T, J), and their units as written in column names
+# channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
     "joint_pos": "rad",
@@ -36,13 +36,13 @@ MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recor
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# Registers of the profile and the dead zone (0: off), and operating conditions: lowest and highest
-# value, unit
+# registers of the profile and the dead zone (0: off): lowest and highest value, unit
 FIRMWARE = {
     "profile_speed": (1e-3, 1e6, "rad/s"),
     "profile_acceleration": (1e-3, 1e9, "rad/s²"),
     "dead_zone": (1e-6, 1.0, "rad"),
 }
+# lowest and highest value, unit
 OPERATING_CONDITIONS = {
     "supply_voltage": (0.1, 2000.0, "V"),
     "motor_temperature": (-60.0, 300.0, "°C"),
@@ -50,7 +50,8 @@ OPERATING_CONDITIONS = {
 # the channel `posture` holds indices of this tuple
 POSTURES = ("standing", "suspended", "fixed", "fallen")
 SIGN_CONVENTION = (
-    "position error = position_target - joint_pos; a positive joint_torque accelerates joint_pos upwards; "
+    "position error = position_target - joint_pos; "
+    "a positive joint_torque accelerates joint_pos upwards; "
     "load_inertia * joint_acc = joint_torque + external_torque"
 )
 
@@ -107,23 +108,22 @@ class MotorLog(Printable):
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
-        optional = [
-            name
-            for name in channels(self)
-            if name not in ("time", "position_target", "joint_pos", *CODES)
-        ]
+        required = ("time", "position_target", "joint_pos", *CODES)
+        optional = [name for name in channels(self) if name not in required]
+        loads = "unknown; mp.load_log computes them from a model"
+        if self.load_inertia is not None:
+            loads = "known"
         facts = {
-            "size": f"{self.num_rows} rows in {len(self.segment_slices())} segments, {self.duration:.4g} s at "
-            f"{1.0 / self.period:.4g} Hz",
+            "size": f"{self.num_rows} rows in {len(self.segment_slices())} segments, "
+            f"{self.duration:.4g} s at {1.0 / self.period:.4g} Hz",
             "robot": self.robot,
             "motor": self.motor,
             "source": self.source[-100:],
             "channels besides command and angle": ", ".join(optional) or "none",
-            "loads": "known"
-            if self.load_inertia is not None
-            else "unknown; mp.load_log computes them from a model",
+            "loads": loads,
             "settings": settings_text(self),
         }
+
         columns = (
             "joint",
             "angle from [°]",
@@ -133,13 +133,11 @@ class MotorLog(Printable):
             "angle - command, rms [mrad]",
         )
         rows = []
-        for joint, angle, command in zip(
-            self.joint_names, self.joint_pos.T, self.position_target.T, strict=True
-        ):
+        series = zip(self.joint_names, self.joint_pos.T, self.position_target.T, strict=True)
+        for joint, angle, command in series:
             ends = np.rad2deg([angle.min(), angle.max(), command.min(), command.max()]).tolist()
-            rows.append(
-                [joint, *(f"{value:.1f}" for value in ends), f"{1e3 * rms(angle - command):.0f}"]
-            )
+            error = 1e3 * rms(angle - command)
+            rows.append([joint, *(f"{value:.1f}" for value in ends), f"{error:.0f}"])
         return Overview(f"motor log of {self.num_joints} joints", facts, columns, rows)
 
     @property
@@ -154,7 +152,10 @@ class MotorLog(Printable):
 
     @property
     def readings(self) -> np.ndarray:
-        """(T, J) angles [rad] to compare with simulation; smoothed ones move before the motor, which biases delays."""
+        """(T, J) angles [rad] to compare with simulation.
+
+        Smoothed angles move before the motor, which biases delays.
+        """
         return self.joint_pos if self.joint_reading is None else self.joint_reading
 
     @property
@@ -165,9 +166,8 @@ class MotorLog(Printable):
     @property
     def duration(self) -> float:
         """Recorded time [s], summed over segments."""
-        return float(
-            sum(self.time[part][-1] - self.time[part][0] for part in self.segment_slices())
-        )
+        times = [self.time[segment] for segment in self.segment_slices()]
+        return float(sum(time[-1] - time[0] for time in times))
 
     @property
     def period(self) -> float:
@@ -178,7 +178,8 @@ class MotorLog(Printable):
         """Rows of each segment, in order."""
         if self.segment is None:
             return [slice(0, self.num_rows)]
-        bounds = [0, *(np.flatnonzero(np.diff(self.segment)) + 1).tolist(), self.num_rows]
+        starts = np.flatnonzero(np.diff(self.segment)) + 1
+        bounds = [0, *starts.tolist(), self.num_rows]
         return [slice(first, last) for first, last in pairwise(bounds)]
 
     def segments(self) -> "Iterator[MotorLog]":
@@ -187,7 +188,8 @@ class MotorLog(Printable):
 
     def rows(self, selection: slice | np.ndarray) -> "MotorLog":
         """The rows a slice, a mask (T,) or an index array selects."""
-        return replace(self, **{name: value[selection] for name, value in channels(self).items()})
+        values = {name: value[selection] for name, value in channels(self).items()}
+        return replace(self, **values)
 
     def with_joints(self, joints: Sequence[int]) -> "MotorLog":
         """The log of some of its joints."""
@@ -196,11 +198,10 @@ class MotorLog(Printable):
             for name, value in channels(self).items()
             if name in JOINT_SERIES
         }
-        names = tuple(self.joint_names[joint] for joint in joints)
         return replace(
             self,
-            joint_names=names,
-            given_classes=tuple(self.joint_classes[j] for j in joints),
+            joint_names=tuple(self.joint_names[joint] for joint in joints),
+            given_classes=tuple(self.joint_classes[joint] for joint in joints),
             **series,
         )
 
@@ -210,16 +211,16 @@ class MotorLog(Printable):
 
     @property
     def gains(self) -> np.ndarray | None:
-        """(2, J) logged kp and kd [gain_unit], constant in a segment; of several segments the medians.
+        """(2, J) logged kp and kd [gain_unit]: medians over segments, in which they are constant.
 
-        kd equals kp if it is not logged, since models only use its ratio to that of other logs.
+        kd equals kp if it is not logged, since models only use its ratio to the kd of other logs.
         None without gains.
         """
         if self.logged_kp is None:
             return None
-        first = [part.start for part in self.segment_slices()]
         kd = self.logged_kp if self.logged_kd is None else self.logged_kd
-        return np.median([self.logged_kp[first], kd[first]], axis=1)
+        first_rows = [segment.start for segment in self.segment_slices()]
+        return np.median([self.logged_kp[first_rows], kd[first_rows]], axis=1)
 
     @property
     def operating_conditions(self) -> dict[str, np.ndarray]:
@@ -238,9 +239,10 @@ def channels(log: MotorLog) -> dict[str, np.ndarray]:
 
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     """Rows (S,) that follow a row of the same segment, and the time steps (S,) to them [s]."""
-    parts = log.segment_slices()
-    rows = np.concatenate([np.arange(part.start + 1, part.stop) for part in parts])
-    return rows, np.concatenate([np.diff(log.time[part]) for part in parts])
+    segments = log.segment_slices()
+    rows = [np.arange(segment.start + 1, segment.stop) for segment in segments]
+    steps = [np.diff(log.time[segment]) for segment in segments]
+    return np.concatenate(rows), np.concatenate(steps)
 
 
 def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
@@ -253,49 +255,51 @@ def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str 
 
 def log_digest(log: MotorLog) -> str:
     """SHA-256 of all fields."""
-    whole = hashlib.sha256()
-    for each in fields(log):
-        value = getattr(log, each.name)
-        whole.update(f"{each.name} {getattr(value, 'shape', value)!r}\n".encode())
+    digest = hashlib.sha256()
+    for log_field in fields(log):
+        value = getattr(log, log_field.name)
+        text = getattr(value, "shape", value)
+        digest.update(f"{log_field.name} {text!r}\n".encode())
         if isinstance(value, np.ndarray):
-            whole.update(np.ascontiguousarray(value).tobytes())
-    return whole.hexdigest()
+            digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()
 
 
 def motion_digest(log: MotorLog) -> str:
     """SHA-256 of commands and angles; it does not depend on names, source and loads."""
-    whole = hashlib.sha256(repr(log.joint_pos.shape).encode())
+    digest = hashlib.sha256(repr(log.joint_pos.shape).encode())
     for value in (log.position_target, log.joint_pos):
-        whole.update(np.ascontiguousarray(value).tobytes())
-    return whole.hexdigest()
+        digest.update(np.ascontiguousarray(value).tobytes())
+    return digest.hexdigest()
 
 
 def settings_text(log: MotorLog) -> str:
-    """Gains, registers and conditions with units, and postures, separated by semicolons; empty without any."""
-    parts = gain_texts(log)
+    """Gains, registers and operating conditions with units, and postures.
+
+    They are separated by semicolons; the text is empty without any.
+    """
+    texts = gain_texts(log)
     for name, value in log.firmware.items():
-        parts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
+        texts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
     for name, values in channels(log).items():
         if name in OPERATING_CONDITIONS:
-            parts.append(f"{name} {condition_text(name, values.min(), values.max())}")
+            texts.append(f"{name} {condition_text(name, values.min(), values.max())}")
     if log.posture is not None:
-        parts.append(
-            f"posture {', '.join(POSTURES[code] for code in np.unique(log.posture).tolist())}"
-        )
-    return "; ".join(parts)
+        postures = [POSTURES[code] for code in np.unique(log.posture).tolist()]
+        texts.append(f"posture {', '.join(postures)}")
+    return "; ".join(texts)
 
 
 def gain_texts(log: MotorLog) -> list[str]:
     """Each logged gain with its unit."""
     texts = []
-    for name, unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
-        if (gains := getattr(log, f"logged_{name}")) is not None:
-            values = " to ".join(
-                dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max()))
-            )
-            texts.append(
-                f"{name} {values} {unit if log.gain_unit == PHYSICAL_GAINS else 'in firmware units'}"
-            )
+    for name, physical_unit in (("kp", "N·m/rad"), ("kd", "N·m·s/rad")):
+        gains = getattr(log, f"logged_{name}")
+        if gains is None:
+            continue
+        ends = dict.fromkeys(f"{value:.4g}" for value in (gains.min(), gains.max()))
+        unit = physical_unit if log.gain_unit == PHYSICAL_GAINS else "in firmware units"
+        texts.append(f"{name} {' to '.join(ends)} {unit}")
     return texts
 
 
@@ -314,21 +318,23 @@ COPY_AGAIN = "copy or record it again"
 NUMBER = "a finite number"
 Where: TypeAlias = str | Path | None
 _TINY = float(np.nextafter(0.0, 1.0))
-_BOUNDS = {  # lowest and highest value, and what it is
+# channel -> lowest and highest value, and what a value is
+_BOUNDS = {
     "load_inertia": (_TINY, np.inf, "a positive inertia [kg·m²]"),
     "logged_kp": (_TINY, np.inf, "a positive gain"),
     "logged_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
     **{
-        key: (low, high, f"from {low:g} to {high:g} {unit}")
-        for key, (low, high, unit) in OPERATING_CONDITIONS.items()
+        name: (low, high, f"from {low:g} to {high:g} {unit}")
+        for name, (low, high, unit) in OPERATING_CONDITIONS.items()
     },
 }
 
 
-def motor_logs(given: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
+def motor_logs(logs: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
     """One log or several as a list; raises `ConfigError` for anything else."""
-    logs = [given] if isinstance(given, MotorLog) else given
+    if isinstance(logs, MotorLog):
+        return [logs]
     if isinstance(logs, str | Path) or not all(isinstance(log, MotorLog) for log in logs):
         raise ConfigError(
             "logs are not motor logs", remedy="read them with load_log", argument="logs"
@@ -347,89 +353,131 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     """
     where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
-        if (value := getattr(log, name)) not in allowed:
+        value = getattr(log, name)
+        if value not in allowed:
             raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
-    for name, value in log.firmware.items():
+    _check_firmware(log.firmware, where)
+
+    registers = {name: float(log.firmware[name]) for name in sorted(log.firmware)}
+    log = replace(_as_arrays(log, where), firmware=registers)
+    for name, values in channels(log).items():
+        _check_values(name, values, log.joint_names, where)
+    _check_segments(log, where)
+    return log
+
+
+def _check_firmware(firmware: Mapping[str, float], where: Where) -> None:
+    for name, value in firmware.items():
         if name not in FIRMWARE:
             raise LogError(
                 f"firmware {name!r}", where=where, remedy=f"give some of {', '.join(FIRMWARE)}"
             )
         low, high, unit = FIRMWARE[name]
         if value != 0 and not is_number(value, low, high):
-            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number from {low:g} to {high:g}"
-            raise LogError(problem, where=where, remedy=f"give it in {unit}, or leave it out")
-    log = replace(
-        _as_arrays(log, where),
-        firmware={name: float(log.firmware[name]) for name in sorted(log.firmware)},
-    )
-    for name, value in channels(log).items():
-        table = value[:, None] if value.ndim == 1 else value
-        parts = log.joint_names if name in JOINT_SERIES else BASE_AXES
-        columns = [name] if value.ndim == 1 else [f"{name}/{part}" for part in parts]
-        require_finite(table, columns, where)
-        low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))
-        if np.any(outside := (table < low) | (table > high)):
-            row, column = np.argwhere(outside)[0].tolist()
-            raise bad_value(row, columns[column], table[row, column], expected, where)
-    _check_segments(log, where)
-    return log
+            problem = f"firmware.{name} {quoted(value)} is not 0 (off) or a number"
+            raise LogError(
+                f"{problem} from {low:g} to {high:g}",
+                where=where,
+                remedy=f"give it in {unit}, or leave it out",
+            )
+
+
+def _check_values(
+    name: str, values: np.ndarray, joint_names: tuple[str, ...], where: Where
+) -> None:
+    """Raise LogError for a value of a channel that is not finite or out of its bounds."""
+    if values.ndim == 1:
+        table = values[:, None]
+        columns = [name]
+    else:
+        table = values
+        parts = joint_names if name in JOINT_SERIES else BASE_AXES
+        columns = [f"{name}/{part}" for part in parts]
+    require_finite(table, columns, where)
+
+    low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))
+    is_outside = (table < low) | (table > high)
+    if np.any(is_outside):
+        row, column = np.argwhere(is_outside)[0].tolist()
+        raise bad_value(row, columns[column], table[row, column], expected, where)
 
 
 def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
     if log.num_joints < 1 or len(set(log.joint_names)) != log.num_joints:
         problem = f"joint names {list(log.joint_names)} are empty or repeat"
         raise LogError(problem, where=where, remedy="give every joint its own name")
-    arrays: dict[str, Any] = {}
-    rows = np.size(log.time)
-    shapes = {
-        "time": (rows,),
-        **dict.fromkeys(CODES, (rows,)),
-        "base_orientation": (rows, len(BASE_AXES)),
+
+    num_rows = np.size(log.time)
+    shapes: dict[str, tuple[int, ...]] = {
+        **dict.fromkeys(JOINT_SERIES, (num_rows, log.num_joints)),
+        "time": (num_rows,),
+        **dict.fromkeys(CODES, (num_rows,)),
+        "base_orientation": (num_rows, len(BASE_AXES)),
     }
-    for name, shape in (dict.fromkeys(JOINT_SERIES, (rows, log.num_joints)) | shapes).items():
-        kind, words = (np.int64, "integers") if name in CODES else (np.float64, "numbers")
-        if (value := getattr(log, name)) is None:
-            continue
-        try:
-            arrays[name] = np.asarray(value).astype(kind, casting="same_kind", copy=False)
-        except (ValueError, TypeError) as error:
-            problem = f"{name} is not an array of {words} ({error})"
-            raise LogError(problem, where=where, remedy=f"give {words} in every row") from error
-        if (found := arrays[name].shape) != shape:
-            problem = (
-                f"{name} has shape {found}, expected {shape} ({rows} rows, {log.num_joints} joints)"
-            )
-            raise LogError(
-                problem, where=where, remedy="give one row per time and one column per joint name"
-            )
+    arrays = {
+        name: _as_array(name, getattr(log, name), shape, where)
+        for name, shape in shapes.items()
+        if getattr(log, name) is not None
+    }
     return replace(log, joint_names=tuple(log.joint_names), **arrays)
+
+
+def _as_array(name: str, value: Any, shape: tuple[int, ...], where: Where) -> Any:
+    dtype = np.int64 if name in CODES else np.float64
+    words = "integers" if name in CODES else "numbers"
+    try:
+        array = np.asarray(value).astype(dtype, casting="same_kind", copy=False)
+    except (ValueError, TypeError) as error:
+        problem = f"{name} is not an array of {words} ({error})"
+        raise LogError(problem, where=where, remedy=f"give {words} in every row") from error
+    if array.shape != shape:
+        raise LogError(
+            f"{name} has shape {array.shape}, expected {shape}",
+            where=where,
+            remedy="give one row per time and one column per joint name",
+        )
+    return array
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:
     if log.logged_kp is None and log.logged_kd is not None:
         raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
-    for part in log.segment_slices():
-        if part.stop - part.start < 2:
-            index = 0 if log.segment is None or not log.num_rows else int(log.segment[part.start])
-            problem = f"segment {index} has {part.stop - part.start} rows, at least 2 are needed"
+
+    for segment in log.segment_slices():
+        num_rows = segment.stop - segment.start
+        if num_rows < 2:
+            index = 0
+            if log.segment is not None and log.num_rows:
+                index = int(log.segment[segment.start])
+            problem = f"segment {index} has {num_rows} rows, at least 2 are needed"
             raise LogError(problem, where=where, remedy="record longer, or drop the segment")
-        require_increasing(log.time[part], where, part.start)
-        for name in ("logged_kp", "logged_kd"):
-            gains = getattr(log, name)
-            if gains is not None and np.any(changed := gains[part] != gains[part.start]):
-                row, column = np.argwhere(changed)[0].tolist()
-                problem = f"row {part.start + row}, {name}/{log.joint_names[column]} changes within a segment"
-                raise LogError(
-                    problem,
-                    where=where,
-                    remedy="begin a segment where gains change, or leave them out",
-                )
+        require_increasing(log.time[segment], where, segment.start)
+        _require_constant_gains(log, segment, where)
+
+
+def _require_constant_gains(log: MotorLog, segment: slice, where: Where) -> None:
+    for name in ("logged_kp", "logged_kd"):
+        gains = getattr(log, name)
+        if gains is None:
+            continue
+        is_changed = gains[segment] != gains[segment.start]
+        if np.any(is_changed):
+            row, column = np.argwhere(is_changed)[0].tolist()
+            place = f"row {segment.start + row}, {name}/{log.joint_names[column]}"
+            raise LogError(
+                f"{place} changes within a segment",
+                where=where,
+                remedy="begin a segment where gains change, or leave them out",
+            )
 
 
 def bad_value(
     row: int, column: str, value: Any, expected: str, where: Where, remedy: str = ""
 ) -> LogError:
-    """The error for one cell, as "row 7, joint_pos/knee is nan, not a finite number"; rows count from 0."""
+    """The error for one cell, as "row 7, joint_pos/knee is nan, not a finite number".
+
+    Rows count from 0.
+    """
     text = quoted(value.item() if isinstance(value, np.generic) else value)
     problem = f"row {row}, {column[:120]} is {text}, not {expected}"
     return LogError(
@@ -438,37 +486,43 @@ def bad_value(
 
 
 def missing_column(
-    kind: str, name: str, known: Iterable[str], where: Where, remedy: str = CORRECT
+    what: str, name: str, present: Iterable[str], where: Where, remedy: str = CORRECT
 ) -> LogError:
-    """The error for a missing column, tensor or topic; it lists the first eight that exist."""
-    have = listed([quoted(each) for each in known], 8) or "none"
+    """The error for a missing column, array or topic; it lists the first eight that exist."""
+    names = listed([quoted(existing) for existing in present], 8) or "none"
     return LogError(
-        f"no {kind} {quoted(name, 80)}; it has {have[:300]}", where=where, remedy=remedy
+        f"no {what} {quoted(name, 80)}; it has {names[:300]}", where=where, remedy=remedy
     )
 
 
 def unreadable(path: Path, error: Exception) -> LogError:
-    """A library's error in one line."""
+    """The error of a library in one line."""
     reason = (str(error) or type(error).__name__).splitlines()[0][:300]
     return LogError(f"truncated or damaged file ({reason})", where=path, remedy=COPY_AGAIN)
 
 
 def require_finite(values: np.ndarray, columns: list[str], where: Where) -> None:
     """Raise LogError, with row, column and value, unless values (T, N) are finite."""
-    if (place := first_not_finite(values)) is not None:
+    place = first_not_finite(values)
+    if place is not None:
         row, column = place
         raise bad_value(row, columns[column], values[row, column], NUMBER, where)
 
 
 def require_increasing(time: np.ndarray, where: Where, first_row: int = 0) -> None:
-    """Raise LogError, with the row counted from ``first_row`` and both values, unless times (T,) [s] increase."""
-    stuck = np.diff(time) <= 0.0
-    if stuck.any():
-        row = 1 + int(np.argmax(stuck))
-        before = float(time[row - 1])
-        now = float(time[row])
-        problem = f"row {first_row + row}, time {'repeats' if before == now else 'runs backwards'}"
-        remedy = "sort the rows and drop duplicates, or begin a segment where the clock restarted"
-        raise LogError(
-            f"{problem}: {now!r} s after {before!r} s, it must increase", where=where, remedy=remedy
-        )
+    """Raise LogError, with row and both values, unless times (T,) [s] increase.
+
+    The row is counted from ``first_row``.
+    """
+    is_stuck = np.diff(time) <= 0.0
+    if not is_stuck.any():
+        return
+    row = 1 + int(np.argmax(is_stuck))
+    previous = float(time[row - 1])
+    now = float(time[row])
+    fault = "repeats" if previous == now else "runs backwards"
+    raise LogError(
+        f"row {first_row + row}, time {fault}: {now!r} s after {previous!r} s, it must increase",
+        where=where,
+        remedy="sort the rows and drop duplicates, or begin a segment where the clock restarted",
+    )

@@ -22,58 +22,77 @@ from motorprior.signals import mean_command
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
 MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
 _MAX_NAMED = 5  # gaps that the message lists
-# Channels that are held until the next row; the others are interpolated
+# channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "logged_kp", "logged_kd", *CODES)
 
 
 def gap_rows(log: MotorLog) -> np.ndarray:
     """(G,) rows before which more than 5 median time steps of their segment passed."""
-    parts = [(part.start, np.diff(log.time[part])) for part in log.segment_slices()]
-    found = [
-        1 + start + np.flatnonzero(steps > GAP_FACTOR * np.median(steps))
-        for start, steps in parts
-        if len(steps)
-    ]
-    return np.concatenate([np.zeros(0, dtype=np.intp), *found])
+    rows = [np.zeros(0, dtype=np.intp)]
+    for segment in log.segment_slices():
+        steps = np.diff(log.time[segment])
+        if len(steps):
+            is_gap = steps > GAP_FACTOR * np.median(steps)
+            rows.append(1 + segment.start + np.flatnonzero(is_gap))
+    return np.concatenate(rows)
 
 
 def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
     """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
 
-    Pieces next to gaps are dropped if they have fewer than 4 rows, or are shorter than the
-    ``period`` [s] of the grid for the log; LogError if none remains. Returns the log, its segments
-    renumbered, and a sentence about the gaps; the same log and "" if there are none.
+    Runs of rows next to gaps are dropped if they have fewer than 4 rows, or are shorter than the
+    ``period`` [s] of the grid for the log.
+
+    Returns:
+        The log, its segments renumbered, and a sentence about the gaps; the same log and "" if
+        there are none.
+
+    Raises:
+        LogError: no run of rows remains.
     """
     gaps = gap_rows(log)
     if not gaps.size:
         return log, ""
-    after = set(gaps.tolist())
-    kept_runs = []
-    for first, last in pairwise(
-        sorted({part.start for part in log.segment_slices()} | after | {log.num_rows})
-    ):
-        short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
-        if not (short and after & {first, last}):
-            kept_runs.append(np.arange(first, last))
-    if not kept_runs:
-        problem = (
-            f"no run of {MIN_ROWS} rows without a gap of more than {GAP_FACTOR:g} median steps"
+
+    runs = _runs_between(gaps, log, period)
+    if not runs:
+        raise LogError(
+            f"no run of {MIN_ROWS} rows without a gap of more than {GAP_FACTOR:g} median steps",
+            where=log.source,
+            remedy="record the time at which a row was measured, not received; or state rate in a "
+            "column map",
         )
-        remedy = "record the time at which a row was measured, not received; or state rate in a column map"
-        raise LogError(problem, where=log.source, remedy=remedy)
-    segment = np.repeat(np.arange(len(kept_runs)), [len(run) for run in kept_runs])
-    kept = replace(log.rows(np.concatenate(kept_runs)), segment=segment)
+    segment = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
+    kept = replace(log.rows(np.concatenate(runs)), segment=segment)
+    return checked(kept), _gap_text(log, gaps, log.num_rows - kept.num_rows)
+
+
+def _runs_between(gaps: np.ndarray, log: MotorLog, period: float) -> list[np.ndarray]:
+    """Rows of each run between gaps and ends of segments, without short runs next to gaps."""
+    begins_after_gap = set(gaps.tolist())
+    segment_starts = {segment.start for segment in log.segment_slices()}
+    bounds = sorted(segment_starts | begins_after_gap | {log.num_rows})
+
+    runs = []
+    for first, last in pairwise(bounds):
+        is_next_to_gap = first in begins_after_gap or last in begins_after_gap
+        is_short = last - first < MIN_ROWS or log.time[last - 1] - log.time[first] < period
+        if not (is_short and is_next_to_gap):
+            runs.append(np.arange(first, last))
+    return runs
+
+
+def _gap_text(log: MotorLog, gaps: np.ndarray, num_dropped: int) -> str:
     steps = log.time[gaps] - log.time[gaps - 1]
-    dropped = log.num_rows - kept.num_rows
-    named = [
+    places = [
         f"{step:.3g} s before row {row}, at {log.time[row]:.6g} s"
         for step, row in zip(steps, gaps, strict=True)
     ]
-    text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; {listed(named, _MAX_NAMED)}; a segment begins "
-    text += "after each" + (
-        f"; {dropped} rows between gaps, too few to use, are left out" if dropped else ""
-    )
-    return checked(kept), text
+    text = f"gaps longer than {GAP_FACTOR:g} median steps: {len(gaps)}; "
+    text += f"{listed(places, _MAX_NAMED)}; a segment begins after each"
+    if num_dropped:
+        text += f"; {num_dropped} rows between gaps, too few to use, are left out"
+    return text
 
 
 def resample(log: MotorLog, period: float) -> MotorLog:
@@ -84,47 +103,56 @@ def resample(log: MotorLog, period: float) -> MotorLog:
     be too short. Measurements are interpolated linearly. Drop repeated measurements first
     (`drop_repeats`), or the result moves in steps.
 
-    Raises LogError for a period that is longer than a segment.
+    Raises:
+        LogError: a period that is longer than a segment.
     """
-    parts = [_resample_segment(segment, period) for segment in log.segments()]
-    return checked(
-        replace(log, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
-    )
+    segments = [_resampled(segment, period) for segment in log.segments()]
+    values = {name: np.concatenate([segment[name] for segment in segments]) for name in segments[0]}
+    return checked(replace(log, **values))
 
 
-def _resample_segment(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
+def _resampled(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
+    """Channels of one segment on the grid."""
     start = float(segment.time[0])
-    end = float(segment.time[-1])
-    grid = start + period * np.arange(math.floor((end - start) / period * (1.0 + 1e-12) + 1e-6) + 1)
+    duration = float(segment.time[-1]) - start
+    num_rows = math.floor(duration / period * (1.0 + 1e-12) + 1e-6) + 1
+    grid = start + period * np.arange(num_rows)
     if len(grid) < 2:
-        problem = f"period {period} s is longer than the segment at {start:g} s, which lasts {end - start:g} s"
-        raise LogError(problem, where=segment.source, remedy="choose a shorter period")
-    held = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
-    result = {
+        raise LogError(
+            f"period {period} s is longer than the segment at {start:g} s, which lasts "
+            f"{duration:g} s",
+            where=segment.source,
+            remedy="choose a shorter period",
+        )
+
+    row_in_force = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
+    values = {
         "position_target": mean_command(segment.time, segment.position_target, grid, period),
         "time": grid,
     }
-    for name, value in channels(segment).items():
+    for name, channel in channels(segment).items():
         if name in _HELD:
-            result[name] = value[held]
-        elif name not in result:
-            result[name] = np.stack(
-                [np.interp(grid, segment.time, column) for column in value.T], axis=1
-            )
-    return result
+            values[name] = channel[row_in_force]
+        elif name not in values:
+            columns = [np.interp(grid, segment.time, column) for column in channel.T]
+            values[name] = np.stack(columns, axis=1)
+    return values
 
 
 def without_noise(log: MotorLog) -> MotorLog:
-    """The log with smoothed angles and velocities (`smoothing`); unchanged if it is smoothed or free of noise."""
+    """The log with smoothed angles and velocities (`smoothing`).
+
+    Unchanged if it is smoothed or free of noise.
+    """
     from motorprior.logs.smoothing import smoothed, smoothing_of  # it compiles
 
-    parts = tuple(log.segment_slices())
-    found = (
-        None if log.joint_reading is not None else smoothing_of(log.joint_pos, parts, log.period)
-    )
-    if found is None:
+    if log.joint_reading is not None:
         return log
-    pos, vel = smoothed(log.joint_pos, parts, log.period, *found)
+    segments = tuple(log.segment_slices())
+    noise_and_density = smoothing_of(log.joint_pos, segments, log.period)
+    if noise_and_density is None:
+        return log
+    pos, vel = smoothed(log.joint_pos, segments, log.period, *noise_and_density)
     return replace(log, joint_pos=pos, joint_vel=vel, joint_reading=log.joint_pos)
 
 
@@ -132,56 +160,71 @@ def with_velocities(log: MotorLog) -> MotorLog:
     """The log with velocities: its own, or differences of its angles."""
     if log.joint_vel is not None:
         return log
-    found = np.zeros_like(log.joint_pos)
-    for part in log.segment_slices():
-        if part.stop - part.start > 2:
-            found[part] = np.gradient(log.joint_pos[part], log.time[part], axis=0, edge_order=2)
-    return replace(log, joint_vel=found)
+    velocity = np.zeros_like(log.joint_pos)
+    for segment in log.segment_slices():
+        if segment.stop - segment.start > 2:
+            velocity[segment] = np.gradient(
+                log.joint_pos[segment], log.time[segment], axis=0, edge_order=2
+            )
+    return replace(log, joint_vel=velocity)
 
 
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
-    """The log at steps of ``period`` [s]; angles are splines through smoothed readings, joint_reading through raw ones.
+    """The log at steps of ``period`` [s], with angles by splines through smoothed readings.
 
-    Velocities are the splines' derivatives: recorded ones are often filtered, and loads need
-    accelerations. Commands are smoothed like the angles, since many logs give both late by up to a
-    sample, unless that changes them by MAX_SMOOTHING or more: large steps drive a motor to its
-    limit.
+    joint_reading has splines through raw readings. Velocities are the splines' derivatives:
+    recorded ones are often filtered, and loads need accelerations. Commands are smoothed like the
+    angles, since many logs give both late by up to a sample, unless that changes them by
+    MAX_SMOOTHING or more: large steps drive a motor to its limit.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
     from motorprior.logs.smoothing import smoothed, smoothing_of
 
-    parts = tuple(log.segment_slices())
+    segments = tuple(log.segment_slices())
     grid = resample(log, period)
     angles = log.joint_pos
-    found = smoothing_of(angles, parts, log.period)
-    if found is not None:
-        angles = smoothed(angles, parts, log.period, *found)[0]
-        noise = found[0] * math.sqrt(log.period / period)
-        rows = tuple(grid.segment_slices())
-        commands = smoothed(grid.position_target, rows, period, noise, found[1])[0]
-        moved = np.abs(commands - grid.position_target).max(axis=0)
-        grid = replace(
-            grid, position_target=np.where(moved < MAX_SMOOTHING, commands, grid.position_target)
-        )
-    pos, vel, reading = (np.empty_like(grid.joint_pos) for _ in range(3))
-    for old, new in zip(parts, grid.segment_slices(), strict=True):
-        smooth, raw = (CubicSpline(log.time[old], each[old]) for each in (angles, log.joint_pos))
-        pos[new] = smooth(grid.time[new])
-        vel[new] = smooth(grid.time[new], 1)
-        reading[new] = raw(grid.time[new])
+    noise_and_density = smoothing_of(angles, segments, log.period)
+    if noise_and_density is not None:
+        noise, density = noise_and_density
+        angles = smoothed(angles, segments, log.period, noise, density)[0]
+        grid = _with_smooth_commands(grid, noise * math.sqrt(log.period / period), density, period)
+
+    pos = np.empty_like(grid.joint_pos)
+    vel = np.empty_like(grid.joint_pos)
+    reading = np.empty_like(grid.joint_pos)
+    for recorded, resampled in zip(segments, grid.segment_slices(), strict=True):
+        smooth = CubicSpline(log.time[recorded], angles[recorded])
+        raw = CubicSpline(log.time[recorded], log.joint_pos[recorded])
+        pos[resampled] = smooth(grid.time[resampled])
+        vel[resampled] = smooth(grid.time[resampled], 1)
+        reading[resampled] = raw(grid.time[resampled])
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
+def _with_smooth_commands(log: MotorLog, noise: float, density: float, period: float) -> MotorLog:
+    """The log with smoothed commands of the motors whose command changes by less than the bound."""
+    from motorprior.logs.smoothing import smoothed
+
+    commands = smoothed(log.position_target, tuple(log.segment_slices()), period, noise, density)[0]
+    change = np.abs(commands - log.position_target).max(axis=0)
+    return replace(
+        log, position_target=np.where(change < MAX_SMOOTHING, commands, log.position_target)
+    )
+
+
 def repeated_rows(log: MotorLog) -> np.ndarray:
-    """Mask (T,) of rows whose measured angles all equal those of the previous row of the same segment."""
+    """Mask (T,) of rows whose angles all equal those of the previous row of the same segment."""
     repeated = np.all(np.diff(log.joint_pos, axis=0, prepend=np.nan) == 0.0, axis=1)
-    repeated[[part.start for part in log.segment_slices()]] = False
+    repeated[[segment.start for segment in log.segment_slices()]] = False
     return repeated
 
 
 def drop_repeats(log: MotorLog) -> MotorLog:
-    """Keep the first row of every run of equal angles of a robot that answers more slowly than its host polls."""
+    """Keep the first row of every run of equal angles.
+
+    A robot that answers more slowly than its host polls repeats its angles.
+    """
     return checked(log.rows(~repeated_rows(log)))
 
 
@@ -199,27 +242,24 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
     if not logs:
         raise LogError("no log given", remedy="give at least one")
     first = logs[0]
-    names = [name for log in logs for name in log.joint_names]
     for log in logs[1:]:
         _require_equal_settings(first, log)
     if len(logs) == 1:
         return first
+
     source = "; ".join(dict.fromkeys(log.source for log in logs))
+    names = [name for log in logs for name in log.joint_names]
     if all(log.joint_names == first.joint_names for log in logs):
-        parts = [part for log in logs for part in log.segments()]
-        segment = np.repeat(np.arange(len(parts)), [part.num_rows for part in parts])
-        names = channels(first).keys() - {"segment"}
-        values = {name: np.concatenate([channels(part)[name] for part in parts]) for name in names}
-        whole = replace(first, **values, segment=segment)
+        whole = _in_sequence(logs)
     elif len(set(names)) == len(names):
-        classes = tuple(each for log in logs for each in log.given_classes)
-        stated = classes if len(classes) == len(names) else ()
-        whole = replace(_side_by_side(logs, source), joint_names=tuple(names), given_classes=stated)
+        whole = _side_by_side(logs, source)
     else:
-        remedy = (
-            "give each motor its own joint name, or give logs of the same joints in the same order"
+        raise LogError(
+            "some of the logs' joint names are equal",
+            where=source,
+            remedy="give each motor its own joint name, or give logs of the same joints in the "
+            "same order",
         )
-        raise LogError("some of the logs' joint names are equal", where=source, remedy=remedy)
     return checked(replace(whole, source=source))
 
 
@@ -229,26 +269,54 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
         for name in ("robot", "motor", "encoder", "gain_unit")
         if getattr(first, name) != getattr(log, name)
     ]
-    registers = sorted(f"firmware.{name}" for name in first.firmware.keys() ^ log.firmware.keys())
-    if unequal := registers + sorted((channels(first).keys() ^ channels(log).keys()) - {"segment"}):
-        problems.append(f"only some of the logs have {', '.join(unequal)}")
-    if problem := next(
-        filter(None, [*problems, other_firmware(log.firmware, first.firmware)]), None
-    ):
-        remedy = "import all with the same channels and registers, or fit one at a time"
-        raise LogError(problem, where=log.source, remedy=remedy)
+    registers = first.firmware.keys() ^ log.firmware.keys()
+    channel_names = (channels(first).keys() ^ channels(log).keys()) - {"segment"}
+    missing = [*sorted(f"firmware.{name}" for name in registers), *sorted(channel_names)]
+    if missing:
+        problems.append(f"only some of the logs have {', '.join(missing)}")
+    register_problem = other_firmware(log.firmware, first.firmware)
+    if register_problem:
+        problems.append(register_problem)
+
+    if problems:
+        raise LogError(
+            problems[0],
+            where=log.source,
+            remedy="import all with the same channels and registers, or fit one at a time",
+        )
+
+
+def _in_sequence(logs: Sequence[MotorLog]) -> MotorLog:
+    """Logs of the same joints as consecutive segments."""
+    segments = [segment for log in logs for segment in log.segments()]
+    index = np.repeat(np.arange(len(segments)), [segment.num_rows for segment in segments])
+    values = {
+        name: np.concatenate([channels(segment)[name] for segment in segments])
+        for name in channels(logs[0]).keys() - {"segment"}
+    }
+    return replace(logs[0], **values, segment=index)
 
 
 def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
-    rows = min(log.num_rows for log in logs)
-    cut = [log.rows(slice(0, rows)) for log in logs]
-    if any(log.segment_slices() != cut[0].segment_slices() for log in cut):
+    """Logs of different motors as columns, cut to the shortest."""
+    num_rows = min(log.num_rows for log in logs)
+    cut_logs = [log.rows(slice(0, num_rows)) for log in logs]
+    first = cut_logs[0]
+    if any(log.segment_slices() != first.segment_slices() for log in cut_logs):
         problem = "the logs' segments begin at different rows"
         raise LogError(problem, where=source, remedy="record all motors with the same segments")
-    names = channels(cut[0]).keys() & JOINT_SERIES.keys()
+
+    values = {
+        name: np.concatenate([channels(log)[name] for log in cut_logs], axis=1)
+        for name in channels(first).keys() & JOINT_SERIES.keys()
+    }
+    names = tuple(name for log in logs for name in log.joint_names)
+    classes = tuple(name for log in logs for name in log.given_classes)
     return replace(
-        cut[0],
-        **{name: np.concatenate([channels(log)[name] for log in cut], axis=1) for name in names},
+        first,
+        joint_names=names,
+        given_classes=classes if len(classes) == len(names) else (),
+        **values,
     )
 
 
@@ -257,10 +325,14 @@ MOVED_STD = 1e-2  # [rad]; of a joint without commands, above play and sway
 
 
 def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
-    """Cut a log in two at the segment start nearest to its middle row; a log of one segment at its middle row."""
-    starts = [part.start for part in log.segment_slices()[1:]]
-    row = min(starts, key=lambda row: abs(row - log.num_rows / 2), default=log.num_rows // 2)
-    return log.rows(slice(0, row)), log.rows(slice(row, None))
+    """Cut a log in two at the segment start nearest to its middle row.
+
+    A log of one segment is cut at its middle row.
+    """
+    starts = [segment.start for segment in log.segment_slices()[1:]]
+    middle = log.num_rows / 2
+    cut = min(starts, key=lambda row: abs(row - middle), default=log.num_rows // 2)
+    return log.rows(slice(0, cut)), log.rows(slice(cut, None))
 
 
 def excited_joints(log: MotorLog) -> np.ndarray:
@@ -269,11 +341,13 @@ def excited_joints(log: MotorLog) -> np.ndarray:
 
 
 def moved(log: MotorLog) -> np.ndarray:
-    """(J,) whether a joint moves as commanded, or is moved by other joints by more than MOVED_STD."""
-    pos, target = (np.std(values, axis=0) for values in (log.joint_pos, log.position_target))
+    """(J,) whether a joint moves as commanded, or is moved by other joints by over MOVED_STD."""
+    pos = np.std(log.joint_pos, axis=0)
+    target = np.std(log.position_target, axis=0)
     return (pos > EXCITED_STD) & ((target > EXCITED_STD) | (pos > MOVED_STD))
 
 
 def static_joints(log: MotorLog) -> tuple[str, ...]:
     """Names of the joints whose angle has a standard deviation of at most 1 mrad."""
-    return tuple(np.array(log.joint_names)[np.std(log.joint_pos, axis=0) <= EXCITED_STD].tolist())
+    is_static = np.std(log.joint_pos, axis=0) <= EXCITED_STD
+    return tuple(np.array(log.joint_names)[is_static].tolist())

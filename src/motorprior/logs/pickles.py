@@ -1,4 +1,7 @@
-"""Restricted unpickler for third-party files, also of torch.save: reads arrays and numbers, executes no code."""
+"""Restricted unpickler for third-party files, also of torch.save: executes no code.
+
+It reads plain containers, arrays and numbers. `pickled_arrays` runs it with limits.
+"""
 
 import collections
 import io
@@ -15,9 +18,12 @@ import numpy as np
 from motorprior.artifacts import require_size
 from motorprior.exceptions import LogError
 
+_COPY = "copy it again from its original source; convert others to CSV where they were made"
+_SAVE = "save a dict of tensors by torch.save"
+
 
 class _NumberType:
-    """A dtype of plain numbers from its code, such as f8; its state can only change the byte order."""
+    """A dtype of plain numbers from its code, such as f8; its state only sets the byte order."""
 
     def __init__(self, code: str, *_: Any):
         if not re.fullmatch("[biuf][1248]", code):
@@ -32,45 +38,47 @@ class _NumberArray(np.ndarray):
     """An array of plain numbers; raw bytes of an object array would be used as addresses."""
 
     def __setstate__(self, state: tuple) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        version, shape, kind, *rest = state
-        super().__setstate__((version, shape, kind.dtype, *rest))
+        version, shape, number_type, *rest = state
+        super().__setstate__((version, shape, number_type.dtype, *rest))
 
 
-def _scalar(kind: _NumberType, raw: bytes | str) -> Any:
-    return np.frombuffer(raw.encode("latin1") if isinstance(raw, str) else raw, kind.dtype)[0]
+def _scalar(number_type: _NumberType, raw: bytes | str) -> Any:
+    data = raw.encode("latin1") if isinstance(raw, str) else raw
+    return np.frombuffer(data, number_type.dtype)[0]
 
 
 def _array(
-    raw: bytes, kind: _NumberType, shape: tuple[int, ...], order: Literal["C", "F"]
+    raw: bytes, number_type: _NumberType, shape: tuple[int, ...], order: Literal["C", "F"]
 ) -> np.ndarray:
-    return np.frombuffer(raw, kind.dtype).reshape(shape, order=order)
+    return np.frombuffer(raw, number_type.dtype).reshape(shape, order=order)
 
 
 def _view(
     numbers: np.ndarray, offset: int, size: tuple[int, ...], stride: tuple[int, ...], *_: Any
 ) -> np.ndarray:
     """A tensor; offset and stride count numbers. NumPy raises unless it lies within these."""
-    if math.prod(size) > numbers.size:
+    count = math.prod(size)
+    if count > numbers.size:
         raise LogError(
-            f"the pickle holds a tensor of {math.prod(size)} numbers in a storage of {numbers.size}"
+            f"the pickle holds a tensor of {count} numbers in a storage of {numbers.size}"
         )
+    data = np.ravel(numbers).tobytes()
     strides = [numbers.itemsize * step for step in stride]
-    return np.ndarray(
-        size, numbers.dtype, np.ravel(numbers).tobytes(), numbers.itemsize * offset, strides
-    )
+    return np.ndarray(size, numbers.dtype, data, numbers.itemsize * offset, strides)
 
 
-_SAVE = "save a dict of tensors by torch.save"
 _STORAGES = {
-    "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8", "IntStorage": "i4",
-    "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1", "BoolStorage": "b1",
+    "DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2", "LongStorage": "i8",
+    "IntStorage": "i4", "ShortStorage": "i2", "CharStorage": "i1", "ByteStorage": "u1",
+    "BoolStorage": "b1",
 }  # fmt: skip
 # (module, name) -> substitute; arrays and scalars of plain numbers by all versions of numpy and
 # Python, and tensors
 _ALLOWED: dict[tuple[str, str], Any] = {
     ("_codecs", "encode"): lambda text, _: text.encode("latin1"),  # bytes in pickles of protocol 2
-    # others are literals
-    **dict.fromkeys((("builtins", "bytes"), ("__builtin__", "bytes")), lambda: b""),
+    # empty bytes; others are literals
+    ("builtins", "bytes"): lambda: b"",
+    ("__builtin__", "bytes"): lambda: b"",
     ("numpy", "ndarray"): "ndarray",
     ("numpy", "dtype"): _NumberType,
     ("torch._utils", "_rebuild_tensor_v2"): _view,
@@ -83,13 +91,14 @@ for _core in ("numpy.core", "numpy._core"):
     _ALLOWED[f"{_core}.numeric", "_frombuffer"] = _array
 
 
-def load_pickle(
-    data: bytes, where: Path | None = None, persistent: Callable[[Any], Any] = lambda pid: pid
-) -> Any:
-    """Unpickle plain containers, arrays and scalars of numpy, and tensors; text of Python 2 is latin1.
+def load_pickle(data: bytes, persistent: Callable[[Any], Any] = lambda pid: pid) -> Any:
+    """Unpickle plain containers, arrays and scalars of numpy, and tensors.
 
-    ``persistent`` resolves persistent ids. Raises LogError for a name that is not allowed, or a
-    damaged pickle.
+    Text of Python 2 is latin1. ``persistent`` resolves persistent ids.
+
+    Raises:
+        LogError: a name that is not allowed, or a damaged pickle.
+        MemoryError: the process has a limit, and the pickle needs more.
     """
 
     class Restricted(pickle.Unpickler):
@@ -103,35 +112,43 @@ def load_pickle(
         def persistent_load(self, pid: Any) -> Any:
             return persistent(pid)
 
-    remedy = "copy it again from its original source; convert others to CSV where they were made"
     try:
         return Restricted(io.BytesIO(data), encoding="latin1").load()
+    except MemoryError:
+        raise
     except LogError as error:
-        raise LogError(error.problem, where=where, remedy=error.remedy or remedy) from error
+        raise LogError(error.problem, remedy=error.remedy or _COPY) from error
     except Exception as error:  # a damaged pickle can raise any exception
         problem = f"not a complete pickle ({type(error).__name__}: {error})"
-        raise LogError(problem, where=where, remedy=remedy) from error
+        raise LogError(problem, remedy=_COPY) from error
 
 
 def require_archive_size(archive: zipfile.ZipFile, path: Path) -> None:
-    """Raise LogError if the unpacked members exceed `artifacts.MAX_BYTES`; zipfile reads no more than they state."""
+    """Raise LogError if the unpacked members exceed `artifacts.MAX_BYTES`.
+
+    zipfile reads no more than they state.
+    """
     require_size(sum(member.file_size for member in archive.infolist()), path, LogError)
 
 
 def torch_content(path: Path) -> dict[Any, Any]:
-    """The dictionary of the file's pickle, with arrays for tensors; a damaged archive raises many types of errors."""
+    """The dictionary in a file of torch.save, with arrays for tensors.
+
+    A damaged archive raises many types of errors.
+    """
     with zipfile.ZipFile(path) as archive:
         require_archive_size(archive, path)
-        found = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
-        if len(found) != 1:
+        pickles = [name for name in archive.namelist() if name.split("/")[1:] == ["data.pkl"]]
+        if len(pickles) != 1:
             raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
-        folder = found[0].removesuffix("data.pkl")
+        folder = pickles[0].removesuffix("data.pkl")
 
         def storage(reference: Any) -> np.ndarray:
             """The numbers of a persistent id ("storage", type, key, device, count)."""
-            return np.frombuffer(archive.read(f"{folder}data/{reference[2]}"), dtype=reference[1])
+            data = archive.read(f"{folder}data/{reference[2]}")
+            return np.frombuffer(data, dtype=reference[1])
 
-        content = load_pickle(archive.read(found[0]), path, storage)
+        content = load_pickle(archive.read(pickles[0]), storage)
     if not isinstance(content, dict):
         raise LogError(f"it holds a {type(content).__name__}", where=path, remedy=_SAVE)
     return content

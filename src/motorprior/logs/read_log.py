@@ -94,19 +94,19 @@ def _read_mapped(
 
 
 def reader_of(path: Path, with_columns: bool = False) -> LogReader:
-    """The reader of a path, with or without a column map; else LogError, which suggests a remedy."""
+    """The reader of a path, with or without a column map.
+
+    Raises:
+        LogError: no such file, or an unknown format; suggests a remedy.
+    """
     if not path.exists():
         raise LogError("no such file", where=path, remedy="check the path")
-    for reader in READERS:
-        if (reader.columns if with_columns else reader.read) is not None and reader.matches(path):
+    for reader in _usable_readers(with_columns):
+        if reader.matches(path):
             return reader
+
     if path.is_dir():
-        endings = sorted(
-            {ending for file in path.iterdir() if (ending := _ending(file.name)) and file.is_file()}
-        )
-        patterns = " ".join(str(path / f"*{ending}") for ending in endings)
-        remedy = f"give its files: {patterns}" if endings else "give a log (docs/logs.md)"
-        raise LogError("a folder that is not a log", where=path, remedy=remedy)
+        raise LogError("a folder that is not a log", where=path, remedy=_remedy_for_folder(path))
     for reader in READERS:
         if reader.columns is not None and reader.matches(path):
             remedy = f"read it {GIVE_COLUMNS}, or a shipped map: {', '.join(shipped_maps())}"
@@ -115,6 +115,19 @@ def reader_of(path: Path, with_columns: bool = False) -> LogReader:
     raise LogError(
         "unknown log format", where=path, remedy=f"give one of: {formats}", argument="columns"
     )
+
+
+def _usable_readers(with_columns: bool) -> list[LogReader]:
+    if with_columns:
+        return [reader for reader in READERS if reader.columns is not None]
+    return [reader for reader in READERS if reader.read is not None]
+
+
+def _remedy_for_folder(path: Path) -> str:
+    endings = {_ending(file.name) for file in path.iterdir() if file.is_file()} - {""}
+    if not endings:
+        return "give a log (docs/logs.md)"
+    return f"give its files: {' '.join(str(path / f'*{ending}') for ending in sorted(endings))}"
 
 
 def recording_name(path: Path) -> str:
@@ -140,12 +153,10 @@ class LogFolder:
     @property
     def files(self) -> list[Path]:
         """All files of the logs, without the videos of LeRobot datasets."""
-        found = [
-            file
-            for path in self.paths
-            for file in ([path] if path.is_file() else sorted(path.rglob("*")))
-        ]
-        return [file for file in found if file.is_file() and file.suffix != ".mp4"]
+        files = []
+        for path in self.paths:
+            files += [path] if path.is_file() else sorted(path.rglob("*"))
+        return [file for file in files if file.is_file() and file.suffix != ".mp4"]
 
 
 def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None) -> LogFolder:
@@ -160,48 +171,56 @@ def read_log_folder(path: Path, robot: Robot | None, columns: str | None = None)
         ArtifactError: a bad column map.
     """
     column_map = None if columns is None else load_column_map(columns)
-    known = [
-        reader for reader in READERS if (reader.columns if column_map else reader.read) is not None
-    ]
-    if not path.is_dir() or any(reader.matches(path) for reader in known):
+    readers_for_map = _usable_readers(column_map is not None)
+    if not path.is_dir() or any(reader.matches(path) for reader in readers_for_map):
         return LogFolder({recording_name(path): read_log(path, robot, column_map)}, (path,))
-    endings = tuple(ending for reader in known for ending in reader.endings)
-    entries = {
-        entry: recording_name(entry)
-        for entry in sorted(path.iterdir())
-        if entry.name.endswith(endings)
-    }
+
+    endings = tuple(ending for reader in readers_for_map for ending in reader.endings)
+    entries = [entry for entry in sorted(path.iterdir()) if entry.name.endswith(endings)]
+    names = {entry: recording_name(entry) for entry in entries}
     if column_map is None:
-        written = {entry: name for entry, name in entries.items() if entry.suffix == ".parquet"}
-        entries = (
-            written
-            or {entry: name for entry in entries if robot and (name := short_name(entry))}
-            or entries
-        )
+        names = _preferred(names, robot)
+
     logs = {}
-    taken = []
+    paths = []
     unreadable = []
-    for entry, name in entries.items():
+    for entry, name in names.items():
         try:
             if name in logs:
                 raise LogError(f"there is another log {name!r}")
             logs[name] = read_log(entry, robot, column_map)
-            taken.append(entry)
+            paths.append(entry)
         except MotorPriorError as error:
             unreadable.append(f"{entry.name}: {error.problem}")
+
     if not logs:
-        problem = "; ".join(["no log in it can be read", *unreadable[:1]])
-        remedy = f"give logs (docs/logs.md), or read tables {GIVE_COLUMNS} or a shipped map: "
+        maps = ", ".join(shipped_maps())
         raise LogError(
-            problem, where=path, remedy=remedy + ", ".join(shipped_maps()), argument="columns"
+            "; ".join(["no log in it can be read", *unreadable[:1]]),
+            where=path,
+            remedy=f"give logs (docs/logs.md), or read tables {GIVE_COLUMNS} or a shipped map: "
+            f"{maps}",
+            argument="columns",
         )
-    return LogFolder(logs, tuple(taken), tuple(unreadable))
+    return LogFolder(logs, tuple(paths), tuple(unreadable))
+
+
+def _preferred(names: dict[Path, str], robot: Robot | None) -> dict[Path, str]:
+    """Motor logs of a folder, else logs of jietan/puppersim, else all."""
+    motor_logs = {entry: name for entry, name in names.items() if entry.suffix == ".parquet"}
+    if motor_logs:
+        return motor_logs
+    puppersim = {entry: short_name(entry) for entry in names if robot and short_name(entry)}
+    return puppersim or names
 
 
 def short_name(path: Path) -> str:
-    """0116 of ``env_log_real_0116.csv.gz``; empty unless it is a log of jietan/puppersim from the real robot."""
-    found = re.fullmatch(r"env_(.+?)(\.csv\.gz|\.csv|\.txt)", path.name)
-    words = found[1].split("_") if found else []
-    return (
-        "_".join(word for word in words if word not in ("log", "real")) if "real" in words else ""
-    )
+    """0116 of ``env_log_real_0116.csv.gz``.
+
+    Empty unless it is a log of jietan/puppersim from the real robot.
+    """
+    file_name = re.fullmatch(r"env_(.+?)(\.csv\.gz|\.csv|\.txt)", path.name)
+    words = file_name[1].split("_") if file_name else []
+    if "real" not in words:
+        return ""
+    return "_".join(word for word in words if word not in ("log", "real"))

@@ -1,4 +1,4 @@
-"""Positions and velocities of a log without the noise of its readings, for the initial states of free runs.
+"""Positions and velocities without the noise of readings, for the initial states of free runs.
 
 A Kalman filter and the Rauch-Tung-Striebel smoother, with the joint's acceleration as a random
 walk,
@@ -21,22 +21,26 @@ NOISES = np.geomspace(1e-5, 3e-3, 11)  # r that are tried [rad]
 DENSITIES = np.geomspace(1.0, 3e4, 10)  # d that are tried [rad/s²/√s]
 # initial standard deviations: velocity _WIDE/10 [rad/s], acceleration 100·_WIDE [rad/s²]
 _WIDE = 1e2
-# used to choose noise and density
+# maximum rows and motors that are used to choose noise and density
 _MAX_ROWS = 2000
 _MAX_MOTORS = 6
-# rows that are tried together; rows until the filter has converged
-_BLOCK = 500
-_FIRST_STATES = 10
+_BLOCK = 500  # rows that are tried together
+_FIRST_STATES = 10  # rows until the filter has converged
 
 
 @njit(cache=True, nogil=True)
 def _filter(readings, dt, noise, density):
-    """Kalman filter of (steps,) readings: log-likelihood, and means and covariances after and before each reading."""
+    """Kalman filter of (steps,) readings.
+
+    Returns the log-likelihood, means and covariances after each reading, and means and covariances
+    before each reading.
+    """
     steps = readings.shape[0]
     means = np.empty((steps, 3))
     predicted = np.empty((steps, 3))
     covariances = np.empty((steps, 3, 3))
     predicted_covariances = np.empty((steps, 3, 3))
+
     r = noise * noise
     d = density * density
     x = np.array([readings[0], 0.0, 0.0])
@@ -49,6 +53,7 @@ def _filter(readings, dt, noise, density):
             [dt**3 / 6, dt**2 / 2, dt],
         ]
     )
+
     likelihood = 0.0
     for step in range(steps):
         if step > 0:
@@ -56,6 +61,7 @@ def _filter(readings, dt, noise, density):
             cov = move @ cov @ move.T + extra
         predicted[step] = x
         predicted_covariances[step] = cov
+
         variance = cov[0, 0] + r
         innovation = readings[step] - x[0]
         gain = cov[:, 0] / variance
@@ -74,6 +80,7 @@ def _smooth(readings, dt, noise, density):
     steps = readings.shape[0]
     out = np.empty((2, steps))
     _, means, covariances, predicted, predicted_covariances = _filter(readings, dt, noise, density)
+
     move = np.array([[1.0, dt, 0.5 * dt * dt], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
     x = means[steps - 1].copy()
     out[0, steps - 1] = x[0]
@@ -86,74 +93,80 @@ def _smooth(readings, dt, noise, density):
     return out
 
 
-def noise_of(readings: np.ndarray, parts: tuple[slice, ...], dt: float) -> tuple[float, float]:
-    """Most likely noise r [rad] of one motor's (R,) readings, and density d of its motion; see `smoothed`."""
+def noise_of(readings: np.ndarray, segments: tuple[slice, ...], dt: float) -> tuple[float, float]:
+    """Most likely noise r [rad] of one motor's (R,) readings, and density d of its motion.
+
+    See `smoothed` for both.
+    """
     likelihood = np.zeros((len(NOISES), len(DENSITIES)))
-    for block in _blocks(readings, parts):
+    for block in _blocks(readings, segments):
         rows = np.ascontiguousarray(readings[block], np.float64)
-        likelihood += [
-            [_filter(rows, dt, noise, density)[0] for density in DENSITIES] for noise in NOISES
-        ]
+        for row, noise in enumerate(NOISES):
+            for column, density in enumerate(DENSITIES):
+                likelihood[row, column] += _filter(rows, dt, noise, density)[0]
+
     rounding = encoder_step(readings) / np.sqrt(12.0)
     first = min(int(np.searchsorted(NOISES, rounding)), len(NOISES) - 1)
     best = np.unravel_index(likelihood[first:].argmax(), likelihood[first:].shape)
-    return max(float(NOISES[first + best[0]]), rounding), float(DENSITIES[best[1]])
+    noise = max(float(NOISES[first + best[0]]), rounding)
+    return noise, float(DENSITIES[best[1]])
 
 
-def _blocks(readings: np.ndarray, parts: tuple[slice, ...]) -> list[slice]:
-    # half where the motor moves fastest, half spread over its log: in slow or steady motion any
-    # density fits
-    starts = [
-        (first, part.stop) for part in parts for first in range(part.start, part.stop, _BLOCK)
-    ]
-    cut = [
-        slice(first, min(first + _BLOCK, stop))
-        for first, stop in starts
-        if stop - first > 2 * _FIRST_STATES
-    ]
-    if not cut:
+def _blocks(readings: np.ndarray, segments: tuple[slice, ...]) -> list[slice]:
+    """Blocks of rows with at most _MAX_ROWS rows together.
+
+    Half are where the motor moves fastest, half spread over its log: in slow or steady motion any
+    density fits.
+    """
+    blocks = []
+    for segment in segments:
+        for start in range(segment.start, segment.stop, _BLOCK):
+            stop = min(start + _BLOCK, segment.stop)
+            if stop - start > 2 * _FIRST_STATES:
+                blocks.append(slice(start, stop))
+    if not blocks:
         return []
-    count = min(
-        len(cut),
-        max(2, round(_MAX_ROWS * len(cut) / sum(block.stop - block.start for block in cut))),
-    )
-    steps = [np.std(np.diff(readings[block])) for block in cut]
+
+    num_rows = sum(block.stop - block.start for block in blocks)
+    count = min(len(blocks), max(2, round(_MAX_ROWS * len(blocks) / num_rows)))
+
+    steps = [np.std(np.diff(readings[block])) for block in blocks]
     fastest = np.argsort(steps, kind="stable")[::-1][: (count + 1) // 2]
-    others = np.setdiff1d(np.arange(len(cut)), fastest)
-    spread = others[np.linspace(0, len(others) - 1, count - len(fastest)).round().astype(int)]
-    return [cut[each] for each in sorted({*fastest.tolist(), *spread.tolist()})]
+    slower = np.setdiff1d(np.arange(len(blocks)), fastest)
+    places = np.linspace(0, len(slower) - 1, count - len(fastest)).round().astype(int)
+    indices = sorted({*fastest.tolist(), *slower[places].tolist()})
+    return [blocks[index] for index in indices]
 
 
 def smoothing_of(
-    readings: np.ndarray, parts: tuple[slice, ...], dt: float
+    readings: np.ndarray, segments: tuple[slice, ...], dt: float
 ) -> tuple[float, float] | None:
-    """Noise r [rad] and density d [rad/s²/√s] for `smoothed`, of (R, M) readings [rad]; None if free of noise.
+    """Noise r [rad] and density d [rad/s²/√s] for `smoothed`, of (R, M) readings [rad].
 
-    They are the medians over some motors that move. ``parts`` are the rows of each segment, ``dt``
-    [s].
+    They are the medians over up to 6 motors that move; None if readings are free of noise.
+    ``segments`` are the rows of each segment, ``dt`` is in s.
     """
     moving = np.flatnonzero(np.ptp(readings, axis=0))  # a static one does not identify the noise
     if moving.size == 0:
         return None
-    some = moving[
-        np.unique(np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int))
-    ]
-    noise, density = np.median([noise_of(readings[:, motor], parts, dt) for motor in some], axis=0)
+    places = np.linspace(0, len(moving) - 1, min(_MAX_MOTORS, len(moving))).astype(int)
+    motors = moving[np.unique(places)]
+    estimates = [noise_of(readings[:, motor], segments, dt) for motor in motors]
+    noise, density = np.median(estimates, axis=0)
     return None if noise < MIN_NOISE else (float(noise), float(density))
 
 
 def smoothed(
-    readings: np.ndarray, parts: tuple[slice, ...], dt: float, noise: float, density: float
+    readings: np.ndarray, segments: tuple[slice, ...], dt: float, noise: float, density: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and velocities [rad/s], each (R, M), of (R, M) readings [rad].
 
     For readings at other steps, the same smoothing has the noise r·√(dt/dt'): r²·dt is its power
     density.
     """
-    out = np.empty((2, *readings.shape))
+    states = np.empty((2, *readings.shape))
     for motor, column in enumerate(readings.T):
-        for part in parts:
-            out[:, part, motor] = _smooth(
-                np.ascontiguousarray(column[part], np.float64), dt, noise, density
-            )
-    return out[0], out[1]
+        for segment in segments:
+            rows = np.ascontiguousarray(column[segment], np.float64)
+            states[:, segment, motor] = _smooth(rows, dt, noise, density)
+    return states[0], states[1]

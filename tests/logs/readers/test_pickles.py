@@ -2,12 +2,14 @@
 
 import os
 import pickle
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.logs.pickled_arrays import pickled_arrays
 from motorprior.logs.pickles import load_pickle
 
 
@@ -68,3 +70,49 @@ def test_raw_bytes_never_become_addresses_of_objects():
 
     with pytest.raises(LogError, match="'O8', not plain numbers"):
         load_pickle(pickle.dumps({"t": Forged()}))
+
+
+def slow_hash() -> bytes:
+    """A table with a key whose hash takes 2**40 steps."""
+    key = ()
+    for _ in range(40):
+        key = (key, key)
+    return b"\x80\x02}" + pickle.dumps(key, 2)[2:-1] + b"K\x01s."
+
+
+@pytest.mark.parametrize(
+    ("bomb", "problem"),
+    [
+        (slow_hash(), "takes more than 3 s"),
+        (b"\x80\x04" + 30_000_000 * b"]" + b".", "more memory"),
+    ],
+)
+def test_a_pickle_that_takes_much_time_or_memory_is_refused_soon(
+    tmp_path: Path, bomb: bytes, problem: str
+):
+    path = tmp_path / "bomb.pkl"
+    path.write_bytes(bomb)
+    began = time.process_time()
+    with pytest.raises(LogError, match=problem) as refusal:
+        pickled_arrays(path)
+    assert refusal.value.where == path and refusal.value.remedy
+    assert time.process_time() - began < 2.0, "the child process works, not this one"
+
+
+def test_arrays_of_the_child_process_are_those_of_the_pickle(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    big_endian = np.arange(4, dtype=">i4")
+    content = {
+        "run": [{"q": rng.random((3, 2))}, {"q": rng.random((3, 2))}],
+        "x": np.asfortranarray(rng.random((4, 2))),
+        "n": big_endian,
+        "µ/..": [True, False],
+        "text": "not read",
+    }
+    path = tmp_path / "log.pkl"
+    path.write_bytes(pickle.dumps(content))
+    arrays = pickled_arrays(path)
+    assert set(arrays) == {"run.q", "x", "n", "µ/.."}
+    np.testing.assert_array_equal(arrays["run.q"], [step["q"] for step in content["run"]])
+    np.testing.assert_array_equal(arrays["x"], content["x"])
+    assert arrays["n"].tolist() == big_endian.tolist() and arrays["µ/.."].tolist() == [True, False]

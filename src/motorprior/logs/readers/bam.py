@@ -6,8 +6,8 @@ A file holds ``mass`` [kg] at ``length`` [m], ``kp`` (in firmware units), ``moto
 [rad/s], ``input_volts`` [V], ``temp`` [°C], ``torque_enable``. For a point mass and an optional arm
 of ``arm_mass`` (a uniform rod),
 
-    load_inertia = (mass + arm_mass/3)·length²,  external_torque = -(mass +
-    arm_mass/2)·g·length·sin(joint_pos),
+    load_inertia    = (mass + arm_mass/3)·length²
+    external_torque = -(mass + arm_mass/2)·g·length·sin(joint_pos)
 
 and load_stiffness is the derivative of the latter. Rows with the torque off are dropped; a segment
 ends there.
@@ -41,17 +41,22 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         raise LogError(
             f"not JSON with a list of entries ({error})", where=path, remedy=_REMEDY
         ) from error
-    mass, length, kp = (_positive(content, name, path) for name in ("mass", "length", "kp"))
+
+    mass = _positive(content, "mass", path)
+    length = _positive(content, "length", path)
+    kp = _positive(content, "kp", path)
     arm = _positive(content, "arm_mass", path) if content.get("arm_mass") else 0.0
+
     # where the torque is off, the goal may be null
     goals = [
         entry if on else entry | {"goal_position": 0.0}
         for entry, on in zip(entries, enabled, strict=True)
     ]
     angle = _column(entries, "position", path)
-    measured = _conditions(content)
+    measured = _operating_conditions(content)
     if any(entry.get("speed") is not None for entry in entries):
         measured["joint_vel"] = _column(entries, "speed", path)
+
     log = MotorLog(
         time=_column(entries, "timestamp", path)[:, 0],
         position_target=_column(goals, "goal_position", path),
@@ -67,12 +72,17 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
         motor=str(content.get("motor", "")),
         source=str(path),
     )
-    log = checked(log)
+    return _with_torque_on(checked(log), enabled, path)
+
+
+def _with_torque_on(log: MotorLog, enabled: np.ndarray, path: Path) -> MotorLog:
+    """The runs of at least 2 rows with the torque on, a segment each."""
     runs = [run for run in runs_of_true(enabled).tolist() if run[1] - run[0] >= 2]
     if not runs:
         raise LogError("the torque is off in every row", where=path, remedy="record with torque")
     if enabled.all():
         return log
+
     rows = np.concatenate([np.arange(*run) for run in runs])
     segment = np.repeat(np.arange(len(runs)), [stop - start for start, stop in runs])
     source = f"{path} ({log.num_rows - len(rows)} rows without torque left out)"
@@ -82,20 +92,28 @@ def read_bam(path: Path, robot: Robot | None = None) -> MotorLog:
 READER = LogReader("pendulum of Rhoban/bam", (".json", ".json.gz"), read=read_bam)
 
 
-def _conditions(content: dict[str, Any]) -> dict[str, Any]:
-    """Voltage and temperature if all rows have them within bounds; the recorder writes 0 for a failed read."""
-    found = {}
-    default = content.get("vin")
-    for channel, name in (("supply_voltage", "input_volts"), ("motor_temperature", "temp")):
-        rows = [entry.get(name) for entry in content["entries"]]
-        for values in (rows, [default] * len(rows) if channel == "supply_voltage" else []):
-            if values and all(
-                is_number(value, *OPERATING_CONDITIONS[channel][:2]) and value != 0
-                for value in values
-            ):
-                found[channel] = np.array(values, dtype=np.float64)[:, None]
-                break
-    return found
+def _operating_conditions(content: dict[str, Any]) -> dict[str, Any]:
+    """Voltage and temperature (T, 1), if all rows have them within their bounds.
+
+    The recorder writes 0 for a failed read. The voltage of the file stands in for missing ones.
+    """
+    entries = content["entries"]
+    values = {
+        "supply_voltage": [entry.get("input_volts") for entry in entries],
+        "motor_temperature": [entry.get("temp") for entry in entries],
+    }
+    if not _are_measured(values["supply_voltage"], "supply_voltage"):
+        values["supply_voltage"] = [content.get("vin")] * len(entries)
+    return {
+        channel: np.array(column, dtype=np.float64)[:, None]
+        for channel, column in values.items()
+        if _are_measured(column, channel)
+    }
+
+
+def _are_measured(values: list[Any], channel: str) -> bool:
+    low, high, _ = OPERATING_CONDITIONS[channel]
+    return bool(values) and all(is_number(value, low, high) and value != 0 for value in values)
 
 
 def _positive(content: dict[str, Any], name: str, path: Path) -> float:

@@ -36,60 +36,76 @@ _REMEDY = "give the folder of a LeRobot dataset of version 3 with action and obs
 
 
 def read_lerobot(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read the folder of a dataset; a robot gives the order of the joints if it has these joints."""
+    """Read the folder of a dataset; a robot gives the order if it has these joints."""
     info = _info(path)
     names = _joint_names(info, ACTION, path)
-    if names != (state := _joint_names(info, STATE, path)):
-        problem = f"{ACTION} has {list(names)}, {STATE} has {list(state)}"
+    state_names = _joint_names(info, STATE, path)
+    if names != state_names:
+        problem = f"{ACTION} has {list(names)}, {STATE} has {list(state_names)}"
         raise LogError(
             problem[:400],
             where=path / INFO,
             remedy="give a dataset whose actions are joint positions",
         )
+
+    robot_type = str(info.get("robot_type") or "")
     degree = Conversion(SCALES["angle"]["deg"])
-    degrees = {"position_target": degree, "joint_pos": degree}
-    kind = str(info.get("robot_type") or "")
-    registers = tomllib.loads(
-        (files("motorprior.logs.readers") / "lerobot_robots.toml").read_text("utf-8")
-    )
+    conversions = {"position_target": degree, "joint_pos": degree}
+    joints = [
+        MappedJoint(str(index), name, conversions=conversions) for index, name in enumerate(names)
+    ]
     columns = ColumnMap(
         source=str(path / INFO),
-        robot=kind,
+        robot=robot_type,
         time="timestamp",
         segment="episode_index",
-        joints=tuple(
-            MappedJoint(str(k), name, conversions=degrees) for k, name in enumerate(names)
-        ),
+        joints=tuple(joints),
         series={"position_target": ACTION + "[{joint}]", "joint_pos": STATE + "[{joint}]"},
-        firmware=registers.get(kind, {}),
+        firmware=_registers().get(robot_type, {}),
     )
     return read_mapped_log(path, columns, _columns, robot_of_joints(robot, names))
 
 
+def _registers() -> dict[str, Any]:
+    """Servo registers by type of robot."""
+    file = files("motorprior.logs.readers") / "lerobot_robots.toml"
+    return tomllib.loads(file.read_text("utf-8"))
+
+
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     info = _info(path)
-    found = sorted(path.glob("data/chunk-*/file-*.parquet"))
-    if not found:
+    data_files = sorted(path.glob("data/chunk-*/file-*.parquet"))
+    if not data_files:
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
-    parts = [table_columns(file, names, columns.time) for file in found]
-    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    rows = len(table[names[0]])
-    if (total := info.get("total_frames", rows)) != rows:
-        problem = f"total_frames is {str(total)[:40]}, its data/chunk-*/file-*.parquet have {rows}"
+
+    tables = [table_columns(file, names, columns.time) for file in data_files]
+    whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+    rows = len(whole[names[0]])
+    stated_rows = info.get("total_frames", rows)
+    if stated_rows != rows:
+        count = f"total_frames is {str(stated_rows)[:40]}"
         raise LogError(
-            problem, where=path / INFO, remedy="copy the dataset again with all its files"
+            f"{count}, its data/chunk-*/file-*.parquet have {rows}",
+            where=path / INFO,
+            remedy="copy the dataset again with all its files",
         )
-    return table
+    return whole
+
+
+def _is_dataset(path: Path) -> bool:
+    return (path / INFO).is_file()
 
 
 READER = LogReader(
     "dataset of LeRobot",
     (FOLDER,),
-    lambda path: (path / INFO).is_file(),
+    _is_dataset,
     read_lerobot,
     _columns,
-    assumption="a LeRobot dataset does not contain its units: angles are taken as degrees, also of the gripper, which "
-    "LeRobot usually records in per cent; for other units give columns, a column map with scale (docs/your-motors.md)",
+    assumption="a LeRobot dataset does not contain its units: angles are taken as degrees, also of "
+    "the gripper, which LeRobot usually records in per cent; for other units give columns, a "
+    "column map with scale (docs/your-motors.md)",
 )
 
 
@@ -99,29 +115,33 @@ def _info(path: Path) -> dict[str, Any]:
         info = json.loads(read_text(where, LogError))
     except (ValueError, RecursionError) as error:
         raise LogError(f"not JSON ({error})", where=where, remedy=_REMEDY) from error
+
     version = str(info.get("codebase_version")) if isinstance(info, dict) else ""
     if not version.startswith("v3."):
-        remedy = (
-            "convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the new folder"
+        raise LogError(
+            f"codebase_version {quoted(version)}, not v3",
+            where=where,
+            remedy="convert version 2.1 with LeRobot's convert_dataset_v21_to_v30, and give the "
+            "new folder",
         )
-        raise LogError(f"codebase_version {quoted(version)}, not v3", where=where, remedy=remedy)
     return info
 
 
 def _joint_names(info: dict[str, Any], feature: str, path: Path) -> tuple[str, ...]:
+    """Names of the joints whose positions a feature holds."""
     try:
         names = info["features"][feature]["names"]
         if isinstance(names, dict):  # one group of motors
             (names,) = names.values()
-        others = [name for name in names if "." in name and not name.endswith(".pos")]
+        no_positions = [name for name in names if "." in name and not name.endswith(".pos")]
     except (KeyError, TypeError, ValueError) as error:
         raise LogError(
             f"features lacks the names of {feature}", where=path / INFO, remedy=_REMEDY
         ) from error
-    if others:
-        problem = f"{feature} has {quoted(others[0])}, which is not a position (.pos)"
+
+    if no_positions:
         raise LogError(
-            problem,
+            f"{feature} has {quoted(no_positions[0])}, which is not a position (.pos)",
             where=path / INFO,
             remedy=f"read the positions {GIVE_COLUMNS}",
             argument="columns",

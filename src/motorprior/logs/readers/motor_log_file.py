@@ -6,6 +6,7 @@ optionally ``segment``, ``posture`` (an index of `motor_log.POSTURES`), ``base_r
 """
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -55,28 +56,38 @@ _HEADER = Schema(
 
 
 def write_log(path: str | Path, log: MotorLog) -> None:
-    """Write a log to a .parquet file, atomically; raises LogError as `checked`, ArtifactError if it cannot write."""
+    """Write a log to a .parquet file, atomically.
+
+    Raises:
+        LogError: as `checked`.
+        ArtifactError: the file cannot be written.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    path, log = Path(path), checked(log, where=path)
-    header = {
+    path = Path(path)
+    log = checked(log, where=path)
+    channels = [name for name in _CHANNELS if getattr(log, name) is not None]
+    header: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "units": _UNITS,
         "sign_convention": SIGN_CONVENTION,
         "joint_names": list(log.joint_names),
-        "channels": [name for name in _CHANNELS if getattr(log, name) is not None],
+        "channels": channels,
         **{name: getattr(log, name) for name in _TEXTS},
-        **({"firmware": dict(log.firmware)} if log.firmware else {}),
-        **({"joint_classes": list(log.given_classes)} if log.given_classes else {}),
     }
+    if log.firmware:
+        header["firmware"] = dict(log.firmware)
+    if log.given_classes:
+        header["joint_classes"] = list(log.given_classes)
+
     columns: dict[str, np.ndarray] = {}
-    for channel, names in _column_names(header["channels"], log.joint_names).items():
+    for channel, names in _column_names(channels, log.joint_names).items():
         values = np.reshape(getattr(log, channel), (log.num_rows, len(names)))
         columns |= dict(zip(names, np.ascontiguousarray(values.T), strict=True))
-    table = pa.table(columns).replace_schema_metadata(
-        {METADATA_KEY: json.dumps(header, sort_keys=True).encode()}
-    )
+
+    metadata = {METADATA_KEY: json.dumps(header, sort_keys=True).encode()}
+    table = pa.table(columns).replace_schema_metadata(metadata)
     with atomic_path(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", row_group_size=2**20)
 
@@ -84,37 +95,50 @@ def write_log(path: str | Path, log: MotorLog) -> None:
 def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     """Read the file of `write_log`, which states its robot; every float64 is restored bit for bit.
 
-    Raises LogError for another file, schema version, unit or sign convention, or a log that
-    `checked` rejects.
+    Raises:
+        LogError: another file, schema version, unit or sign convention, or a log that `checked`
+            rejects.
     """
     path = Path(path)
     if path.suffix != ".parquet":
-        remedy = "convert a recording with `motorprior logs import`, or use mp.load_log in Python"
         raise LogError(
-            f"a file {path.suffix}, not a motor log (.parquet)", where=path, remedy=remedy
+            f"a file {path.suffix}, not a motor log (.parquet)",
+            where=path,
+            remedy="convert a recording with `motorprior logs import`, or use mp.load_log in "
+            "Python",
         )
     table = parquet_table(path)
-    text = (table.schema.metadata or {}).get(METADATA_KEY)
+    header = _header(table.schema.metadata or {}, path)
+
+    values: dict[str, Any] = {key: header[key] for key in _TEXTS}
+    values["firmware"] = header.get("firmware", {})
+    values["given_classes"] = tuple(header.get("joint_classes", ()))
+    values["joint_names"] = tuple(header["joint_names"])
+    for channel, names in _column_names(header["channels"], header["joint_names"]).items():
+        for name in names:
+            if name not in table.column_names:
+                raise missing_column("column", name, table.column_names, path, REWRITE)
+        columns = [table.column(name).to_numpy() for name in names]
+        is_flat = channel in ("time", *CODES)
+        values[channel] = columns[0] if is_flat else np.stack(columns, axis=1)
+    return checked(MotorLog(**values), where=path)
+
+
+def _header(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, Any]:
+    text = metadata.get(METADATA_KEY)
     if text is None:
-        problem = "a Parquet file, but not a motor log: no motorprior header"
-        remedy = f"import it {GIVE_COLUMNS}"
-        raise LogError(problem, where=path, remedy=remedy, argument="columns")
+        raise LogError(
+            "a Parquet file, but not a motor log: no motorprior header",
+            where=path,
+            remedy=f"import it {GIVE_COLUMNS}",
+            argument="columns",
+        )
     try:
         header = parse_json(text.decode())
         _HEADER.check(header, path)
     except (ValueError, ArtifactError) as error:
         raise LogError(f"bad header: {error}", where=path, remedy=REWRITE) from error
-    values: dict[str, Any] = {key: header[key] for key in _TEXTS}
-    values |= {
-        "firmware": header.get("firmware", {}),
-        "given_classes": tuple(header.get("joint_classes", ())),
-    }
-    for channel, names in _column_names(header["channels"], header["joint_names"]).items():
-        if missing := [name for name in names if name not in table.column_names]:
-            raise missing_column("column", missing[0], table.column_names, path, REWRITE)
-        columns = [table.column(name).to_numpy() for name in names]
-        values[channel] = columns[0] if channel in ("time", *CODES) else np.stack(columns, axis=1)
-    return checked(MotorLog(joint_names=tuple(header["joint_names"]), **values), where=path)
+    return header
 
 
 READER = LogReader("motor log", (".parquet",), read=read_parquet)

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from motorprior.artifacts import read_bytes
 from motorprior.exceptions import LogError
 from motorprior.logs.column_map import ColumnMap, MappedJoint
 from motorprior.logs.log_reader import LogReader, read_mapped_log, require_robot
 from motorprior.logs.motor_log import MotorLog, missing_column
-from motorprior.logs.pickles import load_pickle
+from motorprior.logs.pickled_arrays import pickled_arrays
 from motorprior.logs.readers.table import csv_names, table_columns
 from motorprior.robots.robot import Robot
 
@@ -43,30 +42,36 @@ def read_puppersim_log(path: Path, robot: Robot | None) -> MotorLog:
 def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
     if path.suffix != ".txt":
         return table_columns(path, names)
-    content = load_pickle(read_bytes(path, LogError), where=path)
-    found = {}
-    try:
-        for key, name in _LISTS.items():  # a list of T rows, or an array
-            block = np.array([np.ravel(row) for row in content[key]], dtype=np.float64).reshape(
-                len(content[key]), -1
-            )
-            places = _IMU if key == "IMU" else range(block.shape[1])
-            found |= {
-                name.format(place): column for place, column in zip(places, block.T, strict=False)
-            }
-    except (KeyError, TypeError, ValueError) as error:
-        raise LogError(
-            f"not lists {', '.join(_LISTS)} of equal rows ({error})", where=path, remedy=GET_LOGS
-        ) from error
-    if missing := [name for name in names if name not in found]:
-        raise missing_column("list", missing[0], found, path, GET_LOGS)
-    return {name: found[name] for name in names}
+    values = _pickled_columns(path)
+    for name in names:
+        if name not in values:
+            raise missing_column("list", name, values, path, GET_LOGS)
+    return {name: values[name] for name in names}
+
+
+def _pickled_columns(path: Path) -> dict[str, np.ndarray]:
+    """All columns of a pickle, by the names of the columns of a CSV."""
+    arrays = pickled_arrays(path)
+    values = {}
+    for key, column_name in _LISTS.items():
+        if key not in arrays:
+            problem = f"not lists {', '.join(_LISTS)} of equal rows ({key} is missing or uneven)"
+            raise LogError(problem, where=path, remedy=GET_LOGS)
+        table = arrays[key].astype(np.float64).reshape(len(arrays[key]), -1)
+        labels = _IMU if key == "IMU" else range(table.shape[1])
+        for label, column in zip(labels, table.T, strict=False):
+            values[column_name.format(label)] = column
+    return values
+
+
+def _is_puppersim(path: Path) -> bool:
+    return path.suffix == ".txt" or {"t_s", *_IMU} <= set(csv_names(path))
 
 
 READER = LogReader(
     "log of jietan/puppersim",
     (".csv.gz", ".csv", ".txt"),
-    lambda path: path.suffix == ".txt" or {"t_s", *_IMU} <= {*csv_names(path)},
+    _is_puppersim,
     read_puppersim_log,
     needs_robot=True,
 )

@@ -26,53 +26,56 @@ MICROSECOND = 1e-6
 
 
 def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
-    """Read the folder of one motion; ``robot`` gives the order of the joints if it has these joints."""
+    """Read the folder of one motion; a robot gives the order if it has these joints."""
     names = read_text(path / "joint_list.txt", LogError).split()
     columns = load_column_map("so101_sage")
     if set(names) != {joint.column for joint in columns.joints}:  # another robot
         joints = tuple(MappedJoint(name, name) for name in names)
         columns = replace(columns, robot="", motor="", firmware={}, joints=joints)
 
-    def merged(path: Path, wanted: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
-        since, targets = _table(path / CONTROL, ["positions"], len(names))
-        time, *measured = _table(path / STATE, ["positions", "velocities"], len(names))
-        require_increasing(since, path / CONTROL)
-        begun = time >= since[0]
-        targets = targets[np.searchsorted(since, time[begun], side="right") - 1]  # in force
-        found = {"t_s": time[begun]}
-        for kind, values in zip(
-            ("q_des", "q", "dq"), (targets, *(each[begun] for each in measured)), strict=True
-        ):
-            found |= {
-                f"{kind}_{joint}": column for joint, column in zip(names, values.T, strict=True)
-            }
-        return {name: found[name] for name in wanted}
+    def selected(path: Path, wanted_names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
+        values = _columns(path, names)
+        return {name: values[name] for name in wanted_names}
 
-    return read_mapped_log(
-        path, columns, merged, robot_of_joints(robot, tuple(each.name for each in columns.joints))
-    )
+    joint_names = tuple(joint.name for joint in columns.joints)
+    return read_mapped_log(path, columns, selected, robot_of_joints(robot, joint_names))
+
+
+def _columns(path: Path, joints: list[str]) -> dict[str, np.ndarray]:
+    """Columns of the states, and of the command in force at each of them."""
+    since, targets = _table(path / CONTROL, ["positions"], len(joints))
+    time, positions, velocities = _table(path / STATE, ["positions", "velocities"], len(joints))
+    require_increasing(since, path / CONTROL)
+
+    begun = time >= since[0]
+    in_force = np.searchsorted(since, time[begun], side="right") - 1
+    tables = {"q_des": targets[in_force], "q": positions[begun], "dq": velocities[begun]}
+
+    columns = {"t_s": time[begun]}
+    for quantity, table in tables.items():
+        for joint, column in zip(joints, table.T, strict=True):
+            columns[f"{quantity}_{joint}"] = column
+    return columns
 
 
 def _table(path: Path, lists: list[str], width: int) -> list[np.ndarray]:
     """Times (T,) [s] of one file, and each of its columns of texts ``[0.1, 0.2]`` as (T, width)."""
     table = csv_table(path, ["timestamp", *lists], inferred=lists)
-    found = [MICROSECOND * table.column("timestamp").to_numpy()]
+    columns = [MICROSECOND * table.column("timestamp").to_numpy()]
     for name in lists:
         rows = np.empty((table.num_rows, width))
         for row, text in enumerate(table.column(name).to_pylist()):
             try:
                 rows[row] = np.reshape(json.loads(text), width)
             except (TypeError, ValueError) as error:
-                raise bad_value(
-                    row, name, text, f"a list of {width} numbers", path, COPY_AGAIN
-                ) from error
-        found.append(rows)
-    return found
+                expected = f"a list of {width} numbers"
+                raise bad_value(row, name, text, expected, path, COPY_AGAIN) from error
+        columns.append(rows)
+    return columns
 
 
-READER = LogReader(
-    "motion of isaac-sim2real/sage",
-    (FOLDER,),
-    lambda path: (path / CONTROL).is_file() and (path / STATE).is_file(),
-    read_sage,
-)
+def _is_motion(path: Path) -> bool:
+    return (path / CONTROL).is_file() and (path / STATE).is_file()
+
+
+READER = LogReader("motion of isaac-sim2real/sage", (FOLDER,), _is_motion, read_sage)
