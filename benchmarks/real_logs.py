@@ -40,6 +40,7 @@ from motorprior.evaluation.bands import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
 from motorprior.evaluation.splits import first_and_rest, window
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns, whole_runs
 from motorprior.identification.presets import PRESETS, recipe_of
 from motorprior.logs.operations import joined, train_test_halves
@@ -313,7 +314,7 @@ def _mean_errors(runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]) -
 
 
 def _coverage(
-    prior: mp.MotorPrior, posterior: mp.MotorPosterior, runs: Sequence[WindowRuns]
+    prior: mp.MotorPrior, posterior: LatentPosterior, runs: Sequence[WindowRuns]
 ) -> dict[str, float]:
     """Fraction of recorded angles inside the bands, by level [%]."""
     shares = log_coverage(prior, posterior, runs)

@@ -196,8 +196,9 @@ def _draw_environment(
 
         in_training = upright.get((training_env, condition), upright.get((OWN, condition)))
         if in_training is not None:
-            hollow = {"markerfacecolor": "white", "markeredgecolor": color}
-            axes.plot([in_training.value], [row], "o", markersize=5, **hollow)
+            (mark,) = axes.plot([in_training.value], [row], "o", markersize=5)
+            mark.set_markerfacecolor("white")
+            mark.set_markeredgecolor(color)
 
         held_out = upright.get((env, condition))
         if held_out is not None:
