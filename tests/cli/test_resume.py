@@ -122,7 +122,7 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
     ctrl_c(4)  # while terms are selected
     assert motorprior(*line, out).code == 130
     saved = modified(out)
-    assert not (out / PRIOR).exists() and out / CHECKPOINT.format("search_0") in saved
+    assert not (out / PRIOR).exists() and out / CHECKPOINT.format("term_fit_0") in saved
     ctrl_c(8)  # while motors are fitted
     assert motorprior(*line, out).code == 130
     assert saved.items() <= modified(out).items(), "what was found is not searched again"

@@ -67,7 +67,7 @@ def decoder_data() -> Callable[..., TrainingData]:
         return TrainingData(
             series=np.concatenate(parts, axis=1).astype(np.float32),
             starts=np.arange(segments * rows),
-            parts=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
+            segments=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
             scales=SCALES,
             has_torque=True,
         )

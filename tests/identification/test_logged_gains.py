@@ -11,7 +11,7 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.identification.latents.latent_fit import fit_posterior
-from motorprior.identification.physics.term_selection import same_conditions
+from motorprior.identification.physics.term_selection import terms_without_variation
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData, training_data
@@ -66,7 +66,7 @@ def test_only_conditions_that_differ_between_segments_are_fitted(
 
     def same(supply: tuple[float, ...], rise: tuple[float, ...] = (0.0,)) -> tuple[str, ...]:
         data = decoder_data(box, Z, supply=supply, temperature_rise=rise)
-        return same_conditions(WindowRuns(data, replace(PRESET, gain_unit="")))
+        return terms_without_variation(WindowRuns(data, replace(PRESET, gain_unit="")))
 
     assert same((0.8, 1.1, 0.9), (0.0, 30.0)) == ()
     assert same((0.8, 1.1, 0.9), (20.0, 22.0)) == ("temperature",)

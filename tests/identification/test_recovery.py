@@ -10,9 +10,10 @@ from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.bench.recording import BENCH_PRESETS, record
-from motorprior.identification.identify import TrainingResult, identify
+from motorprior.identification.identify import identify
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
+from motorprior.identification.training_result import TrainingResult
 from motorprior.identification.windows import training_data
 from motorprior.logs.motor_log import MotorLog
 

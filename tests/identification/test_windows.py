@@ -97,10 +97,10 @@ def test_a_missing_channel_is_named(objective, missing):
 def test_subsampled_windows_are_spread_over_the_log(lengths):
     data = training_data(a_log(lengths), PRESET, "x")
     some = subsampled(data, PRESET, 1000)
-    assert 900 <= sum(part.stop - part.start for part in some.parts) <= 1000
-    assert some.parts[0].start == 0 and some.parts[-1].stop > 5900
+    assert 900 <= sum(part.stop - part.start for part in some.segments) <= 1000
+    assert some.segments[0].start == 0 and some.segments[-1].stop > 5900
     assert all(
-        any(whole.start <= part.start < part.stop <= whole.stop for whole in data.parts)
-        for part in some.parts
+        any(whole.start <= part.start < part.stop <= whole.stop for whole in data.segments)
+        for part in some.segments
     )
     assert subsampled(data, PRESET, 6000) is data

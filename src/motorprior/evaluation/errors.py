@@ -27,7 +27,7 @@ from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.term_selection import TERM_OF, min_difference
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Recipe
-from motorprior.identification.windows import relative_conditions, seconds_since_cold
+from motorprior.identification.windows import relative_operating_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
 from motorprior.logs.operations import static_joints
 from motorprior.progress import Note, Progress
@@ -105,7 +105,7 @@ def _at_segment(
     if not isinstance(motors, GreyBoxActuator):
         return motors
     conditions = OperatingConditions(
-        motors.model.warmth(motors.z, seconds), *relative_conditions(part, nominal)
+        motors.model.warmth(motors.z, seconds), *relative_operating_conditions(part, nominal)
     )
     return replace(
         motors, conditions=conditions, gains=gains if motors.model.gain_unit else motors.gains
@@ -192,7 +192,7 @@ def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
         names = ", ".join(static)
         text = f"did not move: {names}; their constants are not identifiable -> {remedy}"
         notes.append(Note("warning", text))
-    for name, lowest, nominal, highest in recipe.conditions:
+    for name, lowest, nominal, highest in recipe.operating_conditions:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if modelled:

@@ -45,12 +45,14 @@ def reference_metrics(
     If the log has torques, losses with the suffix WITHOUT_TORQUE are added, for new motors whose
     log has none.
     """
-    metrics = loss_metrics(latent_search(model, data, preset).parts(mean), preset, "")
+    metrics = loss_metrics(latent_search(model, data, preset).observation_losses(mean), preset, "")
     if preset.objective == "rollout":
         if data.has_torque:
             without = replace(data, has_torque=False)
             metrics |= loss_metrics(
-                latent_search(model, without, preset).parts(mean), preset, WITHOUT_TORQUE
+                latent_search(model, without, preset).observation_losses(mean),
+                preset,
+                WITHOUT_TORQUE,
             )
         errors, velocity = replay_errors(model.motors(mean), log, preset.nominal_conditions)
         pool = speed_pool(velocity)

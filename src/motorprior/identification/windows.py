@@ -1,4 +1,4 @@
-"""Training data: motor logs as stacked arrays, and random windows that never cross the end of a segment."""
+"""Training data: logs as stacked arrays, and windows that never cross the end of a segment."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,85 +21,77 @@ class TrainingData:
     # semi-implicit step, velocities are those of half a period earlier and torques are averages
     # centred on the sample
     series: np.ndarray
-    starts: np.ndarray  # (S,) first rows of the windows that lie inside one segment
-    parts: tuple[slice, ...]  # rows of each segment
+    # (S,) first rows of the windows that lie inside one segment
+    starts: np.ndarray
+    # rows of each segment
+    segments: tuple[slice, ...]
     # error_scale [rad], velocity_scale [rad/s], torque_scale and torque_limit [N·m]
     scales: dict[str, float]
-    has_torque: bool  # whether the log has joint_torque
+    # whether the log has joint_torque
+    has_torque: bool
     # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
     at_rotor: bool = False
-    joint_names: tuple[str, ...] = ()  # M names, or none
-    joint_classes: tuple[str, ...] = ()  # M classes, or none: one class
+    # M names, or none
+    joint_names: tuple[str, ...] = ()
+    # M classes, or none: one class
+    joint_classes: tuple[str, ...] = ()
     # steps over which changes of the joint_reading error are velocity errors; 0: velocities are
     # compared
     velocity_steps: int = 0
 
 
+CHANNELS = 13
 (
-    TARGET,  # position_target
-    POS,  # joint_pos
-    VEL,  # joint_vel
-    TORQUE,  # joint_torque, 0 if missing
-    EXTERNAL,  # external_torque - load_stiffness·joint_pos
-    INERTIA,  # load_inertia
-    SECONDS,  # since the log began
+    TARGET,  # position_target [rad]
+    POS,  # joint_pos [rad]
+    VEL,  # joint_vel [rad/s]
+    TORQUE,  # joint_torque [N·m], 0 if missing
+    EXTERNAL,  # external_torque - load_stiffness·joint_pos [N·m]
+    INERTIA,  # load_inertia [kg·m²]
+    SECONDS,  # since the log began [s]
     KP,  # logged kp, 1 if missing
     KD,  # logged kd, 1 if missing
-    SUPPLY,  # supply_voltage over the recipe's, 1 if missing
-    TEMPERATURE_RISE,  # motor_temperature above the recipe's [K]
-    STIFFNESS,  # load_stiffness, 0 if missing
-    READING,  # joint_reading
-) = range(CHANNELS := 13)
+    SUPPLY,  # supply_voltage over the recipe's [-], 1 if missing
+    TEMPERATURE_RISE,  # motor_temperature above the recipe's [K], 0 if missing
+    STIFFNESS,  # load_stiffness [N·m/rad], 0 if missing
+    READING,  # joint_reading [rad]
+) = range(CHANNELS)
 VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
-MEANS = (VEL, TORQUE, EXTERNAL)  # channels that are averaged with the row before for a rollout
+MEANS = (VEL, TORQUE, EXTERNAL)  # channels that a rollout averages with the row before
+# channels that an objective needs
+_NEEDED = {
+    "rollout": ("load_inertia", "external_torque"),
+    "torque": ("joint_vel", "joint_torque"),
+}
 
 
 def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
-    """Stack a bench log for training; a rollout needs no velocities or torques.
+    """Stack a motor log for training; a rollout needs no velocities or torques.
 
     Raises:
         LogError: wrong sample period, a missing channel, another firmware, or segments shorter than
             a window.
     """
-    if recipe.objective == "rollout":
+    is_rollout = recipe.objective == "rollout"
+    if is_rollout:
         log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
-    _require(log, recipe, where)
-    if other := other_firmware(log.firmware, dict(recipe.firmware)):
-        raise LogError(
-            f"{other} (log and prior)", where=where, remedy="identify these logs by themselves"
-        )
-    zero = np.zeros_like(log.joint_pos)
-    seconds = np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
-    gains = _by_segment(log, lambda part: _gains(part, recipe, where))
-    conditions = _by_segment(log, lambda part: relative_conditions(part, recipe.nominal_conditions))
-    channels = (
-        log.position_target,
-        log.joint_pos,
-        log.joint_vel,
-        log.joint_torque,
-        log.external_torque,
-        log.load_inertia,
-        seconds,
-        *gains,
-        *conditions,
-        log.load_stiffness,
-        log.readings,
-    )
-    series = np.stack([zero if channel is None else channel for channel in channels], axis=-1)
-    series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
-    parts = tuple(log.segment_slices())
-    if recipe.objective == "rollout":
+    _require_usable(log, recipe, where)
+
+    series = _stacked(log, recipe, where)
+    segments = tuple(log.segment_slices())
+    if is_rollout:
         # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an
         # average centred on t
-        before = series.copy()
-        for part in parts:
-            before[part.start + 1 : part.stop] = series[part.start : part.stop - 1]
-        series[..., MEANS] = 0.5 * (series + before)[..., MEANS]
+        row_before = series.copy()
+        for segment in segments:
+            row_before[segment.start + 1 : segment.stop] = series[segment.start : segment.stop - 1]
+        series[..., MEANS] = 0.5 * (series + row_before)[..., MEANS]
+
     return TrainingData(
         series=np.ascontiguousarray(series.transpose(1, 0, 2), dtype=np.float32),
-        starts=window_starts(parts, recipe, where),
-        parts=parts,
+        starts=window_starts(segments, recipe, where),
+        segments=segments,
         scales=_scales(log, where),
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
@@ -109,8 +101,41 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
     )
 
 
+def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
+    """(R, M, CHANNELS) channels of the log; 0 for a missing one."""
+
+    def gains_of(segment: MotorLog) -> np.ndarray:
+        return _gains(segment, recipe, where)
+
+    def operating_conditions_of(segment: MotorLog) -> np.ndarray:
+        return relative_operating_conditions(segment, recipe.nominal_conditions)
+
+    seconds = np.broadcast_to(seconds_since_cold(log)[:, None], log.joint_pos.shape)
+    channels = (
+        log.position_target,
+        log.joint_pos,
+        log.joint_vel,
+        log.joint_torque,
+        log.external_torque,
+        log.load_inertia,
+        seconds,
+        *_by_segment(log, gains_of),
+        *_by_segment(log, operating_conditions_of),
+        log.load_stiffness,
+        log.readings,
+    )
+    missing = np.zeros_like(log.joint_pos)
+    present = [missing if channel is None else channel for channel in channels]
+    series = np.stack(present, axis=-1)
+
+    # the external torque is that at angle 0; the simulation adds stiffness times its own angle
+    series[..., EXTERNAL] -= series[..., STIFFNESS] * series[..., POS]
+    return series
+
+
 def _velocity_steps(log: MotorLog) -> int:
-    noises = rms(log.readings - log.joint_pos, axis=0)
+    """Steps over which noisy readings give velocities within VELOCITY_NOISE; 0 without noise."""
+    noises = rms(log.readings - log.joint_pos, axis=0)  # (M,) [rad]
     if not noises.any():
         return 0
     noise = float(np.median(noises[noises > 0.0]))  # a static joint repeats its reading
@@ -118,42 +143,49 @@ def _velocity_steps(log: MotorLog) -> int:
 
 
 def with_window_that_fits(recipe: Recipe, log: MotorLog) -> Recipe:
-    """The recipe with windows no longer than the log's longest segment allows, but at least 64 steps."""
-    max_rows = max(part.stop - part.start for part in log.segment_slices())
+    """The recipe with windows that the longest segment of the log allows, but of 64 steps or more.
+
+    Only windows of rollouts are shortened.
+    """
+    if recipe.objective != "rollout":
+        return recipe
+    max_rows = max(segment.stop - segment.start for segment in log.segment_slices())
     max_window = max(64, max_rows - recipe.history - 1)
-    return (
-        replace(recipe, window=min(recipe.window, max_window))
-        if recipe.objective == "rollout"
-        else recipe
-    )
+    return replace(recipe, window=min(recipe.window, max_window))
 
 
 def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.ndarray:
-    """(2, R, M) ``values`` (2, M) of each segment, which are constant in it."""
-    return np.concatenate(
-        [np.repeat(values(part)[:, None], part.num_rows, axis=1) for part in log.segments()], axis=1
-    )
+    """(2, R, M) ``values`` (2, M) of each segment, repeated for all its rows."""
+    rows = []
+    for segment in log.segments():
+        rows.append(np.repeat(values(segment)[:, None], segment.num_rows, axis=1))
+    return np.concatenate(rows, axis=1)
 
 
-def _gains(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
+def _gains(segment: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
+    """(2, M) logged kp and kd in the unit of the recipe; 1 if the recipe has no unit."""
     if not recipe.gain_unit:
-        return np.ones((2, log.num_joints))
-    gains = log.gains
-    if gains is None or log.gain_unit != recipe.gain_unit:
-        has = "no logged_kp" if gains is None else f"gains in {log.gain_unit}"
+        return np.ones((2, segment.num_joints))
+    gains = segment.gains
+    if gains is None or segment.gain_unit != recipe.gain_unit:
+        problem = "no logged_kp" if gains is None else f"gains in {segment.gain_unit}"
         raise LogError(
-            f"{has}; the prior's motors have logged gains [{recipe.gain_unit}]",
+            f"{problem}; the prior's motors have logged gains [{recipe.gain_unit}]",
             where=where,
             remedy="give kp and kd of every joint in the column map or as options of the import",
         )
     return gains
 
 
-def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
-    """(2, M) mean supply voltage over the nominal one [-], motor temperature above it [K]; 1 and 0 if missing."""
-    supply = np.ones(part.num_joints)
-    temperature_rise = np.zeros(part.num_joints)
-    logged = {name: means for name, means in part.operating_conditions.items() if name in nominal}
+def relative_operating_conditions(segment: MotorLog, nominal: Mapping[str, float]) -> np.ndarray:
+    """(2, M) operating conditions of a segment relative to the ``nominal`` ones, by channel.
+
+    The first is the mean supply voltage over the nominal one [-], 1 if it is missing in log or
+    ``nominal``. The second is the motor temperature above the nominal one [K], 0 if it is missing.
+    """
+    supply = np.ones(segment.num_joints)
+    temperature_rise = np.zeros(segment.num_joints)
+    logged = {name: means for name, means in segment.operating_conditions.items() if name in nominal}
     if "supply_voltage" in logged:
         supply = logged["supply_voltage"] / nominal["supply_voltage"]
     if "motor_temperature" in logged:
@@ -162,101 +194,143 @@ def relative_conditions(part: MotorLog, nominal: Mapping[str, float]) -> np.ndar
 
 
 def seconds_since_cold(log: MotorLog) -> np.ndarray:
-    """(R,) time since the motors were cold [s]: at the start, after a PAUSE, and where the clock restarts."""
+    """(R,) time since the motors were cold [s].
+
+    They are cold at the start, after a PAUSE, and where the clock restarts.
+    """
     seconds = np.empty_like(log.time)
     start = log.time[0]
-    before = log.time[0]
-    for part in log.segment_slices():
-        first = log.time[part.start]
-        start = start if before <= first <= before + PAUSE else first
-        seconds[part] = log.time[part] - start
-        before = log.time[part.stop - 1]
+    previous_end = log.time[0]
+    for segment in log.segment_slices():
+        first = log.time[segment.start]
+        if not previous_end <= first <= previous_end + PAUSE:
+            start = first
+        seconds[segment] = log.time[segment] - start
+        previous_end = log.time[segment.stop - 1]
     return seconds
 
 
-def _require(log: MotorLog, recipe: Recipe, where: str) -> None:
-    wanted = {
-        "rollout": ("load_inertia", "external_torque"),
-        "torque": ("joint_vel", "joint_torque"),
-    }
-    for channel in wanted[recipe.objective]:
+def _require_usable(log: MotorLog, recipe: Recipe, where: str) -> None:
+    """Raise `LogError` for a missing channel, another sample period or another firmware."""
+    for channel in _NEEDED[recipe.objective]:
         if getattr(log, channel) is None:
+            remedy = "record the channel, or use preset rollout, which learns from positions"
+            if recipe.objective == "rollout":
+                remedy = (
+                    "record the loads; or let mp.load_log or `motorprior logs import` compute them "
+                    "(`suspended`, also for a fixed base); or fit them with mp.with_fitted_loads "
+                    "or `motorprior logs import --fit-load`"
+                )
             raise LogError(
                 f"no {channel}, which the {recipe.objective} objective needs",
                 where=where,
-                remedy="record the loads; or let mp.load_log or `motorprior logs import` compute them (`suspended`, "
-                "also for a fixed base); or fit them with mp.with_fitted_loads or `motorprior logs import --fit-load`"
-                if recipe.objective == "rollout"
-                else "record the channel, or use preset rollout, which learns from positions",
+                remedy=remedy,
             )
+
     period = next(log.segments()).period
     if abs(period - recipe.period) > 0.01 * recipe.period:
         raise LogError(
-            f"sample period {period:g} s, the recipe's is {recipe.period:g} s",
+            f"sample period {period:g} s, the preset's is {recipe.period:g} s",
             where=where,
-            remedy=f"load a robot's log with mp.load_log or `motorprior logs import` and period {recipe.period:g}; "
-            "record a bench's with the bench preset of the same name",
+            remedy=(
+                "load a robot's log with mp.load_log or `motorprior logs import` and period "
+                f"{recipe.period:g}; record a bench's with the bench preset of the same name"
+            ),
+        )
+
+    firmware_difference = other_firmware(log.firmware, dict(recipe.firmware))
+    if firmware_difference:
+        raise LogError(
+            f"{firmware_difference} (log and prior)",
+            where=where,
+            remedy="identify these logs by themselves",
         )
 
 
-def window_starts(parts: Sequence[slice], recipe: Recipe, where: str) -> np.ndarray:
-    """(S,) first rows of windows inside one of the ``parts``; raises `LogError` if all are shorter than a window."""
-    # and the row it leads to
+def window_starts(segments: Sequence[slice], recipe: Recipe, where: str) -> np.ndarray:
+    """(S,) first rows of the windows that lie inside one of the ``segments``.
+
+    Raises `LogError` if all segments are shorter than a window.
+    """
+    # the last step of a rollout leads to one more row
     length = recipe.history + recipe.window + (recipe.objective == "rollout")
-    every = np.concatenate([np.arange(part.start, part.stop - length + 1) for part in parts])
-    if len(every) == 0:
-        max_rows = max(part.stop - part.start for part in parts)
+    starts = [np.arange(segment.start, segment.stop - length + 1) for segment in segments]
+    starts = np.concatenate(starts)
+    if len(starts) == 0:
+        max_rows = max(segment.stop - segment.start for segment in segments)
+        seconds = length * recipe.period
         raise LogError(
-            f"its longest segment has {max_rows} rows, a window {length} ({length * recipe.period:g} s)",
+            f"its longest segment has {max_rows} rows, a window {length} ({seconds:g} s)",
             where=where,
             remedy="use more of the log, or record longer segments",
         )
-    return every
+    return starts
 
 
 def _scales(log: MotorLog, where: str) -> dict[str, float]:
+    """Scales of `TrainingData`; raises `LogError` for a channel that is constant."""
     assert log.joint_vel is not None
     scales = {
         "error_scale": np.std(log.position_target - log.joint_pos),
         "velocity_scale": np.std(log.joint_vel),
+        "torque_scale": 1.0,
+        "torque_limit": 3.0,
     }
-    scales |= {"torque_scale": 1.0, "torque_limit": 3.0}
     if log.joint_torque is not None:
-        limit = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)
-        scales |= {"torque_scale": np.std(log.joint_torque), "torque_limit": limit}
+        scales["torque_scale"] = np.std(log.joint_torque)
+        scales["torque_limit"] = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)
+
     for name, value in scales.items():
         if not value > 0:
-            remedy = "record with an excitation that moves the motors"
             raise LogError(
-                f"{name} is {value}: the channel is constant", where=where, remedy=remedy
+                f"{name} is {value}: the channel is constant",
+                where=where,
+                remedy="record with an excitation that moves the motors",
             )
     return {name: float(value) for name, value in scales.items()}
 
 
 def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
-    """About ``rows`` rows of the data, in parts of two to eight windows spread evenly over the long segments."""
+    """About ``rows`` rows of the data, in pieces of two to eight windows.
+
+    The pieces are spread evenly over the segments that are long enough for one. Data with no more
+    rows are returned as they are.
+    """
+    total_rows = sum(segment.stop - segment.start for segment in data.segments)
+    if total_rows <= rows:
+        return data
+
     windows = max(2, min(8, (rows // 8 - recipe.history) // recipe.window))
     length = recipe.history + windows * recipe.window + 1
-    if sum(part.stop - part.start for part in data.parts) <= rows:
-        return data
-    starts = [
-        first for part in data.parts for first in range(part.start, part.stop - length + 1, length)
-    ]
-    parts = [slice(first, first + length) for first in starts] or list(data.parts)
-    size = parts[0].stop - parts[0].start
-    chosen = np.unique(
-        np.linspace(0, len(parts) - 1, max(2, min(len(parts), rows // size))).astype(int)
-    )
-    return replace(data, parts=tuple(parts[index] for index in chosen))
+    pieces = []
+    for segment in data.segments:
+        for first in range(segment.start, segment.stop - length + 1, length):
+            pieces.append(slice(first, first + length))
+    # no segment is long enough: the segments are the pieces
+    pieces = pieces or list(data.segments)
+
+    piece_rows = pieces[0].stop - pieces[0].start
+    count = max(2, min(len(pieces), rows // piece_rows))
+    kept = np.unique(np.linspace(0, len(pieces) - 1, count).astype(int))
+    return replace(data, segments=tuple(pieces[index] for index in kept))
 
 
 def used_seconds_text(data: TrainingData, recipe: Recipe) -> str:
-    """Text with the seconds of log in windows; warm-ups and remainders shorter than a window are not used."""
-    total = sum(part.stop - part.start for part in data.parts)
-    free = [
-        part.stop - part.start - recipe.history - (recipe.objective == "rollout")
-        for part in data.parts
-    ]
-    step = recipe.window if recipe.grey_boxes else 1  # windows then lie end to end
-    used = sum(rows // step * step for rows in free if rows >= recipe.window)
-    return f"fitted to {used * recipe.period:.1f} s of {total * recipe.period:.1f} s of log"
+    """Text with the seconds of log that lie in windows.
+
+    Warm-ups, and remainders that are shorter than a window, are not used.
+    """
+    # windows of grey boxes lie end to end
+    step = recipe.window if recipe.grey_boxes else 1
+    total_rows = 0
+    used_rows = 0
+    for segment in data.segments:
+        rows = segment.stop - segment.start
+        total_rows += rows
+        free_rows = rows - recipe.history - (recipe.objective == "rollout")
+        if free_rows >= recipe.window:
+            used_rows += free_rows // step * step
+
+    used = used_rows * recipe.period
+    total = total_rows * recipe.period
+    return f"fitted to {used:.1f} s of {total:.1f} s of log"

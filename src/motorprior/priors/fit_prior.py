@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from motorprior.evaluation.errors import (
     notes_on_log,
     replay_errors,
 )
+from motorprior.identification.checkpoint import Arrays, Checkpoint, unsaved
 from motorprior.identification.identify import identify, work_of
 from motorprior.identification.latents.standardise import (
     MIN_MOTORS,
@@ -28,7 +29,6 @@ from motorprior.identification.latents.standardise import (
     spread_source,
     with_scaled_spread,
 )
-from motorprior.identification.physics.motor_fit import Arrays, Checkpoint, unsaved
 from motorprior.identification.physics.window_runs import MotorsOnLoads
 from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
@@ -115,7 +115,7 @@ def fit_recipe(
     recipe = with_logged_settings(recipe, log)
     provenance = provenance or provenance_of([log], log=log.source)
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
-    wanted = description("identify", settings, [], asdict(recipe)) | {
+    wanted = description("identify", settings, [], recipe.as_json()) | {
         "inputs": [log_digest(replace(log, source=""))]
     }
     if out is not None and is_finished(out, wanted):
@@ -205,7 +205,7 @@ def _fitted(
         if model.copula is not None and factor > 1.0:
             progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
     names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
-    trained = {"recipe": json.loads(json.dumps(asdict(found.recipe))), "seed": seed}
+    trained = {"recipe": json.loads(json.dumps(found.recipe.as_json())), "seed": seed}
     trained[SPREAD] = spread_source(model, classes)
     return MotorPrior(
         model,

@@ -10,7 +10,7 @@ from motorprior.actuator.fleet import load_fleet, load_robot_fleet
 from motorprior.actuator.motor_prior import FROZEN
 from motorprior.bounds import require_count, require_number
 from motorprior.exceptions import ConfigError
-from motorprior.identification.baselines.pd_fit import GAINS, WITH_FRICTION, WITH_ROTOR
+from motorprior.identification.baselines.pd_fit import IDEAL_PD, WITH_FRICTION, WITH_ROTOR
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ExecutorName, require_executor
 from motorprior.robots.load import load_robot
@@ -23,7 +23,7 @@ from motorprior.studies.environments import ENVIRONMENTS, NOISY, OUT_OF_FAMILY
 VALIDATION = "validation"  # population of the validation fleet
 _VALIDATION_FLEETS = ("mixed", "foreign_servo", "foreign_direct")
 # PDs by name -> their fitted constants
-PDS = {"gains": GAINS, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}
+PDS = {"gains": IDEAL_PD, "rotor": WITH_ROTOR, "friction": WITH_FRICTION}
 # sensor noise of the environments, and pushes: without any disturbance policies overfit one
 # deterministic walk, and fall more often on held-out robots
 TRAINING = replace(NOISY, push=0.3, push_interval=1.0)

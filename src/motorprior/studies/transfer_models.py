@@ -20,7 +20,7 @@ from motorprior.artifacts import read_json, write_json
 from motorprior.bench.bench_folder import record_bench
 from motorprior.bench.recording import bench_preset, record
 from motorprior.bounds import seed_of
-from motorprior.identification.baselines.pd_fit import GAINS, RESTARTS, fit_pd
+from motorprior.identification.baselines.pd_fit import IDEAL_PD, RESTARTS, fit_pd
 from motorprior.identification.presets import network_steps
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
@@ -108,7 +108,7 @@ def _fit_pds(
     """Fit these PDs to a log with known loads; the file FIT of each has constants and error."""
     robot = load_robot(bench.robot)
     nominal = nominal_pd(load_robot_fleet(robot, bench.fleet), 1)
-    start = {name: float(getattr(nominal, name)[0]) for name in GAINS}
+    start = {name: float(getattr(nominal, name)[0]) for name in IDEAL_PD}
 
     for name in sorted(pd_names):
         out = folder / name

@@ -32,8 +32,10 @@ class LinearProblem:
         self.slopes = rng.standard_normal((SIZE, 16 * self.observations))
         self.noise = 0.1 * rng.standard_normal((NEW, 16 * self.observations))
 
-    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        return (self.box.decoder_latents(x) - self.truth[which]) @ self.slopes + self.noise[which]
+    def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
+        return (self.box.decoder_latents(x) - self.truth[problems]) @ self.slopes + self.noise[
+            problems
+        ]
 
 
 def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0.0) -> Outliers:

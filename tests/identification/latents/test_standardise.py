@@ -86,7 +86,7 @@ def test_a_limit_that_no_log_shows_is_wide_in_samples(grey_box, motors: int):
     outputs = rng.standard_normal((motors, 3))
     least = np.array([0.0, 0.7, 0.0])
     outputs[:, 1] = 2.0
-    box, mean, _ = standardised(grey_box(latents=3), outputs, np.full(3, 0.1), least_std=least)
+    box, mean, _ = standardised(grey_box(latents=3), outputs, np.full(3, 0.1), min_std=least)
     assert np.std(box.decoder_latents(rng.standard_normal((4000, 3)))[:, 1]) == pytest.approx(
         0.7, rel=0.05
     )

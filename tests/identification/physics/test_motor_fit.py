@@ -10,8 +10,9 @@ import pytest
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.physics import window_runs
-from motorprior.identification.physics.motor_fit import MotorFits, fit_motors, searched_near_others
+from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
+from motorprior.identification.physics.population_fit import searched_near_others
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.search import GaussianPrior, Search
@@ -129,8 +130,10 @@ class _TwoOptima:
     weight = 1.0
     observations = 10
 
-    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        return np.stack([x[:, 0] ** 2 - 4.0, x[:, 1] - 0.1 * which, np.full(len(x), 0.5)], axis=1)
+    def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
+        return np.stack(
+            [x[:, 0] ** 2 - 4.0, x[:, 1] - 0.1 * problems, np.full(len(x), 0.5)], axis=1
+        )
 
 
 def test_of_two_optima_that_fit_alike_the_motor_gets_that_of_the_others():

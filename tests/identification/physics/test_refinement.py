@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
-from motorprior.identification.physics.motor_fit import longer_runs, refined
 from motorprior.identification.physics.motor_problem import grey_box, initial_center, motor_search
+from motorprior.identification.physics.refinement import longer_runs, refined
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import TrainingData

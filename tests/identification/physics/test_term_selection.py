@@ -8,7 +8,11 @@ import pytest
 
 from motorprior.actuator.optional_terms import INITIAL
 from motorprior.identification.physics.motor_problem import encoded, grey_box, initial_center
-from motorprior.identification.physics.term_selection import parts_of, select_terms
+from motorprior.identification.physics.term_selection import (
+    SELECTABLE_TERMS,
+    blocks_of,
+    select_terms,
+)
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
 from motorprior.identification.windows import POS, TORQUE, VEL, TrainingData
@@ -47,9 +51,14 @@ def logs(
 CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])
 
 
-def assert_found(decoder_data: Data, terms: tuple[str, ...], others: int) -> None:
+def assert_found(
+    decoder_data: Data,
+    terms: tuple[str, ...],
+    others: int,
+    selectable: tuple[str, ...] = SELECTABLE_TERMS,
+) -> None:
     """The terms are selected; for motors with a term, some others may be, by the test at 20 %."""
-    found = select_terms(logs(decoder_data, terms), 0)
+    found = select_terms(logs(decoder_data, terms), 0, selectable=selectable)
     assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others * len(
         terms
     ), found.saved
@@ -57,23 +66,21 @@ def assert_found(decoder_data: Data, terms: tuple[str, ...], others: int) -> Non
 
 
 @CASES
-def test_a_term_is_selected_if_motors_have_it(
-    decoder_data: Data, terms: tuple[str, ...], small_search: Callable[..., None]
-):
-    small_search("profile", "dead_zone")
-    assert_found(decoder_data, terms, 1)
+def test_a_term_is_selected_if_motors_have_it(decoder_data: Data, terms: tuple[str, ...]):
+    assert_found(decoder_data, terms, 1, ("profile", "dead_zone"))
 
 
-def test_a_term_is_selected_with_one_motor_and_four_segments(
-    decoder_data: Data, small_search: Callable[..., None]
-):
-    small_search("profile")
-    assert select_terms(logs(decoder_data, ("profile",), 4, 700, 1), 0).terms == ("profile",)
+def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data):
+    runs = logs(decoder_data, ("profile",), segments=4, rows=700, motors=1)
+    assert select_terms(runs, 0, selectable=("profile",)).terms == ("profile",)
 
 
 def test_few_segments_are_all_trained_and_tested_on(decoder_data: Data):
     runs = logs(decoder_data, ())
-    assert all(set(parts_of(runs)[runs.groups() == segment] % 2) == {0, 1} for segment in range(6))
+    assert all(
+        set(blocks_of(runs)[runs.segment_indices() == segment] % 2) == {0, 1}
+        for segment in range(6)
+    )
 
 
 @pytest.mark.slow

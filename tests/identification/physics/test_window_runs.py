@@ -65,12 +65,12 @@ def test_windows_are_those_of_a_fit_and_do_not_cross_segments(
     before, after = (
         WindowRuns(one, PRESET).residuals(grey_boxes(box), Z, MOTORS) for one in (data, broken)
     )
-    same = WindowRuns(data, PRESET).groups() != 1
+    same = WindowRuns(data, PRESET).segment_indices() != 1
     np.testing.assert_array_equal(before[:, same], after[:, same])
-    short = replace(data, parts=(slice(0, 200), slice(200, 250), slice(250, 600)))
+    short = replace(data, segments=(slice(0, 200), slice(200, 250), slice(250, 600)))
     runs = WindowRuns(short, PRESET)
     # a segment without a window counts for nothing
-    np.testing.assert_array_equal(runs.groups(), [0] * 4 + [1] * 9)
+    np.testing.assert_array_equal(runs.segment_indices(), [0] * 4 + [1] * 9)
 
 
 def test_lanes_do_not_affect_each_other(

@@ -1,9 +1,9 @@
 """Fit of a PD, the same for all motors of a log, by the search of the motors' own fit.
 
-Unknowns are the logarithms of the constants relative to TYPICAL, of kd that of kd/kp, and the delay
-in units of 10 ms. Where a log has gains, those of the PD scale with them. Random candidates are
-sampled around TYPICAL, with and without a torque limit, since a log may not separate a large
-armature from a long delay. The search runs on a part of a long log.
+Unknowns are the logarithms of the constants relative to TYPICAL, for kd the logarithm of kd/kp, and
+the delay in units of 10 ms. Where a log has gains, the gains of the PD scale with them. Random
+candidates are sampled around TYPICAL, with and without a torque limit, since a log may not separate
+a large armature from a long delay. The search runs on a part of a long log.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,19 +24,18 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress
 from motorprior.signals import rms
 
-GAINS = ("kp", "kd", "torque_limit")  # fitted for an ideal PD
-WITH_ROTOR = (*GAINS, "armature", "delay")  # free constants of the tuned PD
+IDEAL_PD = ("kp", "kd", "torque_limit")  # free constants of an ideal PD
+WITH_ROTOR = (*IDEAL_PD, "armature", "delay")  # free constants of the tuned PD
 WITH_FRICTION = (*WITH_ROTOR, "coulomb")
-# [N·m/rad], [N·m·s/rad], [N·m], [kg·m²], [s], [N·m], and standard deviations of the unknowns of
-# candidates
 TYPICAL = {
-    "kp": 10.0,
-    "kd": 0.6,
-    "torque_limit": 4.0,
-    "armature": 0.004,
-    "delay": 0.01,
-    "coulomb": 0.05,
+    "kp": 10.0,  # [N·m/rad]
+    "kd": 0.6,  # [N·m·s/rad]
+    "torque_limit": 4.0,  # [N·m]
+    "armature": 0.004,  # [kg·m²]
+    "delay": 0.01,  # [s]
+    "coulomb": 0.05,  # [N·m]
 }
+# standard deviations of the unknowns of candidates
 CANDIDATE_STD = {
     "kp": 1.5,
     "kd": 0.8,
@@ -62,69 +61,82 @@ _STREAM = 71
 
 @dataclass(frozen=True)
 class PdFit:
-    """Constants by name, and root mean square error on the log [rad]."""
+    """Fitted PD."""
 
-    constants: Mapping[str, float]
-    error: float
+    constants: Mapping[str, float]  # by name
+    error: float  # root mean square error on the log [rad]
 
 
 class _PdProblem:
-    """One PD for all motors; see `search.Problem`."""
+    """One PD for all motors; see `search.Problem`.
+
+    Constants that are not ``free`` have the values ``fixed``.
+    """
 
     count = 1
     weight = 1.0
 
     def __init__(self, log: MotorLog, free: tuple[str, ...], fixed: Mapping[str, float]):
-        recipe = replace(PRESETS["pace"], period=log.period, warm_up=round(_WARM_UP / log.period))
+        warm_up = round(_WARM_UP / log.period)
+        recipe = replace(PRESETS["pace"], period=log.period, warm_up=warm_up)
         self._runs = whole_runs(log, recipe)
         self._gains = _median_gains(log)
-        self._free, self._fixed, self.observations = free, fixed, len(self._runs) * log.num_joints
+        self._free = free
+        self._fixed = fixed
+        self.observations = len(self._runs) * log.num_joints
 
     def constants(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """(L,) constants by name of unknowns x (L, K)."""
         values = {name: np.full(len(x), value) for name, value in self._fixed.items()}
         for name, column in zip(self._free, np.clip(x, -20.0, 20.0).T, strict=True):
-            values[name] = (
-                TYPICAL["delay"] * np.abs(column)
-                if name == "delay"
-                else TYPICAL[name] * np.exp(column)
-            )
+            if name == "delay":
+                values[name] = TYPICAL["delay"] * np.abs(column)
+            else:
+                values[name] = TYPICAL[name] * np.exp(column)
+        # the unknown of kd is that of kd/kp
         if "kd" in self._free:
             values["kd"] = values["kd"] * values["kp"] / TYPICAL["kp"]
         return values
 
     def encoded(self, constants: Mapping[str, float]) -> np.ndarray:
         """(K,) unknowns of constants by name."""
-        values = {
-            name: np.log(constants[name] / TYPICAL[name]) for name in self._free if name != "delay"
-        }
-        if "kd" in self._free:
-            values["kd"] -= np.log(constants["kp"] / TYPICAL["kp"])
-        return np.array(
-            [values.get(name, constants["delay"] / TYPICAL["delay"]) for name in self._free]
-        )
+        unknowns = []
+        for name in self._free:
+            if name == "delay":
+                unknowns.append(constants["delay"] / TYPICAL["delay"])
+                continue
+            unknown = np.log(constants[name] / TYPICAL[name])
+            if name == "kd":
+                unknown -= np.log(constants["kp"] / TYPICAL["kp"])
+            unknowns.append(unknown)
+        return np.array(unknowns)
 
-    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, rows·motors) errors of angles over SCALE."""
-        return np.concatenate(
-            [self._errors(x[first : first + _LANES]) for first in range(0, len(x), _LANES)]
-        )
+    def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
+        """(L, rows·motors) errors of angles over SCALE, with unknowns x (L, K)."""
+        chunks = []
+        for first in range(0, len(x), _LANES):
+            chunks.append(self._errors(x[first : first + _LANES]))
+        return np.concatenate(chunks)
 
     def _errors(self, x: np.ndarray) -> np.ndarray:
-        motors = self._runs[0].num_motors
-        found = []
-        every = np.tile(np.arange(motors), len(x))
-        lanes = np.repeat(x, motors, axis=0)
+        """(L, rows·motors) errors of angles over SCALE."""
+        num_motors = self._runs[0].num_motors
+        # every PD replays every motor
+        motor = np.tile(np.arange(num_motors), len(x))
+        lanes = np.repeat(x, num_motors, axis=0)
+        errors = []
         for runs in self._runs:
-            errors = POSITION_SCALE / SCALE * runs.residuals(self._motors, lanes, every)[:, :, 0]
-            found.append(errors.reshape(len(x), motors, -1))
-        return np.concatenate(found, axis=2).reshape(len(x), -1)
+            positions = runs.residuals(self._motors, lanes, motor)[:, :, 0]
+            scaled = POSITION_SCALE / SCALE * positions
+            errors.append(scaled.reshape(len(x), num_motors, -1))
+        return np.concatenate(errors, axis=2).reshape(len(x), -1)
 
     def _motors(self, x: np.ndarray, motor: np.ndarray, segment: SegmentArrays) -> IdealPd:
+        """PDs of unknowns x (L, K), at the gains of motors (L,) in the segment."""
         pd = IdealPd(**self.constants(x))
-        return (
-            pd if self._gains is None else GainScaledPd(pd, self._gains).at(segment.gains[:, motor])
-        )
+        if self._gains is None:
+            return pd
+        return GainScaledPd(pd, self._gains).at(segment.gains[:, motor])
 
     def rmse(self, x: np.ndarray) -> float:
         """Root mean square error [rad] of unknowns x (1, K)."""
@@ -137,41 +149,47 @@ def fit_pd(
     start: Mapping[str, float] | None = None,
     report: Callable[[], None] = lambda: None,
 ) -> PdFit:
-    """One PD for all motors of a log with known loads.
+    """Fit one PD to all motors of a log with known loads.
 
-    The ``free`` constants are fitted; without the armature, delay or friction it has none.
-    ``start`` is one more candidate; ``report`` is called RESTARTS times.
+    Args:
+        log: with loads, and gains or none.
+        free: constants that are fitted; without armature, delay or friction the PD has none.
+        start: constants of one more candidate.
+        report: called RESTARTS times.
     """
     fixed = {name: 0.0 for name in WITH_FRICTION if name not in free}
-    search = Search(few := _PdProblem(_part(log), free, fixed))
+    problem = _PdProblem(_part(log), free, fixed)
+    search = Search(problem)
     rng = np.random.default_rng(_STREAM)
     std = np.array([CANDIDATE_STD[name] for name in free])
-    limit = np.array(free) == "torque_limit"
+    is_limit = np.array(free) == "torque_limit"
     unlimited = np.log(NO_LIMIT / TYPICAL["torque_limit"])
-    prior = GaussianPrior(np.where(limit, unlimited, 0.0), np.full(len(free), _WEAK))
+    prior = GaussianPrior(np.where(is_limit, unlimited, 0.0), np.full(len(free), _WEAK))
 
     def draw(restart: int, best: Fit) -> np.ndarray:
         shape = (1, _CANDIDATES, len(free))
-        found = std * rng.standard_normal(shape)
-        found[..., limit] = np.where(
-            rng.random((1, _CANDIDATES, 1)) < 0.5, unlimited, found[..., limit]
-        )
+        candidates = std * rng.standard_normal(shape)
+        has_no_limit = rng.random((1, _CANDIDATES, 1)) < 0.5
+        limits = candidates[..., is_limit]
+        candidates[..., is_limit] = np.where(has_no_limit, unlimited, limits)
         if restart % 2:
-            found = np.where(rng.random(shape) < 0.5, found, best.x[:, None])
-        return found
+            candidates = np.where(rng.random(shape) < 0.5, candidates, best.x[:, None])
+        return candidates
 
-    first = few.encoded(TYPICAL | {"torque_limit": NO_LIMIT} | dict(start or {}))
-    found = search.until_found_again(
-        search.at(first[None], prior), prior, draw, RESTARTS, _STEPS, report
-    )
+    constants = TYPICAL | {"torque_limit": NO_LIMIT} | dict(start or {})
+    first = search.at(problem.encoded(constants)[None], prior)
+    fit = search.until_found_again(first, prior, draw, RESTARTS, _STEPS, report)
+
+    # the last descent is on the whole log
     whole = _PdProblem(log, free, fixed)
-    x = Search(whole).descend(found.x, prior, _STEPS).x
-    constants = {name: float(values[0]) for name, values in whole.constants(x).items()}
-    return PdFit(constants, whole.rmse(x))
+    x = Search(whole).descend(fit.x, prior, _STEPS).x
+    fitted = {name: float(values[0]) for name, values in whole.constants(x).items()}
+    return PdFit(fitted, whole.rmse(x))
 
 
 def _median_gains(log: MotorLog) -> np.ndarray | None:
-    gains = [part.gains for part in log.segments() if part.gains is not None]
+    """(2,) medians of kp and kd over segments and motors of a log; None if it has no gains."""
+    gains = [segment.gains for segment in log.segments() if segment.gains is not None]
     return np.median(gains, axis=(0, 2)) if gains else None
 
 
@@ -179,14 +197,17 @@ def _part(log: MotorLog) -> MotorLog:
     """Windows spread over a log, each as a segment; the whole log if it is short."""
     if log.num_rows <= _MAX_ROWS:
         return log
+
     segments = log.segment_slices()
-    index = np.linspace(0, len(segments) - 1, min(len(segments), _MAX_SEGMENTS), dtype=int)
-    windows = [
-        window
-        for one in (segments[each] for each in index)
-        for window in np.array_split(np.arange(one.start, one.stop), _MAX_SEGMENTS // len(index))
-    ]
-    windows = [window[: _MAX_ROWS // len(windows)] for window in windows]
+    num_segments = min(len(segments), _MAX_SEGMENTS)
+    indices = np.linspace(0, len(segments) - 1, num_segments, dtype=int)
+    windows = []
+    for index in indices:
+        rows = np.arange(segments[index].start, segments[index].stop)
+        windows += np.array_split(rows, _MAX_SEGMENTS // num_segments)
+
+    max_rows = _MAX_ROWS // len(windows)
+    windows = [window[:max_rows] for window in windows]
     number = np.repeat(np.arange(len(windows)), [len(window) for window in windows])
     return replace(log.rows(np.concatenate(windows)), segment=number)
 
@@ -194,9 +215,12 @@ def _part(log: MotorLog) -> MotorLog:
 def fitted_tuned_pd(
     log: MotorLog, progress: Progress, num_motors: int | None = None
 ) -> MotorsOnLoads:
-    """One PD for all motors of a log, which scales with the gains of a log that has any; ``num_motors`` copies."""
+    """The tuned PD: one PD for all motors of a log, which scales with logged gains.
+
+    It has ``num_motors`` copies, or one per joint of the log.
+    """
     with progress.start("tune one PD", RESTARTS) as task:
-        found = fit_pd(log, WITH_ROTOR, report=task.advance)
-    pd = IdealPd.uniform(num_motors or log.num_joints, **found.constants)
+        fit = fit_pd(log, WITH_ROTOR, report=task.advance)
+    pd = IdealPd.uniform(num_motors or log.num_joints, **fit.constants)
     gains = _median_gains(log)
     return pd if gains is None else GainScaledPd(pd, gains)

@@ -4,8 +4,8 @@
 
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its
 Gauss-Newton matrix. The temperature T is the mean loss of the training motors, so that a window
-fitted as well as theirs counts as one observation (a generalised posterior with a Laplace
-approximation). In the covariance a motor that is fitted worse has its own loss for T: missing
+that is fitted as well as theirs counts as one observation (a generalised posterior with a Laplace
+approximation). In the covariance, a motor that is fitted worse has its own loss for T: missing
 physics makes its windows agree less. Mean m and standard deviation d of the prior are those of
 `MotorPrior.predicted`.
 """
@@ -22,9 +22,9 @@ from motorprior.identification.presets import Recipe
 from motorprior.identification.search import WIDE, Fit, GaussianPrior, Search
 from motorprior.identification.windows import TrainingData
 
-# candidates of a search, and maximum number of restarts
-CANDIDATES = 128
-RESTARTS = 16
+CANDIDATES = 128  # candidates of a search
+RESTARTS = 16  # maximum number
+_CONFIRMATIONS = 4  # times that the best optimum must be found again
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
 # precision, over the prior's, below which a latent is not identifiable from the log
 _NOT_IDENTIFIABLE = 1e-3
@@ -44,7 +44,7 @@ class LatentPosterior:
 
 
 def latent_search(model: Decoder, data: TrainingData, recipe: Recipe) -> Search:
-    """The least-squares problems of the motors in ``data``, whose scales must be those of the model."""
+    """Search for the latents of the motors in ``data``, whose scales must be those of the model."""
     if isinstance(model, GreyBox):
         return Search(MotorProblem(model, WindowRuns(data, recipe)))
     from motorprior.identification.networks.objectives import NetworkProblem
@@ -62,63 +62,86 @@ def fit_posterior(
 ) -> LatentPosterior:
     """The posterior of every motor in ``data``.
 
-    ``temperature`` is T, the mean window loss of the prior's training motors
-    (`reference.reference_metrics`), ``start`` (M, Z) are initial latents, found by a random search
-    if not given, and ``prior`` are mean and standard deviation of z, (M, Z) each, N(0, I) if not
-    given.
+    Args:
+        model: decoder of the prior.
+        data: logs of M motors, with the scales of the model.
+        recipe: that of the prior.
+        temperature: T, the mean window loss of the prior's training motors
+            (`reference.reference_metrics`).
+        start: (M, Z) initial latents; a random search finds them if they are not given.
+        prior: mean and standard deviation of z, (M, Z) each; N(0, I) if not given.
     """
     search = latent_search(model, data, recipe)
     shape = (search.problem.count, model.num_latents)
     windows = search.problem.observations
     mean, std = prior or (np.zeros(shape), np.ones(shape))
     gaussian = GaussianPrior(mean, temperature / windows / std**2)
-    found = (
-        _searched(search, gaussian, std)
-        if start is None
-        else search.descend(start, gaussian, STEPS)
-    )
-    likelihood = _precision(search, found.x, temperature)
-    hidden = np.diagonal(likelihood, axis1=1, axis2=2) * std**2 < _NOT_IDENTIFIABLE
-    # damped steps end before they reach the mean
-    found = found.better(search.at(np.where(hidden, mean, found.x), gaussian))
-    likelihood *= (temperature / np.maximum(found.loss, temperature))[:, None, None]
-    return LatentPosterior(found.x, inverse_precision(likelihood, std), found.loss, windows)
+    if start is None:
+        fit = _searched(search, gaussian, std)
+    else:
+        fit = search.descend(start, gaussian, STEPS)
+    likelihood = _precision(search, fit.x, temperature)  # (M, Z, Z)
+
+    # latents that the log does not identify are those of the prior: damped steps end before they
+    # reach its mean
+    information = np.diagonal(likelihood, axis1=1, axis2=2) * std**2
+    is_hidden = information < _NOT_IDENTIFIABLE
+    fit = fit.better(search.at(np.where(is_hidden, mean, fit.x), gaussian))
+
+    # a motor that is fitted worse than the training motors has its own temperature
+    likelihood *= (temperature / np.maximum(fit.loss, temperature))[:, None, None]
+    return LatentPosterior(fit.x, inverse_precision(likelihood, std), fit.loss, windows)
 
 
 def _searched(search: Search, prior: GaussianPrior, std: np.ndarray) -> Fit:
-    """Descents from samples of the prior, and from the best so far with a random half of it resampled."""
+    """Fit by descents from samples of the prior.
+
+    Three of four restarts keep a random half of the best latents so far.
+    """
     rng = np.random.default_rng(_STREAM)
     shape = (len(prior.mean), CANDIDATES, prior.mean.shape[1])
 
+    def sampled() -> np.ndarray:
+        return prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
+
     def draw(restart: int, best: Fit) -> np.ndarray:
-        samples = prior.mean[:, None] + std[:, None] * rng.standard_normal(shape)
-        return (
-            samples
-            if restart % 4 == 3
-            else np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
-        )
+        samples = sampled()
+        if restart % 4 == 3:
+            return samples
+        return np.where(rng.random(shape) < 0.5, samples, best.x[:, None])
 
     mean = search.at(prior.mean, prior)
-    first = search.descend(search.best_of(draw(3, mean), prior), prior, STEPS)
-    return search.until_found_again(mean.better(first), prior, draw, RESTARTS, STEPS, again=4)
+    first = search.descend(search.best_of(sampled(), prior), prior, STEPS)
+    return search.until_found_again(
+        mean.better(first), prior, draw, RESTARTS, STEPS, confirmations=_CONFIRMATIONS
+    )
 
 
 def laplace_variance(
     model: Decoder, data: TrainingData, recipe: Recipe, z: np.ndarray
 ) -> np.ndarray:
-    """(M, Z) diagonal of the Laplace covariance at known modes z (M, Z); the temperature is the motors' mean loss."""
+    """(M, Z) diagonal of the Laplace covariance at the modes z (M, Z).
+
+    The temperature is the mean loss of the motors.
+    """
     search = latent_search(model, data, recipe)
     precision = _precision(search, z, float(search.losses(z).mean()))
-    return np.diagonal(inverse_precision(precision, np.ones(z.shape)), axis1=1, axis2=2)
+    covariance = inverse_precision(precision, np.ones(z.shape))
+    return np.diagonal(covariance, axis1=1, axis2=2)
 
 
 def inverse_precision(precision: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(M, Z, Z) (diag(std)⁻² + precision)⁻¹, std (M, Z), with negative eigenvalues of the scaled precision set to 0."""
-    scaled = std[:, :, None] * 0.5 * (precision + precision.transpose(0, 2, 1)) * std[:, None, :]
+    """(M, Z, Z) covariance (diag(std)⁻² + precision)⁻¹, with std (M, Z).
+
+    Negative eigenvalues of the scaled precision, which differences can have, count as 0.
+    """
+    symmetric = 0.5 * (precision + precision.transpose(0, 2, 1))
+    scaled = std[:, :, None] * symmetric * std[:, None, :]
     values, vectors = np.linalg.eigh(scaled)
     vectors = std[:, :, None] * vectors
     return np.einsum("mij,mj,mkj->mik", vectors, 1.0 / (1.0 + np.maximum(values, 0.0)), vectors)
 
 
 def _precision(search: Search, z: np.ndarray, temperature: float) -> np.ndarray:
+    """(M, Z, Z) precision of the likelihood at z (M, Z)."""
     return search.curvatures(z, WIDE) * search.problem.observations / temperature

@@ -18,15 +18,23 @@ from motorprior.progress import ReportProgress
 
 CHUNK = 100  # Adam steps per compiled call, after which progress is reported
 DIVERGED = 3.0  # loss of a diverged chunk over the lowest so far, the initial one included
-# divisor of the learning rate of each restart, and number of restarts
-SLOWER = 3.0
+SLOWER = 3.0  # divisor of the learning rate of each restart
 RESTARTS = 3
+_WARM_UP_STEPS = 100  # at most
 
 
 def train_network(
     data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress
 ) -> tuple[LatentNetwork, np.ndarray, np.ndarray, np.ndarray]:
-    """Network, means and log-variances (M, Z) of the motors' latents, and mean loss of every CHUNK steps."""
+    """Train a latent network.
+
+    Returns:
+        The network, means and log-variances (M, Z) of the motors' latents, and the mean loss of
+        every CHUNK steps.
+
+    Raises:
+        MotorPriorError: the training diverges, also at the lowest learning rate.
+    """
     use_cpu_by_default()
     rng = np.random.default_rng([seed, 0])
     shape = (len(data.series), recipe.num_latents)
@@ -35,20 +43,20 @@ def train_network(
         "mean": jnp.asarray(0.1 * rng.standard_normal(shape), jnp.float32),
         "log_var": jnp.full(shape, -2.0, jnp.float32),  # a weak type would compile a chunk twice
     }
+
     for restart in range(RESTARTS + 1):
         slower = replace(recipe, learning_rate=recipe.learning_rate / SLOWER**restart)
         trained, losses = _attempt(start, data, slower, seed, report)
         if trained is not None:
-            mean, log_var = (np.asarray(trained[name], np.float64) for name in ("mean", "log_var"))
-            return (
-                objectives.latent_network(trained["network"], recipe, data.scales),
-                mean,
-                log_var,
-                np.asarray(losses),
-            )
-        report(
-            -CHUNK * (len(losses) - 1), f"the loss is {losses[-1]:.3g}: restarted at a lower rate"
-        )
+            network = objectives.latent_network(trained["network"], recipe, data.scales)
+            mean = np.asarray(trained["mean"], np.float64)
+            log_var = np.asarray(trained["log_var"], np.float64)
+            return network, mean, log_var, np.asarray(losses)
+
+        # take back the work of the chunks that were reported
+        work = -CHUNK * (len(losses) - 1)
+        report(work, f"the loss is {losses[-1]:.3g}: restarted at a lower rate")
+
     raise MotorPriorError(
         f"training diverged, also at 1/{SLOWER**RESTARTS:.0f} of the learning rate",
         remedy="check the log with `motorprior logs check`, or try another seed",
@@ -59,15 +67,18 @@ def _attempt(
     start: Parameters, data: TrainingData, recipe: Recipe, seed: int, report: ReportProgress
 ) -> tuple[Parameters | None, list[float]]:
     """The trained parameters, None if they diverged, and the losses of all chunks."""
+    warm_up_steps = min(_WARM_UP_STEPS, recipe.steps // 10)
     schedule = optax.warmup_cosine_decay_schedule(
-        0.0, recipe.learning_rate, min(100, recipe.steps // 10), recipe.steps
+        0.0, recipe.learning_rate, warm_up_steps, recipe.steps
     )
     optimiser = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule))
     advance = _compiled_chunk(data, recipe, optimiser)
     state = (start, optimiser.init(start))
+
     losses = []
-    lowest = np.inf
+    min_loss = np.inf
     for first in range(0, recipe.steps, CHUNK):
+        # windows of random motors at random rows
         count = min(CHUNK, recipe.steps - first)
         chunk = first // CHUNK
         rng = np.random.default_rng([seed, 1, chunk])
@@ -75,19 +86,24 @@ def _attempt(
         motors = rng.integers(len(data.series), size=shape)
         starts = data.starts[rng.integers(len(data.starts), size=shape)]
         keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), chunk), count)
-        state, loss, first_loss = advance(
-            state, (motors.astype(np.int32), starts.astype(np.int32), keys)
-        )
-        lowest = min(lowest if losses else float(first_loss), float(loss))
-        losses.append(float(loss))
-        if not (np.isfinite(losses[-1]) and losses[-1] <= DIVERGED * lowest):
+        inputs = (motors.astype(np.int32), starts.astype(np.int32), keys)
+        state, mean_loss, first_loss = advance(state, inputs)
+
+        loss = float(mean_loss)
+        min_loss = min(min_loss if losses else float(first_loss), loss)
+        losses.append(loss)
+        if not (np.isfinite(loss) and loss <= DIVERGED * min_loss):
             return None, losses
-        report(count, f"loss {losses[-1]:.4f}")
+        report(count, f"loss {loss:.4f}")
     return state[0], losses
 
 
 def _compiled_chunk(data: TrainingData, recipe: Recipe, optimiser: optax.GradientTransformation):
-    """Compile one chunk of Adam steps, which returns state, mean loss, and the loss before the first step."""
+    """Compile one chunk of Adam steps: (state, inputs) -> state, mean loss, and first loss.
+
+    The first loss is that before the first step. Inputs are motors and starts (steps, batch) and
+    random keys (steps,).
+    """
     objective = objectives.objective_of(recipe, data.scales, data.has_torque)
     series = jnp.asarray(data.series)
     length = recipe.history + recipe.window
@@ -98,15 +114,15 @@ def _compiled_chunk(data: TrainingData, recipe: Recipe, optimiser: optax.Gradien
         mean = trainable["mean"]
         log_var = trainable["log_var"]
         network = trainable["network"]
+
         z = mean[motors]
         if recipe.noisy:
-            z = z + jnp.exp(0.5 * log_var[motors]) * jax.random.normal(
-                key, (len(motors), recipe.num_latents)
-            )
+            noise = jax.random.normal(key, (len(motors), recipe.num_latents))
+            z = z + jnp.exp(0.5 * log_var[motors]) * noise
         windows = series[motors[:, None], starts[:, None] + jnp.arange(length)]
-        # only noise makes the data constrain it
+
+        # KL(N(mean, exp(log_var)) ‖ N(0, I)); only noise makes the data constrain the variance
         spread = log_var if recipe.noisy else jax.lax.stop_gradient(log_var)
-        # KL(N(mean, exp(log_var)) ‖ N(0, I))
         kl = 0.5 * jnp.sum(jnp.exp(spread) + mean**2 - 1.0 - spread, axis=-1)
         return objective.loss(network, windows, z) + recipe.kl_weight * jnp.mean(kl)
 

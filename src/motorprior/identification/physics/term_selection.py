@@ -1,41 +1,40 @@
-"""Selection of optional dynamics terms (`optional_terms`) on held-out free runs, from the motor without any.
+"""Selection of optional dynamics terms (`optional_terms`) on held-out free runs.
 
-Some motors are fitted to every second segment of their logs, or every second part of a log of few
-segments, and tested on the others. In each round, every term that is not yet selected is added to
-two motors:
+Some motors are fitted to every second segment of their logs, or every second block of a log of few
+segments, and tested on the others. They start without any optional term. In each round, every term
+that is not yet selected is added to two motors:
 
-    the best so far     its constants are sampled around the initial motor's; the fit never becomes worse
-    the simplest        it has a rigid gear, so other constants cannot hide the effect; the best starts its own search
+    the best so far     its constants are sampled around the initial motor's; the fit never becomes
+                        worse
+    the simplest        it has a rigid gear, so other constants cannot hide the effect; the best of
+                        these starts its own search
 
-The terms of SERVO are also added together, since some help only with another. Of the candidates
-that lower the training loss most, the one that saves most of the held-out loss is selected if
+The usual terms of servos are also added together, since some help only with another. Of the
+candidates that lower the training loss most, the one that saves most of the held-out loss is
+selected if
 
-    median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING),   Wilcoxon's signed-rank test at 5 %
+    median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING)
+    Wilcoxon's signed-rank test of these logarithms is significant at 5 %
 
-For fewer than five motors the test is over their held-out parts. The rounds end when no candidate
+For fewer than five motors the test is over their held-out blocks. The rounds end when no candidate
 passes. Finally every selected term is removed once, and stays out if it does not pass this test at
 20 %.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import count
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.physics.motor_fit import (
-    STEPS,
-    Checkpoint,
-    MotorFits,
-    fit_motors,
-    fit_rigid_motors,
-    unsaved,
-)
+from motorprior.identification.checkpoint import Checkpoint, unsaved
+from motorprior.identification.physics.descents import STEPS, reachable
+from motorprior.identification.physics.motor_fit import MotorFits, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
-    centred,
+    centred_search,
     fixed_constants,
     grey_box,
     initial_center,
@@ -53,43 +52,46 @@ MIN_SAVING = 0.04  # share of the held-out loss that a term must save
 MAX_MOTORS = 8
 MAX_ROWS = 10_000
 MIN_WINDOWS = 40
-SERVO = tuple(name for name, term in TERMS.items() if term.is_usual)
-# logs with fewer segments are cut into NUM_PARTS parts: half of a few segments does not show every
-# load and motion
+# logs with fewer segments are cut into NUM_BLOCKS blocks: half of a few segments does not contain
+# every load and motion
 MIN_SEGMENTS = 16
-NUM_PARTS = 32
-# terms that need logs under several conditions, in the order of `SegmentArrays.conditions`, and the
-# minimum difference between two segments: a share of the nominal voltage, and [K]
+NUM_BLOCKS = 32
+# terms that need logs under several operating conditions, in the order of
+# `SegmentArrays.operating_conditions`, and the minimum difference between two segments: a share of
+# the nominal voltage, and [K]
 MIN_VARIATION = {"supply": 0.03, "temperature": 10.0}
 TERM_OF = {"supply_voltage": "supply", "motor_temperature": "temperature"}  # by operating condition
-# signed-rank test: for removals, for additions
-_LEVEL = 0.2
-_STRICT_LEVEL = 0.05
-_MIN_RANKS = 5  # fewer gains cannot be significant at these levels
+# levels of the signed-rank test
+_REMOVAL_LEVEL = 0.2
+_ADDITION_LEVEL = 0.05
+_MIN_RANKS = 5  # fewer savings cannot be significant at these levels
 _NUM_CANDIDATES = 96
 _FINALISTS = 2
 _RESTARTS = 6
 _SIMPLE_RESTARTS = 2
-_SCREEN = ((4, WIDE),)  # descents of all candidates; those of the finalists are STEPS
+_SCREEN = ((4, WIDE),)  # descents of all candidates; finalists descend by STEPS
+
+Group: TypeAlias = tuple[str, ...]
+"""Terms that are added together: one, or the usual terms of servos."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Selected terms, and the share of the held-out loss that each tried term saved (negative: cost)."""
+    """Selected terms, and the share of the held-out loss that each tried term saved."""
 
     terms: tuple[str, ...]
-    saved: dict[str, float]
+    saved: dict[str, float]  # negative: the term costs
 
 
 @dataclass(frozen=True)
-class _State:
-    """A fit of m motors."""
+class _EvaluatedFit:
+    """A fit of m motors with some terms, and its losses."""
 
     terms: tuple[str, ...]
-    raw: np.ndarray  # (m, K) decoder outputs
-    fitted: np.ndarray  # (m,) training loss
-    held_out: np.ndarray  # (m,)
-    parts: np.ndarray  # (m, s) held-out loss by part
+    outputs: np.ndarray  # (m, K) decoder outputs
+    train: np.ndarray  # (m,) training loss
+    held_out: np.ndarray  # (m,) held-out loss
+    held_out_blocks: np.ndarray  # (m, B) held-out loss by block
 
 
 def select_terms(
@@ -97,238 +99,303 @@ def select_terms(
     seed: int,
     report: Callable[[str], None] = lambda text: None,
     checkpoint: Checkpoint = unsaved,
+    selectable: Sequence[str] = SELECTABLE_TERMS,
 ) -> Selection:
-    """Choose terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
+    """Select terms for the motors of ``runs``; MAX_MOTORS of a fleet are enough.
 
-    ``report`` is called for every candidate in the first round, then for every selected or removed
-    term. ``checkpoint`` saves every search.
+    Args:
+        runs: free runs over the logs of the motors.
+        seed: of the searches.
+        report: called for every candidate in the first round, then for every selected or removed
+            term.
+        checkpoint: saves every search.
+        selectable: terms that are tried; logged terms are always selected.
     """
-    motors = runs.num_motors
-    # many gains of each
-    parts = parts_of(runs, MIN_SEGMENTS if motors >= _MIN_RANKS else -(-NUM_PARTS // motors))
-    given = runs.recipe.logged_terms
-    off = (*runs.recipe.disabled_terms, *same_conditions(runs))
-    test = parts % 2 == 1
-    if test.all() or not test.any():  # too short a log
-        return Selection(given, {})
-    fits = _TermEvaluation(runs, parts, seed, checkpoint)
-    rigid = fits.rigid(given)
+    # for few motors, more blocks are needed to test the savings
+    few_motors = runs.num_motors < _MIN_RANKS
+    min_segments = -(-NUM_BLOCKS // runs.num_motors) if few_motors else MIN_SEGMENTS
+    blocks = blocks_of(runs, min_segments)
+    logged = runs.recipe.logged_terms
+    is_test = blocks % 2 == 1
+    if is_test.all() or not is_test.any():  # too short a log
+        return Selection(logged, {})
+
+    unavailable = {*logged, *runs.recipe.disabled_terms, *terms_without_variation(runs)}
+    candidates = [name for name in selectable if name not in unavailable]
+    fits = _TermFits(runs, blocks, seed, checkpoint)
+    rigid = fits.rigid(logged)
     best = fits.with_all_constants(rigid)
     saved = {}
-    groups = [(name,) for name in SELECTABLE_TERMS if name not in (*given, *off)]
-    servo = tuple(name for name in SERVO if name not in (*given, *off))
-    for round_number in range(len(SELECTABLE_TERMS)):
-        left = [group for group in groups if group[0] not in best.terms]
-        together = tuple(name for name in servo if name not in best.terms)
-        left += [together] * (len(together) > 1)
-        tried = {group: fits.with_terms(best, group) for group in left}
-        for group, more in tried.items() if round_number == 0 else ():
-            if len(group) == 1:
-                report(f"{group[0]}: saves {100 * _saved(best, more):.0f} %")
-        finalists = sorted(tried, key=lambda group: np.median(_logarithm(tried[group].fitted)))[
-            :_FINALISTS
-        ]
-        polished = {
-            group: fits.with_terms(tried[group], group, _RESTARTS, STEPS) for group in finalists
-        }
-        if left:
-            simple = {group: fits.simplest_with(rigid, group) for group in left}
-            first = min(simple, key=lambda group: np.median(_logarithm(simple[group].fitted)))
-            other = fits.with_all_constants(simple[first])
-            if first not in polished or other.fitted.mean() < polished[first].fitted.mean():
-                polished[first] = other
-        saved |= {
-            group[0]: _saved(best, more)
-            for group, more in (tried | polished).items()
-            if len(group) == 1
-        }
-        passed = {
-            group: more
-            for group, more in polished.items()
-            if _saves_enough(best, more, _STRICT_LEVEL)
-        }
+    for round_number in range(len(selectable)):
+        groups = _groups(candidates, best.terms)
+        screened = {group: fits.with_terms(best, group) for group in groups}
+        if round_number == 0:
+            for (name, *more), fit in screened.items():
+                if not more:
+                    report(f"{name}: saves {100 * _saved(best, fit):.0f} %")
+
+        simplest = {group: fits.simplest_with(rigid, group) for group in groups}
+        finalists = _finalists(fits, screened, simplest)
+        for (name, *more), fit in (screened | finalists).items():
+            if not more:
+                saved[name] = _saved(best, fit)
+
+        passed = {}
+        for group, fit in finalists.items():
+            if _saves_enough(best, fit, _ADDITION_LEVEL):
+                passed[group] = fit
         if not passed:
             break
-        chosen = max(passed, key=lambda group: _saved(best, passed[group]))
-        best = passed[chosen]
-        rigid = fits.simplest_with(rigid, chosen)
+
+        winner = max(passed, key=lambda group: _saved(best, passed[group]))
+        best = passed[winner]
+        rigid = simplest[winner]
         report(f"selected {', '.join(best.terms)}")
-    for name in [name for name in best.terms if name not in given]:
-        less = fits.without(best, name)
-        saved[name] = _saved(less, best)
-        if not _saves_enough(less, best, _LEVEL):
-            best = less
+
+    # a term may be of no use beside terms that were selected later
+    for name in best.terms:
+        if name in logged:
+            continue
+        without = fits.without(best, name)
+        saved[name] = _saved(without, best)
+        if not _saves_enough(without, best, _REMOVAL_LEVEL):
+            best = without
         report(f"{name}: saves {100 * saved[name]:.0f} %")
     return Selection(best.terms, saved)
 
 
-def min_difference(condition: str, nominal: float) -> float:
-    """Minimum difference between segments (MIN_VARIATION) in the unit of the condition, [V] or [°C]."""
-    value = MIN_VARIATION[TERM_OF[condition]]
-    return value * nominal if condition == "supply_voltage" else value
+def _groups(candidates: Sequence[str], selected: tuple[str, ...]) -> list[Group]:
+    """Groups of terms that a round adds to the ``selected`` terms."""
+    remaining = [name for name in candidates if name not in selected]
+    groups: list[Group] = [(name,) for name in remaining]
+    servo_terms = tuple(name for name in TERMS if name in remaining and TERMS[name].is_usual)
+    if len(servo_terms) > 1:
+        groups.append(servo_terms)
+    return groups
 
 
-def same_conditions(runs: WindowRuns) -> tuple[str, ...]:
-    """Terms of MIN_VARIATION whose condition is about the same in all segments, or was not logged."""
-    ranges = np.ptp([segment.conditions for segment in runs.segments], axis=0).max(axis=1)
-    return tuple(
-        name
-        for (name, limit), size in zip(MIN_VARIATION.items(), ranges, strict=True)
-        if size < limit
-    )
+def _finalists(
+    fits: "_TermFits",
+    screened: dict[Group, _EvaluatedFit],
+    simplest: dict[Group, _EvaluatedFit],
+) -> dict[Group, _EvaluatedFit]:
+    """Thorough fits of the groups that lower the training loss most.
+
+    They are those of the ``screened`` fits of the best motor, and of the ``simplest`` motors, with
+    each group.
+    """
+
+    def median_loss(fit: _EvaluatedFit) -> np.floating:
+        return np.median(_logarithm(fit.train))
+
+    ranked = sorted(screened, key=lambda group: median_loss(screened[group]))
+    finalists = {}
+    for group in ranked[:_FINALISTS]:
+        finalists[group] = fits.with_terms(screened[group], group, _RESTARTS, STEPS)
+
+    if simplest:
+        group = min(simplest, key=lambda group: median_loss(simplest[group]))
+        fit = fits.with_all_constants(simplest[group])
+        if group not in finalists or fit.train.mean() < finalists[group].train.mean():
+            finalists[group] = fit
+    return finalists
 
 
-def _saved(before: _State, after: _State) -> float:
-    return 1.0 - float(np.exp(np.median(_logarithm(after.held_out) - _logarithm(before.held_out))))
+def min_difference(name: str, nominal: float) -> float:
+    """Minimum difference between segments of an operating condition, [V] or [°C].
+
+    It is that of MIN_VARIATION; ``name`` is the channel, and ``nominal`` its nominal value.
+    """
+    variation = MIN_VARIATION[TERM_OF[name]]
+    return variation * nominal if name == "supply_voltage" else variation
 
 
-def _saves_enough(before: _State, after: _State, level: float) -> bool:
-    """Whether the fits ``after`` save more than MIN_SAVING of the held-out loss, significantly at this ``level``."""
+def terms_without_variation(runs: WindowRuns) -> tuple[str, ...]:
+    """Terms of MIN_VARIATION that the logs do not identify.
+
+    Their operating condition is about the same in all segments, or was not logged.
+    """
+    by_segment = [segment.operating_conditions for segment in runs.segments]
+    ranges = np.ptp(by_segment, axis=0).max(axis=1)  # maximum over the motors
+    steady = []
+    for (name, minimum), value_range in zip(MIN_VARIATION.items(), ranges, strict=True):
+        if value_range < minimum:
+            steady.append(name)
+    return tuple(steady)
+
+
+def _saved(without: _EvaluatedFit, fit: _EvaluatedFit) -> float:
+    """Share of the held-out loss that a fit saves, median over the motors."""
+    ratios = _logarithm(fit.held_out) - _logarithm(without.held_out)
+    return 1.0 - float(np.exp(np.median(ratios)))
+
+
+def _saves_enough(without: _EvaluatedFit, fit: _EvaluatedFit, level: float) -> bool:
+    """Whether a fit saves more than MIN_SAVING of the held-out loss, significantly at ``level``."""
     from scipy.stats import wilcoxon  # here: it takes half a second to import
 
-    if len(before.held_out) >= _MIN_RANKS:
-        gains = _logarithm(before.held_out) - _logarithm(after.held_out)
+    if len(without.held_out) >= _MIN_RANKS:
+        savings = _logarithm(without.held_out) - _logarithm(fit.held_out)
     else:
-        gains = (_logarithm(before.parts) - _logarithm(after.parts)).ravel()
-    if len(gains) < _MIN_RANKS or not gains.any():
+        savings = _logarithm(without.held_out_blocks) - _logarithm(fit.held_out_blocks)
+    savings = savings.ravel()
+    if len(savings) < _MIN_RANKS or not savings.any():
         return False
-    pvalue = float(cast(Any, wilcoxon(gains, alternative="greater")).pvalue)
-    return _saved(before, after) > MIN_SAVING and pvalue < level
+    p_value = float(cast(Any, wilcoxon(savings, alternative="greater")).pvalue)
+    return _saved(without, fit) > MIN_SAVING and p_value < level
 
 
 def _logarithm(loss: np.ndarray) -> np.ndarray:
-    return np.log(loss + 1e-9)  # the loss of a static part may be 0
+    return np.log(loss + 1e-9)  # the loss of a static block may be 0
 
 
-class _TermEvaluation:
-    """Fits to the windows in every second of these ``parts`` (N,), tested on the others."""
+class _TermFits:
+    """Fits to the windows in every second one of the ``blocks`` (N,), tested on the others."""
 
-    def __init__(self, runs: WindowRuns, parts: np.ndarray, seed: int, checkpoint: Checkpoint):
+    def __init__(self, runs: WindowRuns, blocks: np.ndarray, seed: int, checkpoint: Checkpoint):
         self._runs = runs
-        self._parts = parts
+        self._blocks = blocks
         self._seed = seed
         self._checkpoint = checkpoint
-        self._searches = count()
-        self._train = parts % 2 == 0
-        self._test = parts % 2 == 1
-        self._trained = runs.chosen(self._train)
+        self._fit_numbers = count()
+        self._is_train = blocks % 2 == 0
+        self._is_test = blocks % 2 == 1
+        self._train_runs = runs.counting(self._is_train)
 
-    def rigid(self, terms: tuple[str, ...]) -> _State:
+    def rigid(self, terms: tuple[str, ...]) -> _EvaluatedFit:
         """The simplest motors, with a rigid gear."""
 
-        def raw() -> np.ndarray:
-            # they would hide a limit of speed
-            found = fit_rigid_motors(self._trained, terms, self._seed, limits=False)
-            return found.center + found.offsets
+        def fit() -> np.ndarray:
+            # without a torque limit, which would hide a limit of speed
+            return fit_rigid_motors(self._train_runs, terms, self._seed, limits=False).outputs
 
-        return self._state(terms, raw)
+        return self._evaluated(terms, fit)
 
-    def with_all_constants(self, rigid: _State) -> _State:
-        """A search from simplest motors, with all constants."""
-        center = rigid.raw.mean(axis=0)
-        terms = rigid.terms
-        nested = MotorFits(center, rigid.raw - center, rigid.fitted, terms, is_rigid=True)
+    def with_all_constants(self, rigid: _EvaluatedFit) -> _EvaluatedFit:
+        """A search with all constants, from simplest motors."""
+        center = rigid.outputs.mean(axis=0)
+        offsets = rigid.outputs - center
+        nested = MotorFits(center, offsets, rigid.train, rigid.terms, is_rigid=True)
 
-        def raw() -> np.ndarray:
-            found = fit_motors(
-                self._trained, terms, False, self._seed, nested=nested, restarts=_RESTARTS
-            )
-            return found.center + found.offsets
+        def fit() -> np.ndarray:
+            return fit_motors(
+                self._train_runs,
+                rigid.terms,
+                together=False,
+                seed=self._seed,
+                nested=nested,
+                restarts=_RESTARTS,
+            ).outputs
 
-        return self._state(terms, raw)
+        return self._evaluated(rigid.terms, fit)
 
-    def simplest_with(self, rigid: _State, added: tuple[str, ...]) -> _State:
+    def simplest_with(self, rigid: _EvaluatedFit, added: Group) -> _EvaluatedFit:
         """The simplest motors with more terms."""
         terms = in_order((*rigid.terms, *added))
         _, missing = rigid_motor(initial_center(terms, self._runs), terms, self._runs)
-        fixed = missing & np.isin(parameters_of(terms), PARAMETERS)
-        return self._searched(rigid, terms, added, _SIMPLE_RESTARTS, _SCREEN, fixed)
+        keep_rigid = missing & np.isin(parameters_of(terms), PARAMETERS)
+        return self._searched(rigid, terms, added, _SIMPLE_RESTARTS, _SCREEN, keep_rigid)
 
     def with_terms(
-        self, before: _State, added: tuple[str, ...], restarts: int = 0, steps: Steps = _SCREEN
-    ) -> _State:
-        """The fits ``before`` with more terms, after a search."""
-        return self._searched(before, in_order((*before.terms, *added)), added, restarts, steps)
+        self, fit: _EvaluatedFit, added: Group, restarts: int = 0, steps: Steps = _SCREEN
+    ) -> _EvaluatedFit:
+        """The ``fit`` with more terms, after a search."""
+        return self._searched(fit, in_order((*fit.terms, *added)), added, restarts, steps)
 
-    def without(self, before: _State, name: str) -> _State:
-        """The fits ``before`` without a term, after a longer search."""
-        return self._searched(
-            before, tuple(other for other in before.terms if other != name), (), 0, STEPS
-        )
+    def without(self, fit: _EvaluatedFit, name: str) -> _EvaluatedFit:
+        """The ``fit`` without a term, after a longer descent."""
+        terms = tuple(term for term in fit.terms if term != name)
+        return self._searched(fit, terms, (), 0, STEPS)
 
     def _searched(
         self,
-        before: _State,
+        start: _EvaluatedFit,
         terms: tuple[str, ...],
-        added: tuple[str, ...],
+        added: Group,
         restarts: int,
         steps: Steps,
-        fixed: np.ndarray | bool = False,
-    ) -> _State:
-        """Descents from ``before``, with ``added`` terms' constants sampled around the initial motor's, half of others.
+        frozen: np.ndarray | bool = False,
+    ) -> _EvaluatedFit:
+        """Descents from the fit ``start``, with candidates for the constants of ``added`` terms.
 
-        Constants that are ``fixed`` (K,) do not change.
+        These constants are sampled around the initial motor's; in every second candidate, a random
+        half of the other constants is sampled as well. ``frozen`` (K,) constants do not change.
         """
         rng = np.random.default_rng([self._seed, *map(list(TERMS).index, terms)])
-        raw = with_more_terms(before.raw, before.terms, terms, self._runs)
-        fixed = fixed | fixed_constants(terms, self._runs)
-        center = np.where(fixed, raw[0], 0.5 * (raw.min(axis=0) + raw.max(axis=0)))
+        fixed = frozen | fixed_constants(terms, self._runs)
+
+        # around the middle of the motors
+        outputs = with_more_terms(start.outputs, start.terms, terms, self._runs)
+        middle = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
+        center = np.where(fixed, outputs[0], middle)
         initial = initial_center(terms, self._runs) - center
         is_new = np.isin(parameters_of(terms), constants_of(added))
-        search = centred(center, terms, self._trained)
+        search = centred_search(center, terms, self._train_runs)
 
         def draw(restart: int, best: Fit) -> np.ndarray:
-            shape = (len(raw), _NUM_CANDIDATES, len(center))
-            others = (rng.random(shape) < 0.5) & (np.arange(_NUM_CANDIDATES)[:, None] % 2 == 1)
-            drawn = np.where(is_new, rng.random(shape) < 0.7, others)
-            candidates = np.where(
-                drawn, initial + 0.8 * rng.standard_normal(shape), best.x[:, None]
-            )
+            shape = (len(outputs), _NUM_CANDIDATES, len(center))
+            is_odd = np.arange(_NUM_CANDIDATES)[:, None] % 2 == 1
+            samples_others = (rng.random(shape) < 0.5) & is_odd
+            sampled = np.where(is_new, rng.random(shape) < 0.7, samples_others)
+            samples = initial + 0.8 * rng.standard_normal(shape)
+            candidates = np.where(sampled, samples, best.x[:, None])
             candidates[:, 0] = best.x
-            return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
+            return reachable(candidates, fixed)
 
-        x = np.clip(raw - center, -LOG_REACH, LOG_REACH)
+        x = np.clip(outputs - center, -LOG_REACH, LOG_REACH)
         prior = separate_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
 
-        def fitted() -> np.ndarray:
-            found = search.at(x, prior)
+        def fit_outputs() -> np.ndarray:
+            fit = search.at(x, prior)
             if added:
-                found = search.at(search.best_of(draw(0, found), prior), prior)
-            found = search.until_found_again(
-                search.descend(found.x, prior, steps), prior, draw, restarts, steps
-            )
-            return center + np.where(fixed, 0.0, np.clip(found.x, -LOG_REACH, LOG_REACH))
+                fit = search.at(search.best_of(draw(0, fit), prior), prior)
+            fit = search.descend(fit.x, prior, steps)
+            fit = search.until_found_again(fit, prior, draw, restarts, steps)
+            return center + np.where(fixed, 0.0, np.clip(fit.x, -LOG_REACH, LOG_REACH))
 
-        return self._state(terms, fitted)
+        return self._evaluated(terms, fit_outputs)
 
-    def _state(self, terms: tuple[str, ...], fitted: Callable[[], np.ndarray]) -> _State:
-        """The fit with decoder outputs ``fitted``, which an interrupted run may have saved."""
-        raw = self._checkpoint(f"search_{next(self._searches)}", lambda: {"raw": fitted()})["raw"]
-        center = 0.5 * (raw.min(axis=0) + raw.max(axis=0))
-        losses = motor_search(grey_box(center, terms, self._runs.recipe), self._runs).parts(
-            raw - center
+    def _evaluated(
+        self, terms: tuple[str, ...], fit_outputs: Callable[[], np.ndarray]
+    ) -> _EvaluatedFit:
+        """Losses of the decoder outputs (m, K) that ``fit_outputs`` gives, or that were saved."""
+        name = f"term_fit_{next(self._fit_numbers)}"
+        outputs = self._checkpoint(name, lambda: {"outputs": fit_outputs()})["outputs"]
+        center = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
+        search = motor_search(grey_box(center, terms, self._runs.recipe), self._runs)
+        losses = search.observation_losses(outputs - center)  # (m, N)
+
+        held_out = losses[:, self._is_test]
+        test_blocks = self._blocks[self._is_test]
+        by_block = []
+        for block in np.unique(test_blocks):
+            by_block.append(held_out[:, test_blocks == block].mean(axis=1))
+        return _EvaluatedFit(
+            terms=terms,
+            outputs=outputs,
+            train=losses[:, self._is_train].mean(axis=1),
+            held_out=held_out.mean(axis=1),
+            held_out_blocks=np.stack(by_block, axis=1),
         )
-        held_out = losses[:, self._test]
-        groups = self._parts[self._test]
-        parts = np.stack(
-            [held_out[:, groups == group].mean(axis=1) for group in np.unique(groups)], axis=1
-        )
-        return _State(terms, raw, losses[:, self._train].mean(axis=1), held_out.mean(axis=1), parts)
 
 
-def parts_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
-    """(N,) index of the part of each window: its segment or, for fewer segments, one of NUM_PARTS parts.
+def blocks_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
+    """(N,) index of the block of each window; odd blocks are held out.
 
-    Segments under different conditions (MIN_VARIATION) are sorted by these, so that neighbouring
-    parts have similar conditions.
+    A block is a segment or, for fewer than ``min_segments``, one of NUM_BLOCKS. Segments under
+    different operating conditions (MIN_VARIATION) are sorted by these, so that neighbouring blocks
+    have similar conditions.
     """
-    groups = runs.groups()
-    if len(same_conditions(runs)) < len(MIN_VARIATION):
-        conditions = np.array([segment.conditions.mean(axis=1) for segment in runs.segments])
-        groups = np.argsort(np.lexsort(conditions.round(2).T[::-1]))[groups]
-    if groups.max() + 1 >= min_segments:
-        return groups
-    parts = np.empty_like(groups)
-    count = len(groups)
-    parts[np.argsort(groups, kind="stable")] = np.arange(count) * min(NUM_PARTS, count) // count
-    return parts
+    segments = runs.segment_indices()
+    if len(terms_without_variation(runs)) < len(MIN_VARIATION):
+        means = [segment.operating_conditions.mean(axis=1) for segment in runs.segments]
+        order = np.lexsort(np.array(means).round(2).T[::-1])
+        segments = np.argsort(order)[segments]
+    if segments.max() + 1 >= min_segments:
+        return segments
+
+    windows = len(segments)
+    blocks = np.empty_like(segments)
+    in_order_of_segments = np.argsort(segments, kind="stable")
+    blocks[in_order_of_segments] = np.arange(windows) * min(NUM_BLOCKS, windows) // windows
+    return blocks

@@ -1,0 +1,98 @@
+"""Notes on fitted motors: selected terms, and constants that the logs do not identify."""
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import (
+    IDENTIFIED,
+    UNIDENTIFIED,
+    UNKNOWN_TORQUE_SCALE,
+    limit_text,
+)
+from motorprior.actuator.optional_terms import SIGNED
+from motorprior.exceptions import listed
+from motorprior.identification.physics import motor_problem
+from motorprior.identification.physics.term_selection import min_difference
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import Recipe
+from motorprior.progress import Note
+
+_MAX_NAMES = 6  # joints that a note lists
+
+
+def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
+    """Note on the optional terms of the recipe, and warnings of operating conditions it ignores.
+
+    ``tried`` says whether terms were tried.
+    """
+    names = []
+    for name in recipe.terms:
+        names.append(f"{name} (logged)" if name in recipe.logged_terms else name)
+    without_terms = "none" if tried else "none was tried"
+    notes = [Note("info", f"optional terms: {', '.join(names) or without_terms}")]
+    if recipe.tries_terms:
+        return notes
+
+    for name, low, nominal, high in recipe.operating_conditions:
+        if high - low >= min_difference(name, nominal):
+            text = (
+                f"{name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe "
+                "without optional terms ignores -> use preset rollout or long_runs"
+            )
+            notes.append(Note("warning", text))
+    return notes
+
+
+def notes_on_identifiability(
+    model: GreyBox,
+    z: np.ndarray,
+    runs: WindowRuns,
+    joint_names: tuple[str, ...],
+    metrics: dict[str, float],
+) -> list[Note]:
+    """Warnings of constants, limits and a scale of torques that the logs do not identify.
+
+    The same is added to ``metrics``. ``z`` (M, Z) are the latents of the motors, and ``runs`` their
+    logs.
+    """
+
+    def warning(is_hidden: np.ndarray, unidentified: str) -> Note:
+        """Warning that the logs of the motors in a mask (M,) do not identify something."""
+        joints = ""
+        if joint_names:
+            hidden_names = [joint_names[motor] for motor in np.flatnonzero(is_hidden)]
+            joints = f" ({listed(hidden_names, _MAX_NAMES)})"
+        count = is_hidden.sum()
+        logs = f"the logs of {count} of {len(is_hidden)} motors{joints}"
+        return Note("warning", f"{logs} do not identify {unidentified}")
+
+    constants = parameters_of(model.terms)
+    positive = [name for name in constants if name not in SIGNED]
+    identifiable = motor_problem.identifiable_constants(model, runs, z, positive)
+    for name in positive:
+        metrics[f"{IDENTIFIED}{name}"] = float(name in identifiable)
+
+    notes = []
+    is_free = ~motor_problem.fixed_constants(model.terms, runs)
+    at_bound = motor_problem.near_bounds(z, model.center) & is_free
+    for name, is_hidden in zip(constants, at_bound.T, strict=True):
+        if is_hidden.any():
+            text = f"{name}: it is at the bound of the search -> do not interpret it"
+            notes.append(warning(is_hidden, text))
+
+    for name, is_hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
+        value = float(model.constants(z)[name][is_hidden].max())
+        metrics[f"{UNIDENTIFIED}{name}"] = value
+        text = f"the fitted {limit_text(name, value)}; policies may over-rely on it"
+        notes.append(warning(is_hidden, text))
+
+    is_hidden = motor_problem.unknown_torque_scale(model, runs, z)
+    if is_hidden.any():
+        metrics[UNKNOWN_TORQUE_SCALE] = float(is_hidden.sum())
+        text = (
+            "the scale of torques; only ratios of kp, torque limit, armature and friction are "
+            "physical -> log kp in N·m/rad, or motions under larger loads"
+        )
+        notes.append(warning(is_hidden, text))
+    return notes

@@ -1,0 +1,160 @@
+"""Fit of grey boxes to the logs of their motors: select terms, fit all motors, refine constants.
+
+Optional terms are selected on some motors and some rows (`term_selection`), where a saving may be
+due to chance. All motors are therefore fitted without the selected terms, and with them from these
+fits; the terms are kept if they save MIN_SAVING of the loss of all motors. The constants are
+refined on longer runs.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import parameters_of
+from motorprior.actuator.motor_prior import IDENTIFIED
+from motorprior.actuator.optional_terms import TERMS
+from motorprior.exceptions import MotorPriorError
+from motorprior.identification.checkpoint import Arrays, Checkpoint
+from motorprior.identification.fit_notes import notes_on_identifiability, notes_on_terms
+from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
+from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
+from motorprior.identification.physics.motor_fit import MotorFits
+from motorprior.identification.physics.term_selection import Selection
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import Recipe
+from motorprior.identification.training_result import TrainingResult
+from motorprior.identification.windows import TrainingData, subsampled
+from motorprior.progress import ReportProgress
+
+WORK = 100  # progress units per stage of a grey-box fit, in Adam steps
+# rows per motor in all but the last descents, or more rows for SEARCH_WINDOWS windows
+SEARCH_ROWS = 10_000
+SEARCH_WINDOWS = 20
+MIN_SAVING = 0.03  # share of the loss of all motors that the selected terms must save
+_DIVERGED = 1e6  # loss
+
+
+def fit_grey_boxes(
+    data: TrainingData,
+    recipe: Recipe,
+    seed: int,
+    report: ReportProgress,
+    checkpoint: Checkpoint,
+    selectable_terms: tuple[str, ...],
+) -> tuple[TrainingResult, np.ndarray, np.ndarray]:
+    """The fitted motors, and the assumed and the minimum standard deviations (Z,) of their latents.
+
+    Arguments and errors as for `identify`.
+    """
+    runs = WindowRuns(data, recipe)
+    selection = _selected_terms(data, recipe, seed, report, checkpoint, selectable_terms)
+    fits = _fitted_motors(data, recipe, runs, selection.terms, seed, report, checkpoint)
+    recipe = replace(recipe, terms=fits.terms, num_latents=len(fits.center))
+    model = motor_problem.grey_box(fits.center, fits.terms, recipe)
+
+    report(0, "refining constants")
+    longer = refinement.longer_runs(data, recipe, runs)
+    z = fits.offsets
+    if longer is not runs:
+        z = refinement.refined(model, z, longer, recipe.grey_boxes == "together")
+    z = refinement.with_stiff_gears(model, z, longer)
+
+    metrics = {f"saved_{name}": share for name, share in selection.saved.items()}
+    tried = bool(selection.saved)
+    notes = notes_on_terms(recipe, tried)
+    notes += notes_on_identifiability(model, z, longer, data.joint_names, metrics)
+    losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
+    result = TrainingResult(model, z, np.zeros_like(z), recipe, losses, metrics, tuple(notes))
+
+    # a limit that the logs do not identify varies widely between motors
+    assumed = assumed_std(fits.terms, motor_problem.fixed_constants(fits.terms, runs))
+    is_hidden_limit = []
+    for name in parameters_of(fits.terms):
+        is_limit = name in motor_problem.LIMITS
+        is_hidden_limit.append(is_limit and not metrics[f"{IDENTIFIED}{name}"])
+    min_std = np.where((assumed > 0.0) & is_hidden_limit, UNIDENTIFIED_LIMIT_STD, 0.0)
+    return result, assumed, min_std
+
+
+def _selected_terms(
+    data: TrainingData,
+    recipe: Recipe,
+    seed: int,
+    report: ReportProgress,
+    checkpoint: Checkpoint,
+    selectable_terms: tuple[str, ...],
+) -> Selection:
+    """Optional terms, selected on some motors and rows of the logs."""
+    if not recipe.tries_terms:
+        report(WORK * len(TERMS), "no terms are tried")
+        return Selection(recipe.logged_terms, {})
+
+    min_rows = term_selection.MIN_WINDOWS * recipe.window
+    subset = subsampled(data, recipe, max(term_selection.MAX_ROWS, min_rows))
+    num_motors = len(subset.series)
+    count = min(term_selection.MAX_MOTORS, num_motors)
+    motors = np.unique(np.linspace(0, num_motors - 1, count).astype(int))
+
+    # reports of later rounds have no work: their number is unknown
+    remaining = [WORK] * len(TERMS)
+
+    def report_text(text: str) -> None:
+        report(remaining.pop() if remaining else 0, text)
+
+    runs = WindowRuns(subset, recipe, motors)
+    selection = term_selection.select_terms(runs, seed, report_text, checkpoint, selectable_terms)
+    report(sum(remaining), "terms selected")
+    return selection
+
+
+def _fitted_motors(
+    data: TrainingData,
+    recipe: Recipe,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    seed: int,
+    report: ReportProgress,
+    checkpoint: Checkpoint,
+) -> MotorFits:
+    """The fit of all motors, with the selected ``terms`` if they save enough.
+
+    Raises `MotorPriorError` if every simulation diverges.
+    """
+    rows = max(SEARCH_ROWS, SEARCH_WINDOWS * recipe.window)
+    subset_data = subsampled(data, recipe, rows)
+    subset = runs if subset_data is data else WindowRuns(subset_data, recipe)
+    together = recipe.grey_boxes == "together"
+
+    def fit(
+        name: str,
+        terms: tuple[str, ...],
+        report_stage: Callable[[], None],
+        nested: MotorFits | None,
+    ) -> MotorFits:
+        def arrays() -> Arrays:
+            fits = motor_fit.fit_motors(runs, terms, together, seed, report_stage, subset, nested)
+            return {"center": fits.center, "offsets": fits.offsets, "loss": fits.loss}
+
+        saved = checkpoint(name, arrays)
+        return MotorFits(saved["center"], saved["offsets"], saved["loss"], terms)
+
+    def report_constants() -> None:
+        report(WORK, "constants")
+
+    def report_terms() -> None:
+        report(0, f"with {', '.join(terms)}")
+
+    fits = fit("motors", recipe.logged_terms, report_constants, None)
+    if set(terms) - set(recipe.logged_terms):
+        with_terms = fit("motors_with_terms", terms, report_terms, fits)
+        if with_terms.loss.mean() <= (1.0 - MIN_SAVING) * fits.loss.mean():
+            fits = with_terms
+
+    if not fits.loss.max() < _DIVERGED:
+        joint = int(fits.loss.argmax())
+        raise MotorPriorError(
+            f"the simulation of joint {joint} of the log diverges with every motor",
+            remedy="check the log with `motorprior logs check`",
+        )
+    return fits

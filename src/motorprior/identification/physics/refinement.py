@@ -1,0 +1,202 @@
+"""Last steps of a fit of motors: longer free runs, and constants that the logs do not identify.
+
+Long free runs identify constants that short ones confuse, but a search on them ends in poor optima.
+The search therefore uses short runs, and `refined` takes the last steps on longer ones.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.optional_terms import NEGLIGIBLE
+from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
+from motorprior.identification.physics.motor_problem import (
+    OFF,
+    WEAK,
+    fixed_constants,
+    initial_center,
+    motor_search,
+    separate_prior,
+)
+from motorprior.identification.physics.population_fit import population_prior, posterior_variance
+from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.identification.presets import Recipe
+from motorprior.identification.search import (
+    FIXED,
+    NARROW,
+    WIDE,
+    Fit,
+    GaussianPrior,
+    Search,
+    Steps,
+)
+from motorprior.identification.windows import TrainingData
+
+MIN_LIMIT_SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
+# factors on constants of the initial motor that make its gear stiff. Short velocity filters are not
+# tried in this way: that costs two of five mrad in an unseen leg of a real quadruped
+STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
+# less than `near_bounds`, which marks constants that the search could not reach
+_WITHIN = 0.98 * LOG_REACH
+# `longer_runs`
+LONGER_WINDOW = 200  # [steps]
+MIN_LONGER_WINDOWS = 10
+MAX_LOST_ROWS = 0.2  # share of the rows
+# refinement: wide differences average over ripples, narrow ones find the minimum
+REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
+
+
+def without_unidentified_limits(
+    search: Search,
+    center: np.ndarray,
+    terms: tuple[str, ...],
+    runs: WindowRuns,
+    fit: Fit,
+    fixed: np.ndarray,
+) -> np.ndarray:
+    """(M, K) unknowns of the fit, with limits off where they save less than MIN_LIMIT_SAVING.
+
+    With limits that the logs do not identify, the motor could saturate in other motions. A limit
+    that is off is OFF times the largest request or speed. A profile without a limit of acceleration
+    has that of `NEGLIGIBLE`.
+    """
+    x = np.clip(fit.x, -LOG_REACH, LOG_REACH)
+    names = parameters_of(terms)
+
+    kp = names.index("kp")
+    requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request  # (M,) [N·m]
+    off_values = {"torque_limit": OFF * requested_torque.max()}
+    for name in SPEED_LIMITS:
+        off_values[name] = OFF * runs.max_speed
+    off_values["profile_acceleration"] = NEGLIGIBLE["profile_acceleration"]
+
+    for name, value in off_values.items():
+        if name in names and value:
+            column = names.index(name)
+            off = np.clip(np.log(value) - center[column], x[:, column], LOG_REACH)
+            x = _set_where_cheap(
+                search,
+                x,
+                fixed,
+                {column: off},
+                RIGID_STEPS[1:],
+                search.all_problems,
+                MIN_LIMIT_SAVING,
+            )
+    return x
+
+
+def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
+    """(M, K) latents with stiff gears without backlash, in classes that fit better with them.
+
+    Otherwise a compliance that the logs do not identify takes a part of the delay, which is then
+    too short. The motors of a class decide together: the mean of stiff and compliant gears is
+    neither.
+    """
+    terms = model.terms
+    initial = initial_center(terms, runs) - model.center
+    stiff = {}
+    for name, factor in STIFF_GEAR.items():
+        column = PARAMETERS.index(name)
+        stiff[column] = np.clip(initial[column] + np.log(factor), -_WITHIN, _WITHIN)
+    return _set_where_cheap(
+        motor_search(model, runs),
+        x,
+        fixed_constants(terms, runs),
+        stiff,
+        STEPS[1:],
+        runs.classes,
+        max_cost=0.0,
+    )
+
+
+def _set_where_cheap(
+    search: Search,
+    x: np.ndarray,
+    fixed: np.ndarray,
+    values: dict[int, Any],
+    steps: Steps,
+    groups: np.ndarray,
+    max_cost: float,
+) -> np.ndarray:
+    """(M, K) unknowns, in which some columns are set to given values where that costs little.
+
+    Where they are set, the other unknowns descend from x (M, K). Unknowns stay as they are if one
+    of the columns is fixed.
+
+    Args:
+        search: of the motors' problems.
+        x: unknowns of the fit.
+        fixed: (K,) mask of the constants that are not fitted.
+        values: column -> value, or values (M,).
+        steps: of the descent of the other unknowns.
+        groups: (M,) motors of one group decide together, by their mean cost.
+        max_cost: largest share of the loss that the values may cost.
+    """
+    if fixed[list(values)].any():
+        return x
+
+    start = x.copy()
+    frozen = fixed.copy()
+    for column, value in values.items():
+        start[:, column] = value
+        frozen[column] = True
+    precision = np.broadcast_to(np.where(frozen, FIXED, WEAK), x.shape)
+    prior = GaussianPrior(start, precision)
+    changed = search.descend(start, prior, steps)
+
+    growth = np.log(changed.loss / search.at(x, prior).loss)  # (M,)
+    max_growth = -np.log(1.0 - max_cost)
+    allowed = np.array([growth[groups == group].mean() <= max_growth for group in groups])
+    return np.where(allowed[:, None], changed.x, x)
+
+
+def longer_runs(data: TrainingData, recipe: Recipe, runs: WindowRuns) -> WindowRuns:
+    """Free runs of about LONGER_WINDOW steps.
+
+    Returns ``runs``, those of the recipe, if they are as long, or if longer windows lose more than
+    MAX_LOST_ROWS of the rows or are fewer than MIN_LONGER_WINDOWS.
+    """
+    # equal windows that fill the median segment
+    lengths = []
+    for segment in data.segments:
+        lengths.append(segment.stop - segment.start - 1 - recipe.history)
+    lengths = np.array(lengths)
+    length = int(np.median(lengths[lengths >= recipe.window]))
+    window = length // max(1, round(length / LONGER_WINDOW))
+    if window <= recipe.window:
+        return runs
+
+    longer = WindowRuns(data, replace(recipe, window=window))
+    rows = runs.windows * recipe.window
+    keeps_rows = longer.windows * window >= (1.0 - MAX_LOST_ROWS) * rows
+    return longer if keeps_rows and longer.windows >= MIN_LONGER_WINDOWS else runs
+
+
+def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
+    """(M, K) latents after Gauss-Newton steps from x (M, K) on ``runs``.
+
+    The runs are longer than those of the fit.
+
+    The prior is the Gaussian over the motors, estimated at x, if they are fitted ``together``;
+    otherwise `separate_prior` around x.
+    """
+    search = motor_search(model, runs)
+    terms = model.terms
+    fixed = fixed_constants(terms, runs)
+    initial = initial_center(terms, runs) - model.center
+
+    prior = separate_prior(search, x, x, initial).fixing(fixed)
+    if together and len(x) > 1:
+        fit = search.at(x, prior)
+        certain = population_prior(fit, runs.windows, 0.0, runs.classes).fixing(fixed)
+        variance = posterior_variance(search, fit, certain)
+        prior = population_prior(fit, runs.windows, variance, runs.classes).fixing(fixed)
+
+    # fixed constants stay at x, not at 0
+    prior = replace(prior, mean=np.where(fixed, x, prior.mean))
+    descended = search.descend(x, prior, REFINEMENT).x
+    return np.where(fixed, x, np.clip(descended, -LOG_REACH, LOG_REACH))

@@ -1,0 +1,32 @@
+"""Result of an identification."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motorprior.actuator.class_latents import ClassLatents
+from motorprior.actuator.motor_prior import Decoder
+from motorprior.identification.presets import Recipe
+from motorprior.progress import Note
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """A decoder with the posteriors of the training motors."""
+
+    # decoder of the prior
+    model: Decoder
+    # (M, Z) latents of the training motors
+    mean: np.ndarray
+    # (M, Z) logarithms of the variances of the latents
+    log_var: np.ndarray
+    # the recipe, with the terms that were selected
+    recipe: Recipe
+    # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
+    losses: np.ndarray
+    # ``saved_TERM``: share of the held-out loss that a term saved; ``unidentified_LIMIT``,
+    # ``unknown_torque_scale``: see `motor_prior`
+    metrics: dict[str, float]
+    notes: tuple[Note, ...]
+    # joint classes of the prior; None: one class
+    classes: ClassLatents | None = None
