@@ -81,23 +81,3 @@ def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
     run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
     return folder
-
-
-@pytest.fixture
-def small_search(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """`small_search("profile")` tries no other term, and few restarts: the whole search takes minutes."""
-    from motorprior.identification import load_fit
-    from motorprior.identification.baselines import response_fit
-    from motorprior.identification.physics import term_selection
-
-    def limit(*terms: str) -> None:
-        servo = tuple(name for name in terms if name in term_selection.SERVO)
-        limits = ((term_selection, "SELECTABLE_TERMS", terms), (term_selection, "SERVO", servo))
-        for module, name, value in (
-            *limits,
-            (response_fit, "RESTARTS", 4),
-            (load_fit, "MAX_ROUNDS", 1),
-        ):
-            monkeypatch.setattr(module, name, value)
-
-    return limit

@@ -17,7 +17,7 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of a prior of twelve motors."""
     root = tmp_path_factory.mktemp("fleet_validation")
     run_bench(Bench(root / "bench", motors=12, steps=2000))
-    run_identify(Identify(root / "bench", root / "prior", "pace"))
+    run_identify(Identify((root / "bench",), root / "prior", "pace"))
     return root / "prior" / "prior.safetensors"
 
 

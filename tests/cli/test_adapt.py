@@ -63,13 +63,10 @@ def test_a_posterior_is_written_once_and_walks(folder: Path, tmp_path: Path, mot
     assert motorprior("transfer", tmp_path / "walk", "--out", tmp_path / "transfer").code == 0
 
 
-def test_a_held_out_log_takes_the_place_of_the_truth(
-    folder: Path, tmp_path: Path, motorprior, small_search
-):
+def test_a_held_out_log_takes_the_place_of_the_truth(folder: Path, tmp_path: Path, motorprior):
     prior = folder / "prior" / "prior.safetensors"
     out = tmp_path / "log"
     held_out = folder / "held_out" / "log.parquet"
-    small_search("profile")
     done = motorprior("validate", prior, held_out, "--adam-steps", 20, "--out", out)
     assert done.code == 0 and "tuned_pd" in done.out and "whole log, mean" in done.out
     found = read_results(out)

@@ -6,7 +6,7 @@ import shlex
 import shutil
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import chdir, nullcontext
 from itertools import islice
 from pathlib import Path
@@ -71,7 +71,7 @@ def run(words: list[str]) -> None:
 
 
 @pytest.fixture
-def robots(shared_data: Path, tmp_path: Path, small_search: Callable[..., None]) -> Iterator[Path]:
+def robots(shared_data: Path, tmp_path: Path) -> Iterator[Path]:
     """A folder with two models and the examples' descriptions of them; commands run in it."""
     for name in ("go2", "so101"):
         for path in (
@@ -79,7 +79,6 @@ def robots(shared_data: Path, tmp_path: Path, small_search: Callable[..., None])
             *(ROOT / "examples" / "robots").glob(f"{name}*.toml"),
         ):
             shutil.copy(path, tmp_path)
-    small_search()
     with chdir(tmp_path):
         yield tmp_path
 

@@ -1,6 +1,5 @@
 """The quick report of real logs, on small synthetic ones, with and without loads."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,10 +60,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
     assert (out / "traces.png").stat().st_mtime_ns == before, "once"
 
 
-def test_logs_without_loads_get_responses(
-    logs: Path, tmp_path: Path, small_search: Callable[..., None]
-):
-    small_search()
+def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path):
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))

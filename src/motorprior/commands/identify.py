@@ -1,5 +1,6 @@
 """Fit a motor prior to the log of a bench, or to motor logs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,52 +23,65 @@ class Identify:
     """Learn a motor prior from motor logs."""
 
     logs: tuple[Path, ...]
-    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same or of different
-    motors."""
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same
+    or of different motors."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
-    """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for real servos),
-    quick (long_runs without a search for optional terms), rigid (quick with stiff gears, for legs
-    whose gears the logs do not identify), paper (torque regression), or one of the baselines
-    per_motor, latent_network, one_network, actuator_net, paper_wide."""
+    """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for
+    real servos), quick (long_runs without a search for optional terms), rigid (quick with stiff
+    gears, for legs whose gears the logs do not identify), paper (torque regression), or one of the
+    baselines per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
-    """Adam steps; the preset's own number if not given. Not for presets that train no network, such as long_runs."""
+    """Adam steps; the preset's own number if not given. Not for presets that train no network,
+    such as long_runs."""
     torque: bool = True
-    """Use the log's joint_torque; otherwise the prior learns from positions and velocities alone."""
+    """Use joint_torque of the logs; otherwise the prior learns from positions and velocities."""
 
 
 def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
-    """Train, unless the folder already contains this prior, and return it; errors as `fit_recipe`, `training_log`."""
+    """Train a prior, unless the folder already contains it, and return it.
+
+    Raises as `fit_recipe` and `training_log`.
+    """
     require_seed(config.seed)
     recipe = identification_preset(config.preset, config.steps)
     log, provenance = training_log(config.logs)
-    log = log if config.torque else replace(log, joint_torque=None)
+    if not config.torque:
+        log = replace(log, joint_torque=None)
     return fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
 
 
-def training_log(given: Path | tuple[Path, ...]) -> tuple[MotorLog, dict[str, Any]]:
-    """The log of a bench's folder, or all logs as one, named by its file; and its provenance."""
-    paths = [given] if isinstance(given, Path) else list(given)
+def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:
+    """The log of a bench's folder, or all logs as one, and its provenance.
+
+    The source of the log is its first file.
+
+    Raises:
+        ConfigError: no log.
+        LogError: the log of a bench without its folder, or logs that do not fit together.
+    """
     if not paths:
         raise ConfigError(
             "no log given", remedy="give the folder of `motorprior bench`, or motor logs"
         )
-    folder = (
-        paths[0].parent
-        if paths[0].name == LOG and (paths[0].parent / BENCH_JSON).is_file()
-        else paths[0]
-    )
+
+    # a bench's folder, or the log in it
+    first = paths[0]
+    is_log_of_bench = first.name == LOG and (first.parent / BENCH_JSON).is_file()
+    folder = first.parent if is_log_of_bench else first
     if len(paths) == 1 and folder.is_dir():
         log, settings = read_bench(folder)
         return log, provenance_of([log], bench=settings.as_json())
+
     logs = [read_parquet(path) for path in paths]
     log = joined(logs)
     if log.robot == BENCH:
-        remedy = "give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`"
         raise LogError(
-            f"the log of a bench without its {BENCH_JSON}", where=paths[0], remedy=remedy
+            f"the log of a bench without its {BENCH_JSON}",
+            where=first,
+            remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
         )
-    return replace(log, source=str(paths[0])), provenance_of(logs, log=log.source)
+    return replace(log, source=str(first)), provenance_of(logs, log=log.source)

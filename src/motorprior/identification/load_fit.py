@@ -101,7 +101,7 @@ class FittedLoad:
 
 
 class _LoadProblem(MotorProblem):
-    """Free runs of one joint; the last unknowns are those of its load.
+    """Free runs of one joint; the last unknowns belong to its load.
 
     Attributes:
         start: (3,) J₀ [kg·m²], s₀ and c₀ [N·m].

@@ -142,7 +142,7 @@ class Fit:
         return Fit(self.x[problems], self.energy[problems], self.loss[problems])
 
     def replaced(self, problems: np.ndarray, replacement: "Fit") -> "Fit":
-        """This fit with that of the ``problems`` (m,) replaced by ``replacement`` of m problems."""
+        """This fit, with ``replacement``, a fit of m problems, in place of ``problems`` (m,)."""
         x = self.x.copy()
         energy = self.energy.copy()
         loss = self.loss.copy()
@@ -229,8 +229,8 @@ class Search:
     ) -> np.ndarray:
         """(m, K) candidate with the lowest energy of each of the ``problems`` (m,), or of all.
 
-        ``candidates`` (m, C, K) below the lower bounds are raised to these; ``prior`` is that of
-        all M problems.
+        ``candidates`` (m, C, K) below the lower bounds are raised to these; ``prior`` covers all M
+        problems.
         """
         problems = self.all_problems if problems is None else problems
         if self._lower is not None:
@@ -249,7 +249,7 @@ class Search:
         """Damped Gauss-Newton steps from ``start`` (m, K) for ``problems`` (m,), or for all.
 
         The descent of a problem ends after a step that lowers its energy by less than
-        _MIN_DECREASE. ``prior`` is that of all M problems.
+        _MIN_DECREASE. ``prior`` covers all M problems.
         """
         problems = self.all_problems if problems is None else problems
         prior = prior.subset(problems)
@@ -410,9 +410,9 @@ class Search:
 
         batch = max(1, _LANES // points)
         for first in range(0, len(problems), batch):
-            some = slice(first, first + batch)
-            lanes = (x[some][:, None] + shifts).reshape(-1, size)
-            residuals = self._residuals(lanes, np.repeat(problems[some], points))
+            rows = slice(first, first + batch)
+            lanes = (x[rows][:, None] + shifts).reshape(-1, size)
+            residuals = self._residuals(lanes, np.repeat(problems[rows], points))
             residuals = residuals.reshape(-1, points, residuals.shape[1])
 
             factor = self.problem.weight / residuals.shape[2]
@@ -427,7 +427,7 @@ def _gauss_newton_sums(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sums over the residuals of one problem: gradient (F,) and matrix (F, F) of F free unknowns.
 
-    ``residuals`` (1 + 2·F, R) are those of the middle, and of each unknown above and below it.
+    ``residuals`` (1 + 2·F, R) are in rows: the middle, each unknown above it, each unknown below.
     Residuals that diverge at any of these points do not count.
     """
     count = (len(residuals) - 1) // 2

@@ -18,8 +18,8 @@ class TrainingData:
     """Logs of M motors with R rows each."""
 
     # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a
-    # semi-implicit step, velocities are those of half a period earlier and torques are averages
-    # centred on the sample
+    # semi-implicit step, velocities are half a period older than the sample, and torques are
+    # averages centred on it
     series: np.ndarray
     # (S,) first rows of the windows that lie inside one segment
     starts: np.ndarray
@@ -185,7 +185,9 @@ def relative_operating_conditions(segment: MotorLog, nominal: Mapping[str, float
     """
     supply = np.ones(segment.num_joints)
     temperature_rise = np.zeros(segment.num_joints)
-    logged = {name: means for name, means in segment.operating_conditions.items() if name in nominal}
+    logged = {
+        name: means for name, means in segment.operating_conditions.items() if name in nominal
+    }
     if "supply_voltage" in logged:
         supply = logged["supply_voltage"] / nominal["supply_voltage"]
     if "motor_temperature" in logged:

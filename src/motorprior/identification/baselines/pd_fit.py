@@ -93,7 +93,7 @@ class _PdProblem:
                 values[name] = TYPICAL["delay"] * np.abs(column)
             else:
                 values[name] = TYPICAL[name] * np.exp(column)
-        # the unknown of kd is that of kd/kp
+        # its unknown is the logarithm of kd/kp
         if "kd" in self._free:
             values["kd"] = values["kd"] * values["kp"] / TYPICAL["kp"]
         return values

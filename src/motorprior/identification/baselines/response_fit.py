@@ -8,9 +8,9 @@
 
 They need neither torque nor inertia, and hold for these gains and this load only. u [rad] is the
 command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ
-[N·m] is the log's external torque at the simulated angle; ``compliance`` [rad/(N·m)] is that of a
-proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of the joint's own
-angle replace it.
+[N·m] is the log's external torque at the simulated angle; ``compliance`` [rad/(N·m)] is the
+compliance of a proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of the
+joint's own angle replace it.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive
 constants within BOUNDS, and others in UNITS around their neutral values. Every model starts at the
@@ -57,7 +57,7 @@ RESPONSE_CONSTANTS = {
     "sine": 0.0,
     "cosine": 0.0,
 }
-# constants of each model; servo_limits also has those of one of GRAVITY_TERMS
+# constants of each model; servo_limits also has one of GRAVITY_TERMS
 MODELS = {
     "pure_delay": ("delay",),
     "second_order": ("delay", "rate", "damping", "offset"),
@@ -100,9 +100,9 @@ _OFFSET = list(RESPONSE_CONSTANTS).index("offset")
 def _respond(rows, first, constants, dt, out):
     """Fill out (runs, steps) with simulated minus recorded angles [rad] at the end of every step.
 
-    ``rows`` are those of one joint, (channels of `windows`, R); the first run begins at row
-    ``first``. Constants are in the order of RESPONSE_CONSTANTS, dt is in [s]. The logged velocity
-    at the start is that of half a period before.
+    ``rows`` (channels of `windows`, R) belong to one joint; the first run begins at row ``first``.
+    Constants are in the order of RESPONSE_CONSTANTS, dt is in [s]. The logged velocity at the start
+    is half a period old.
     """
     target = rows[TARGET]
     external = rows[EXTERNAL]

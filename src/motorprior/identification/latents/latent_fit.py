@@ -6,8 +6,8 @@ loss is the prior's training objective, averaged over N windows that do not over
 Gauss-Newton matrix. The temperature T is the mean loss of the training motors, so that a window
 that is fitted as well as theirs counts as one observation (a generalised posterior with a Laplace
 approximation). In the covariance, a motor that is fitted worse has its own loss for T: missing
-physics makes its windows agree less. Mean m and standard deviation d of the prior are those of
-`MotorPrior.predicted`.
+physics makes its windows agree less. `MotorPrior.predicted` gives mean m and standard deviation d
+of the prior.
 """
 
 from dataclasses import dataclass, field
@@ -44,7 +44,7 @@ class LatentPosterior:
 
 
 def latent_search(model: Decoder, data: TrainingData, recipe: Recipe) -> Search:
-    """Search for the latents of the motors in ``data``, whose scales must be those of the model."""
+    """Search for the latents of the motors in ``data``, which must have the scales of the model."""
     if isinstance(model, GreyBox):
         return Search(MotorProblem(model, WindowRuns(data, recipe)))
     from motorprior.identification.networks.objectives import NetworkProblem
@@ -65,7 +65,7 @@ def fit_posterior(
     Args:
         model: decoder of the prior.
         data: logs of M motors, with the scales of the model.
-        recipe: that of the prior.
+        recipe: recipe of the prior.
         temperature: T, the mean window loss of the prior's training motors
             (`reference.reference_metrics`).
         start: (M, Z) initial latents; a random search finds them if they are not given.
@@ -82,8 +82,8 @@ def fit_posterior(
         fit = search.descend(start, gaussian, STEPS)
     likelihood = _precision(search, fit.x, temperature)  # (M, Z, Z)
 
-    # latents that the log does not identify are those of the prior: damped steps end before they
-    # reach its mean
+    # latents that the log does not identify get the mean of the prior: damped steps end before
+    # they reach it
     information = np.diagonal(likelihood, axis1=1, axis2=2) * std**2
     is_hidden = information < _NOT_IDENTIFIABLE
     fit = fit.better(search.at(np.where(is_hidden, mean, fit.x), gaussian))

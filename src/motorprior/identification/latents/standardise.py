@@ -30,7 +30,7 @@ with the variance u between classes:
     u = max(0, Σ_c (z̄_c - z̄)²/(C - 1) - w/n),   m_c = z̄ + u/(u + w/n)·(z̄_c - z̄)
 
 u uses the classes that identify the constant, with n of at least MIN_UNITS. Other classes keep
-their own mean: a constant without effect, such as a very small friction, must not become that of
+their own mean: a constant without effect, such as a very small friction, must not be drawn towards
 other classes.
 
 The covariance w keeps directions in which logs do not separate constants, such as delay and
@@ -85,7 +85,7 @@ ASSUMED_STD = {
     "integral_limit": 0.05,
     **dict.fromkeys(FIRMWARE, 0.0),
 }
-OTHER_STD = 0.25  # s of the logarithm of other constants: that of Coulomb friction
+OTHER_STD = 0.25  # s of the logarithm of other constants, as for Coulomb friction of one quadruped
 # Minimum standard deviation of the logarithm of a limit that no log identifies. It is off, at four
 # times what the logs reach (`motor_problem.OFF`): 97.6 % of samples are above what they reach, with
 # several classes 92 %, as their means are uncertain.
@@ -214,7 +214,7 @@ def standardised(
         model: a decoder without a copula.
         mean: (M, Z) latents of the motors.
         assumed: (Z,) assumed standard deviations, used for few motors; 0 if not given.
-        classes: those of the motors; one class if not given.
+        classes: class of each motor; one class if not given.
         variance: (M, Z) of the errors of ``mean``, used for several classes.
         min_std: (Z,) minimum standard deviations; 0 if not given.
 

@@ -47,8 +47,8 @@ def _pushed(newest: jnp.ndarray, history: jnp.ndarray) -> jnp.ndarray:
 def _rollout_residuals(recipe: Recipe, scales: dict[str, float], has_torque: bool) -> Residuals:
     """Simulated minus recorded positions, velocities and, if measured, torques, over SCALES.
 
-    They are those of the free rows: positions and velocities of all rows but the first, and the
-    torques that lead to them.
+    Positions and velocities are compared in all free rows but the first, and the torques that lead
+    to these rows.
     """
     taps = np.asarray(recipe.taps)
     dt = recipe.period

@@ -30,5 +30,5 @@ def add_other_motors(rng: np.random.Generator, candidates: np.ndarray, x: np.nda
     motors = len(x)
     quarter = candidates.shape[1] // 4
     for motor in range(motors):
-        others = rng.permutation(np.delete(np.arange(motors), motor))[:quarter]
-        candidates[motor, : len(others)] = x[others]
+        shuffled = rng.permutation(np.delete(np.arange(motors), motor))[:quarter]
+        candidates[motor, : len(shuffled)] = x[shuffled]

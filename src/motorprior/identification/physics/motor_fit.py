@@ -244,7 +244,7 @@ class _Candidates:
         return np.where(sampled, self.initial + 0.7 * noise, best.x[:, None])
 
     def draw_near(self, leaders: np.ndarray, restart: int, best: Fit) -> np.ndarray:
-        """Candidates near the ``leaders`` (n, K) in every second restart, else those of `draw`."""
+        """Candidates near the ``leaders`` (n, K) in every second restart, otherwise as `draw`."""
         candidates = self.draw(restart, best)
         leader = leaders[self.rng.integers(len(leaders), size=self.shape[:2])]
         noise = 0.3 * self.rng.standard_normal(self.shape)

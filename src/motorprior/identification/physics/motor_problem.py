@@ -78,7 +78,7 @@ TORQUES = (
 )
 # logarithms of the factors on torques, and on kp alone, that are tried on the logs
 _LOG_FACTORS = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
-# standard deviation of the logarithm of kp in a class; that of motors of one make is 0.1
+# maximum standard deviation of the logarithm of kp in a class; motors of one make have 0.1
 MAX_KP_STD = 0.7
 LIMITS = ("torque_limit", *SPEED_LIMITS, "profile_acceleration")
 # a constant is identifiable if half and double of it both raise the loss by more than this factor
@@ -146,7 +146,7 @@ def rigid_motor(
     """The simplest motor that is nested in motors with these ``terms``.
 
     Limits and optional terms have no effect, and the gear is rigid with Coulomb and viscous
-    friction; other constants are those of ``center`` (K,).
+    friction; other constants are as in ``center`` (K,).
 
     Returns:
         Its decoder outputs (K,), and a mask (K,) of the constants that it lacks.
@@ -218,9 +218,9 @@ def separate_prior(
 ) -> GaussianPrior:
     """Prior of single motors: WEAK about ``mean``, but informative for the velocity filter.
 
-    The filter's mean is that of ``initial`` (K,), and its precision that of FILTER_STD at the loss
-    of motors ``x`` (M, K). A filter of 0.1 s would replay some logs of slow motion slightly better,
-    and no others.
+    The filter's mean is its value in ``initial`` (K,). Its standard deviation is FILTER_STD, at the
+    loss of motors with the unknowns x (M, K). A filter of 0.1 s would replay some logs of slow
+    motion slightly better, and no others.
     """
     is_filter = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
     precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
@@ -230,8 +230,8 @@ def separate_prior(
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
     """(P,) decoder outputs of the initial motor, adapted to the logs ``runs`` if they are given.
 
-    Limits of speed, logged gains and firmware are then those of the logs. Where gains are logged in
-    N·m/rad, every torque of the initial motor is that of a motor with such gains.
+    The logs then give its limits of speed, gains and firmware. Where gains are logged in N·m/rad,
+    every torque of the initial motor is scaled to a motor with such gains.
     """
     if runs is None:
         return encoded(INITIAL_MOTOR, terms)
@@ -254,7 +254,7 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
 
 
 def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[str, float]:
-    """Constants, as multiples of logged gains, that replace those of the initial motor.
+    """Constants relative to the logged gains, which replace constants of the initial motor.
 
     Gains in N·m/rad also give the size of the motor, and so its torques.
     """
@@ -306,7 +306,7 @@ def grey_box(center: np.ndarray, terms: tuple[str, ...], recipe: Recipe) -> Grey
 def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
     """(M, K) mask of the constants at a bound of the search.
 
-    They are logarithms x (M, K) relative to those of the central motor (K,).
+    The unknowns x (M, K) are logarithms of constants, relative to the central motor (K,).
     """
     near = np.abs(x) > 0.99 * LOG_REACH
     delay = PARAMETERS.index("delay")
@@ -366,7 +366,7 @@ def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.
 def _loss_ratios(
     model: GreyBox, runs: WindowRuns, z: np.ndarray, groups: Iterable[tuple[str, ...]]
 ) -> dict[tuple[str, ...], np.ndarray]:
-    """(2, M) losses with half and with double of each group of constants, over those of the fit."""
+    """(2, M) losses with half and with double of each group of constants, over the fit's losses."""
     fitted = motor_search(model, runs).losses(z)
     ratios = {}
     for names in groups:

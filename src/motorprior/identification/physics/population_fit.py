@@ -1,8 +1,9 @@
 """Fit of motors together, with a Gaussian over the motors as their prior.
 
 A log may not distinguish between optima, such as dry and viscous friction at a constant speed. A
-motor without others of its class, whose constants are improbable given those of the other motors,
-is therefore searched again, with their Gaussian as its prior (`searched_near_others`).
+motor without others of its class, whose constants are improbable given the other motors, is
+therefore searched again, with the Gaussian of the other motors as its prior
+(`searched_near_others`).
 
 Then empirical Bayes from these fits (random effects, DerSimonian and Laird, 1986). Each turn
 updates
@@ -69,9 +70,9 @@ def searched_near_others(
     num_free = np.count_nonzero(~fixed)
 
     # (M, M - 1, K) constants of the other motors, and their Gaussian, (M, K)
-    others = np.stack([np.delete(fit.x, motor, axis=0) for motor in range(len(fit.x))])
-    mean = np.median(others, axis=1)
-    deviation = np.median(np.abs(others - mean[:, None]), axis=1)
+    other_motors = np.stack([np.delete(fit.x, motor, axis=0) for motor in range(len(fit.x))])
+    mean = np.median(other_motors, axis=1)
+    deviation = np.median(np.abs(other_motors - mean[:, None]), axis=1)
     std = np.maximum(ASSUMED_BETWEEN, 1.48 * deviation)
     prior = GaussianPrior(mean, fit.loss[:, None] / windows / std**2).fixing(fixed)
 

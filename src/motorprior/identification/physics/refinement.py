@@ -60,8 +60,8 @@ def without_unidentified_limits(
     """(M, K) unknowns of the fit, with limits off where they save less than MIN_LIMIT_SAVING.
 
     With limits that the logs do not identify, the motor could saturate in other motions. A limit
-    that is off is OFF times the largest request or speed. A profile without a limit of acceleration
-    has that of `NEGLIGIBLE`.
+    that is off is OFF times the largest request or speed; a limit of acceleration that is off has
+    its value in `NEGLIGIBLE`.
     """
     x = np.clip(fit.x, -LOG_REACH, LOG_REACH)
     names = parameters_of(terms)
@@ -157,8 +157,8 @@ def _set_where_cheap(
 def longer_runs(data: TrainingData, recipe: Recipe, runs: WindowRuns) -> WindowRuns:
     """Free runs of about LONGER_WINDOW steps.
 
-    Returns ``runs``, those of the recipe, if they are as long, or if longer windows lose more than
-    MAX_LOST_ROWS of the rows or are fewer than MIN_LONGER_WINDOWS.
+    Returns ``runs``, with the windows of the recipe, if they are as long, or if longer windows lose
+    more than MAX_LOST_ROWS of the rows or are fewer than MIN_LONGER_WINDOWS.
     """
     # equal windows that fill the median segment
     lengths = []
@@ -179,7 +179,7 @@ def longer_runs(data: TrainingData, recipe: Recipe, runs: WindowRuns) -> WindowR
 def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from x (M, K) on ``runs``.
 
-    The runs are longer than those of the fit.
+    The runs are longer than the runs of the search.
 
     The prior is the Gaussian over the motors, estimated at x, if they are fitted ``together``;
     otherwise `separate_prior` around x.

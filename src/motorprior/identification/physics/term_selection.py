@@ -181,8 +181,8 @@ def _finalists(
 ) -> dict[Group, _EvaluatedFit]:
     """Thorough fits of the groups that lower the training loss most.
 
-    They are those of the ``screened`` fits of the best motor, and of the ``simplest`` motors, with
-    each group.
+    Two groups are chosen by the ``screened`` fits of the best motor with each group, and one by the
+    ``simplest`` motors with each group.
     """
 
     def median_loss(fit: _EvaluatedFit) -> np.floating:
@@ -204,7 +204,7 @@ def _finalists(
 def min_difference(name: str, nominal: float) -> float:
     """Minimum difference between segments of an operating condition, [V] or [°C].
 
-    It is that of MIN_VARIATION; ``name`` is the channel, and ``nominal`` its nominal value.
+    MIN_VARIATION in these units; ``name`` is the channel, and ``nominal`` its nominal value.
     """
     variation = MIN_VARIATION[TERM_OF[name]]
     return variation * nominal if name == "supply_voltage" else variation

@@ -7,7 +7,7 @@ An observer, a second simulation of every motor, follows the recorded joint thro
 segment. Every free run starts from the observer's hidden state (rotor, backlash, delayed commands)
 and the recorded joint.
 
-Position errors are those of the raw readings: smoothed angles begin to move before the motor, so
+Positions are compared with the raw readings: smoothed angles begin to move before the motor, so
 delays fitted to them are too short. If the readings are noisy, velocity errors are differences of
 position errors.
 
@@ -203,7 +203,7 @@ class WindowRuns:
 
     Attributes:
         recipe: with window and warm-up of the free runs.
-        segments: those of the logs that have at least one window.
+        segments: segments of the logs that have at least one window.
         num_motors: M.
         at_rotor: whether the log's encoders are on the rotors.
         channels: errors per sample: of position, velocity and, if measured, torque.
@@ -340,7 +340,7 @@ class WindowRuns:
 
         at_rotor = self.at_rotor and isinstance(motors, GreyBoxActuator)
         if self.at_rotor and isinstance(motors, GreyBoxActuator):
-            # constants that the encoder hides are those of the central motor
+            # the encoder hides these constants: backlash of the central motor, no encoder zero
             mean = np.zeros((1, motors.z.shape[1]))
             central = motors.model.motors(mean, gains=segment.gains[:, :1]).arrays(recipe.period)
             for arrays in (observer, free):
