@@ -43,10 +43,10 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.copula import LEVELS, SCORES, Copula, normal_scores
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.latents.latent_fit import laplace_variance
 from motorprior.identification.physics.population_fit import ASSUMED_BETWEEN
@@ -137,6 +137,35 @@ class ClassMoments:
     unseen_covariance: np.ndarray  # (P, P) of a unit of another class around the mean of all
 
 
+def _pooled_covariance(
+    z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance w (P, P) between the units of a class, pooled over C classes.
+
+    Returns w, the raw means of the classes (C, P), and the sums of the weights of their motors
+    (C, P). Arguments as for `class_moments`.
+    """
+    members = np.arange(int(row.max()) + 1)[:, None] == row  # (C, M)
+    prior_covariance = np.diag(assumed**2)
+    covariance = prior_covariance
+    count = np.zeros(())
+    raw_means = np.zeros(())
+
+    # the diagonal of w weights the motors, so w is iterated
+    unit_variance = assumed**2
+    for _ in range(_ROUNDS):
+        weight = unit_variance / np.maximum(unit_variance + variance, 1e-30) + 1e-6
+        weight = np.broadcast_to(weight, z.shape)
+        count = members @ weight
+        raw_means = members @ (weight * z) / count
+        residual = np.sqrt(weight) * (z - raw_means[row])
+        freedom = PRIOR_MOTORS + np.maximum(count.sum(axis=0) - len(members), 0.0)
+        covariance = PRIOR_MOTORS * prior_covariance + residual.T @ residual
+        covariance /= np.sqrt(np.outer(freedom, freedom))
+        unit_variance = np.diag(covariance)
+    return covariance, raw_means, count
+
+
 def class_moments(
     z: np.ndarray, row: np.ndarray, assumed: np.ndarray, variance: np.ndarray | float
 ) -> ClassMoments:
@@ -150,28 +179,11 @@ def class_moments(
         assumed: (P,) s.
         variance: (M, P) of the errors of z.
     """
-    members = np.arange(int(row.max()) + 1)[:, None] == row  # (C, M)
-    num_classes = len(members)
-    prior_covariance = np.diag(assumed**2)
-
-    # pooled covariance w; its diagonal weights the motors, so it is iterated
-    covariance = prior_covariance
-    unit_variance = assumed**2  # diagonal of w
-    count = np.zeros(())  # (C, P) sums of the weights
-    raw_means = np.zeros(())  # (C, P)
-    for _ in range(_ROUNDS):
-        weight = unit_variance / np.maximum(unit_variance + variance, 1e-30) + 1e-6
-        weight = np.broadcast_to(weight, z.shape)
-        count = members @ weight
-        raw_means = members @ (weight * z) / count
-        residual = np.sqrt(weight) * (z - raw_means[row])
-        freedom = PRIOR_MOTORS + np.maximum(count.sum(axis=0) - num_classes, 0.0)
-        covariance = PRIOR_MOTORS * prior_covariance + residual.T @ residual
-        covariance /= np.sqrt(np.outer(freedom, freedom))
-        unit_variance = np.diag(covariance)
+    covariance, raw_means, count = _pooled_covariance(z, row, assumed, variance)
+    num_classes = len(raw_means)
 
     # mean of the classes that identify a constant, or of all classes if none does
-    mean_variance = unit_variance / count  # (C, P) of the means of the classes
+    mean_variance = np.diag(covariance) / count  # (C, P) of the means of the classes
     identified = count > MIN_UNITS
     num_identified = identified.sum(axis=0)
     divisor = np.maximum(num_identified, 1)

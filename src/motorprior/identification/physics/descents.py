@@ -16,7 +16,7 @@ FINEST = 0.01
 
 
 def reachable(candidates: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """(M, C, K) candidates within the reach of a decoder, with 0 for ``fixed`` (K,) unknowns."""
+    """(M, ..., K) candidates within the reach of a decoder, with 0 for ``fixed`` (K,) unknowns."""
     return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
 
 

@@ -102,39 +102,19 @@ def fit_motors(
     """
     subset = subset or runs
     rng = np.random.default_rng([seed, _STREAM])
-    fixed = fixed_constants(terms, runs)
     nested = nested or fit_rigid_motors(subset, terms, seed)
-
-    # decoder outputs (K,) of the initial motor and of its rigid version, and which constants the
-    # nested motors lack
     initial = scaled_center(subset, terms)
-    rigid, lacks = rigid_motor(initial, terms, runs)
-    names = parameters_of(terms)
-    is_new = np.isin(names, constants_of(set(terms) - set(nested.terms)))
-    missing = lacks & (is_new | (nested.is_rigid & np.isin(names, PARAMETERS)))
-
-    # the central motor reaches rigid and initial values of missing constants, and all nested motors
-    start = with_more_terms(nested.outputs, nested.terms, terms, runs)  # (M, K)
-    center = np.where(missing, 0.5 * (rigid + initial), initial)
+    center, candidates = _starting_point(rng, runs, terms, nested, initial)
+    fixed = candidates.fixed
     report()
-    middle = 0.5 * (start.min(axis=0) + start.max(axis=0))
-    center = np.where(missing | fixed, center, middle)
 
-    candidates = _Candidates(
-        rng=rng,
-        nested=np.clip(np.where(fixed, 0.0, start - center), -LOG_REACH, LOG_REACH),
-        initial=initial - center,
-        rigid=rigid - center,
-        missing=missing,
-        fixed=fixed,
-    )
     search = centred_search(center, terms, subset)
     fit = _fit_separately(search, candidates, restarts, report)
 
     # from here on with all rows
     if subset is not runs:
         search = centred_search(center, terms, runs)
-        prior = separate_prior(search, fit.x, fit.x, initial - center)
+        prior = separate_prior(search, fit.x, fit.x, candidates.initial)
         fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > MIN_OTHERS:
         fit = searched_near_others(search, rng, fit, fixed, runs.classes, restarts // 4)
@@ -250,6 +230,40 @@ class _Candidates:
         noise = 0.3 * self.rng.standard_normal(self.shape)
         near = leader + noise * (self.rng.random(self.shape) < 0.5)
         return np.where(self.fixed, 0.0, near) if restart % 2 == 0 else candidates
+
+
+def _starting_point(
+    rng: np.random.Generator,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    nested: MotorFits,
+    initial: np.ndarray,
+) -> tuple[np.ndarray, _Candidates]:
+    """Central motor (K,) of a search, and the candidates of its restarts.
+
+    ``initial`` (K,) are decoder outputs of the initial motor; other arguments as for `fit_motors`.
+    """
+    # constants that the nested motors lack: those of new terms, and of the gear if it is rigid
+    fixed = fixed_constants(terms, runs)
+    rigid, lacks = rigid_motor(initial, terms, runs)
+    names = parameters_of(terms)
+    is_new = np.isin(names, constants_of(set(terms) - set(nested.terms)))
+    missing = lacks & (is_new | (nested.is_rigid & np.isin(names, PARAMETERS)))
+
+    # the central motor reaches rigid and initial values of missing constants, and all nested motors
+    start = with_more_terms(nested.outputs, nested.terms, terms, runs)  # (M, K)
+    middle = 0.5 * (start.min(axis=0) + start.max(axis=0))
+    center = np.where(missing, 0.5 * (rigid + initial), initial)
+    center = np.where(missing | fixed, center, middle)
+    candidates = _Candidates(
+        rng=rng,
+        nested=reachable(start - center, fixed),
+        initial=initial - center,
+        rigid=rigid - center,
+        missing=missing,
+        fixed=fixed,
+    )
+    return center, candidates
 
 
 def _fit_separately(

@@ -123,10 +123,26 @@ def select_terms(
     unavailable = {*logged, *runs.recipe.disabled_terms, *terms_without_variation(runs)}
     candidates = [name for name in selectable if name not in unavailable]
     fits = _TermFits(runs, blocks, seed, checkpoint)
+    saved: dict[str, float] = {}
+    best = _with_useful_terms(fits, logged, candidates, saved, report)
+    best = _without_useless_terms(fits, best, logged, saved, report)
+    return Selection(best.terms, saved)
+
+
+def _with_useful_terms(
+    fits: "_TermFits",
+    logged: tuple[str, ...],
+    candidates: Sequence[str],
+    saved: dict[str, float],
+    report: Callable[[str], None],
+) -> _EvaluatedFit:
+    """The best fit after rounds that add terms among ``candidates`` to the ``logged`` terms.
+
+    The share of the held-out loss that a term saves is added to ``saved``.
+    """
     rigid = fits.rigid(logged)
     best = fits.with_all_constants(rigid)
-    saved = {}
-    for round_number in range(len(selectable)):
+    for round_number in range(1 + len(candidates)):
         groups = _groups(candidates, best.terms)
         screened = {group: fits.with_terms(best, group) for group in groups}
         if round_number == 0:
@@ -151,8 +167,17 @@ def select_terms(
         best = passed[winner]
         rigid = simplest[winner]
         report(f"selected {', '.join(best.terms)}")
+    return best
 
-    # a term may be of no use beside terms that were selected later
+
+def _without_useless_terms(
+    fits: "_TermFits",
+    best: _EvaluatedFit,
+    logged: tuple[str, ...],
+    saved: dict[str, float],
+    report: Callable[[str], None],
+) -> _EvaluatedFit:
+    """The best fit without terms that are of no use beside terms that were selected later."""
     for name in best.terms:
         if name in logged:
             continue
@@ -161,7 +186,7 @@ def select_terms(
         if not _saves_enough(without, best, _REMOVAL_LEVEL):
             best = without
         report(f"{name}: saves {100 * saved[name]:.0f} %")
-    return Selection(best.terms, saved)
+    return best
 
 
 def _groups(candidates: Sequence[str], selected: tuple[str, ...]) -> list[Group]:
@@ -384,7 +409,7 @@ def blocks_of(runs: WindowRuns, min_segments: int = MIN_SEGMENTS) -> np.ndarray:
 
     A block is a segment or, for fewer than ``min_segments``, one of NUM_BLOCKS. Segments under
     different operating conditions (MIN_VARIATION) are sorted by these, so that neighbouring blocks
-    have similar conditions.
+    have similar operating conditions.
     """
     segments = runs.segment_indices()
     if len(terms_without_variation(runs)) < len(MIN_VARIATION):
