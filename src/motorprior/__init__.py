@@ -77,6 +77,7 @@ _MODULES = {
     "check_log": "motorprior.logs.doctor.checks",
     "load_log": "motorprior.logs.load_log",
     "MotorLog": "motorprior.logs.motor_log",
+    "LogSettings": "motorprior.logs.prepare_log",
     "read_log": "motorprior.logs.read_log",
     "write_log": "motorprior.logs.readers.motor_log_file",
     "adapt": "motorprior.priors.adapt",

@@ -30,21 +30,23 @@ class LogsCheck:
 def run(config: LogsCheck, progress: Progress) -> None:
     """Print every finding; raises LogError after all logs are checked, if one has errors."""
     robot = load_robot(config.robot or DEFAULT_ROBOT)
+    robot_of_reader = robot if config.robot or config.columns is None else None
+
     unusable = []
-    given = robot if config.robot or config.columns is None else None
     for path in config.paths:
-        log = read_log(path, given, config.columns)
-        report = check_log(
-            log, robot if config.robot or log.joint_names == robot.joint_names else None
-        )
-        found = grouped(report.findings)
+        log = read_log(path, robot_of_reader, config.columns)
+        is_of_robot = config.robot is not None or log.joint_names == robot.joint_names
+        report = check_log(log, robot if is_of_robot else None)
+
         rows = [
-            [each.severity, each.check, str(each.row), each.message, each.remedy] for each in found
+            [finding.severity, finding.check, str(finding.row), finding.message, finding.remedy]
+            for finding in grouped(report.findings)
         ]
         title = f"{path}: {log.num_rows} rows, {log.num_joints} joints, {log.duration:.1f} s"
         print_table(title, ["severity", "check", "row", "finding", "remedy"], rows)
         if not report.usable:
             unusable.append(str(path))
+
     if unusable:
         raise LogError(
             f"{len(unusable)} of {len(config.paths)} logs are not usable", where=", ".join(unusable)

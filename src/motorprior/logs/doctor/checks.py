@@ -1,7 +1,11 @@
-"""The log doctor: checks whether motors can be identified from a log. A check is a function that yields findings."""
+"""The log doctor: checks whether motors can be identified from a log.
+
+A check is a function that yields findings.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -11,8 +15,9 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
 from motorprior.robots.robot import Robot
 
-# where a joint's command travels farthest
+# checks of a window of one joint, where its command travels farthest; tracking is the first
 PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)
+_SEVERITIES = ("error", "warning", "info")
 
 
 def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
@@ -21,61 +26,85 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     ``robot`` gives limits of the joints, and gravity if its base was suspended or is fixed.
     """
     log = checked(log)
-    found = []
     # jumps need a correct clock and correct units, checks of motion need angles without jumps
     stages = (
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
-        (*(check(log) for check in response.CHECKS), _each_joint(log)),
+        (*(check(log) for check in response.CHECKS), _joint_findings(log)),
         (signs.gravity_signs(log, robot),) if robot else (),
     )
+
+    findings: list[Finding] = []
     for checks in stages:
-        if LogReport(tuple(found)).usable:
-            found += [finding for check in checks for finding in check]
-    order = ("error", "warning", "info")
-    return LogReport(tuple(sorted(found, key=lambda finding: order.index(finding.severity))))
+        if LogReport(tuple(findings)).usable:
+            findings += chain.from_iterable(checks)
+    findings.sort(key=lambda finding: _SEVERITIES.index(finding.severity))
+    return LogReport(tuple(findings))
 
 
-def _each_joint(log: MotorLog) -> Iterator[Finding]:
+def _joint_findings(log: MotorLog) -> Iterator[Finding]:
+    """Findings about windows of single joints, with rows of the log."""
     windows: dict[int, tuple[slice, MotorLog]] = {}
-    found: dict[int, list[Finding]] = {}
+    findings: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():
         window = response.excited_window(log, column)
-        joint = log.joint_names[column]
         if window is None:
+            joint = log.joint_names[column]
             message = f"{joint} moves in no window long enough to check its response"
             remedy = f"record at least {response.MIN_ROWS} rows of motion without a gap"
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column] = window
-        found[column] = [finding for check in PER_JOINT for finding in check(window[1])]
-    # The first finding is that of `response.tracking`. Exchanged joints do not follow their own
-    # commands.
-    late = [column for column in found if found[column][0].severity != "info"]
-    followed = {
-        column: response.followed_joint(log, *windows[column], list(found)) for column in late
-    }
-    for column in late if any(followed.values()) else ():
-        finding = found[column][0]
-        other = followed[column]
-        # else two joints may have been read from one
-        exchanged = other in [log.joint_names[each] for each in late]
-        is_order = other and finding.remedy != response.OTHER_SIGN
-        if other:
-            message = (
-                f"{finding.joint} follows the command of {other}, not its own; {finding.message}"
-            )
-            finding = replace(
-                finding, severity="error" if exchanged else finding.severity, message=message
-            )
-        # an apparent sign error may be one of order, too
-        if is_order or finding.remedy == response.OTHER_SIGN:
-            finding = replace(
-                finding, remedy=response.OTHER_ORDER if is_order and exchanged else response.COMPARE
-            )
-        found[column][0] = finding
-    for column, findings in found.items():
+        findings[column] = [finding for check in PER_JOINT for finding in check(window[1])]
+
+    _name_followed_joints(log, windows, findings)
+
+    for column, joint_findings in findings.items():
         rows, grid = windows[column]
-        for finding in findings:
+        for finding in joint_findings:
             time = grid.time[finding.row] - 1e-6 * grid.period
-            yield replace(finding, row=int(rows.start + np.searchsorted(log.time[rows], time)))
+            row = rows.start + np.searchsorted(log.time[rows], time)
+            yield replace(finding, row=int(row))
+
+
+def _name_followed_joints(
+    log: MotorLog,
+    windows: dict[int, tuple[slice, MotorLog]],
+    findings: dict[int, list[Finding]],
+) -> None:
+    """State in findings about tracking which other joint's command an angle follows.
+
+    Exchanged joints do not follow their own commands.
+    """
+    doubtful = [column for column in findings if findings[column][0].severity != "info"]
+    doubtful_names = [log.joint_names[column] for column in doubtful]
+    followed = {
+        column: response.followed_joint(log, *windows[column], list(findings))
+        for column in doubtful
+    }
+    if not any(followed.values()):
+        return
+    for column in doubtful:
+        # two joints may have been read from one; else they were exchanged
+        is_exchanged = followed[column] in doubtful_names
+        findings[column][0] = _with_followed_joint(
+            findings[column][0], followed[column], is_exchanged
+        )
+
+
+def _with_followed_joint(finding: Finding, followed: str, is_exchanged: bool) -> Finding:
+    """A finding about tracking of a joint that follows the command of joint ``followed``, or ""."""
+    is_sign = finding.remedy == response.OTHER_SIGN
+    if followed:
+        finding = replace(
+            finding,
+            severity="error" if is_exchanged else finding.severity,
+            message=f"{finding.joint} follows the command of {followed}, not its own; "
+            f"{finding.message}",
+        )
+        if not is_sign and is_exchanged:
+            return replace(finding, remedy=response.OTHER_ORDER)
+    # an apparent sign error may be one of order, too
+    if followed or is_sign:
+        return replace(finding, remedy=response.COMPARE)
+    return finding

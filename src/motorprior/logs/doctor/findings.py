@@ -12,33 +12,40 @@ class Finding:
     """One finding about a log."""
 
     severity: Literal["error", "warning", "info"]  # do not use the log as it is; inspect it; a fact
-    check: str  # its name
+    check: str  # name of the check
     value: float  # what was measured, in the unit that the message names
     message: str  # states value and bound
     remedy: str = ""
     joint: str | None = None  # None for the whole log
-    row: int = 0  # the first concerned
+    row: int = 0  # the first row concerned
 
     def __str__(self) -> str:
         return f"{self.message} -> {self.remedy}" if self.remedy else self.message
 
+    @property
+    def _message_without_joint(self) -> str:
+        return self.message.partition(self.joint)[0] if self.joint else self.message
+
 
 def grouped(findings: Sequence[Finding]) -> list[Finding]:
-    """One finding for each kind and remedy: that of the largest value, with the other joints in its message."""
-    kinds: dict[tuple[str, ...], list[Finding]] = {}
-    for each in findings:
-        kind = each.message.partition(each.joint)[0] + each.remedy if each.joint else each.message
-        kinds.setdefault((each.severity, each.check, kind), []).append(each)
-    found = []
-    for same in kinds.values():
-        worst = max(same, key=lambda each: abs(each.value))
-        others = [f"{each.joint} {each.value:.3g}" for each in same if each is not worst]
-        found.append(
-            replace(worst, message=f"{worst.message}; likewise {', '.join(others)}")
-            if others
-            else worst
-        )
-    return found
+    """One finding per problem and remedy, with the other joints in its message.
+
+    It is the finding with the largest value.
+    """
+    groups: dict[tuple[str, ...], list[Finding]] = {}
+    for finding in findings:
+        problem = finding._message_without_joint + (finding.remedy if finding.joint else "")
+        key = (finding.severity, finding.check, problem)
+        groups.setdefault(key, []).append(finding)
+    return [_largest_with_other_joints(group) for group in groups.values()]
+
+
+def _largest_with_other_joints(group: list[Finding]) -> Finding:
+    largest = max(group, key=lambda finding: abs(finding.value))
+    joints = [f"{finding.joint} {finding.value:.3g}" for finding in group if finding is not largest]
+    if not joints:
+        return largest
+    return replace(largest, message=f"{largest.message}; likewise {', '.join(joints)}")
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,8 +59,8 @@ class LogReport:
 
     def __str__(self) -> str:
         lines = [
-            f"{each.severity}: {each.check}, row {each.row}: {each}"
-            for each in grouped(self.findings)
+            f"{finding.severity}: {finding.check}, row {finding.row}: {finding}"
+            for finding in grouped(self.findings)
         ]
         return "\n".join([repr(self), *lines])
 
