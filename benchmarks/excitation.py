@@ -25,9 +25,9 @@ from motorprior.actuator.latent import LatentNetwork
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.recording import (
-    BENCH_PRESETS,
-    BenchPreset,
-    bench_preset,
+    BENCH_SCHEDULES,
+    BenchSchedule,
+    bench_schedule,
     record,
     training_motors,
 )
@@ -189,15 +189,15 @@ def learned(settings: Settings) -> tuple[LearnedExcitation, LearnedExcitation, f
     return found, test, float(read_json(timing)["seconds"])
 
 
-def bench_of(settings: Settings, loss: str, kind: str) -> BenchPreset:
+def bench_of(settings: Settings, loss: str, kind: str) -> BenchSchedule:
     """Clock of the loss; excitation and loads of the kind."""
-    base = bench_preset("narrow" if kind == "sinusoid" else "rollout").for_robot(
+    base = bench_schedule("narrow" if kind == "sinusoid" else "rollout").for_robot(
         load_robot(settings.robot)
     )
     if kind not in ("sinusoid", "rollout"):
-        base = replace(base, kinds=(str(excitation_file(settings, kind)),))
+        base = replace(base, excitations=(str(excitation_file(settings, kind)),))
     if loss == "paper":
-        slow = BENCH_PRESETS["paper"].period
+        slow = BENCH_SCHEDULES["paper"].period
         base = replace(
             base,
             period=slow,

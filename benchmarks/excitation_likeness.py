@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from motorprior.bench.recording import BENCH_PRESETS
+from motorprior.bench.recording import BENCH_SCHEDULES
 from motorprior.excitation.frames import SUB
 from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.excitation.registry import EXCITATIONS
@@ -69,7 +69,7 @@ def windows_of_kind(
     runs: LearnedExcitation, kind: str, joint_class: str, rng: np.random.Generator
 ) -> np.ndarray:
     """(COUNT, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
-    names = {"sinusoid": ("sine",), "rollout": BENCH_PRESETS["rollout"].kinds}.get(kind)
+    names = {"sinusoid": ("sine",), "rollout": BENCH_SCHEDULES["rollout"].excitations}.get(kind)
     sources = [EXCITATIONS[n] for n in names] if names else [runs.with_method(kind)]
     frames = runs.windows.shape[1]
     each = -(-COUNT // (STREAMS * len(sources)))

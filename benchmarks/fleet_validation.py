@@ -21,7 +21,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings, bench_from_json
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_schedule, record
 from motorprior.bounds import require_number, require_seed
 from motorprior.evaluation.errors import MAX_ERROR
 from motorprior.exceptions import ConfigError
@@ -191,7 +191,7 @@ def _measure(
 def _baselines(robot: Robot, bench: BenchSettings, progress: Progress) -> dict[str, ModelOfMotors]:
     """The robot's nominal PD, and one PD tuned to the bench log."""
     with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        preset = bench_preset("rollout").for_robot(robot)
+        preset = bench_schedule("rollout").for_robot(robot)
         log = record(bench.physical_motors(), preset, bench.steps, bench.seed, bench.fleet)
         tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
     return {

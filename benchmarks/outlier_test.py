@@ -14,7 +14,7 @@ import tyro
 
 from figures import markdown
 from motorprior.bench.bench_folder import bench_from_json
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_schedule, record
 from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
 from motorprior.priors.prior_file import load_prior
 from motorprior.robots.load import load_robot
@@ -39,7 +39,7 @@ STREAM = 57
 def measure(prior: tyro.conf.Positional[Path]) -> None:
     """Print the table for a prior of preset rollout that was identified from a bench."""
     loaded = load_prior(prior, load_robot(DEFAULT_ROBOT))
-    preset = bench_preset("adapt")
+    preset = bench_schedule("adapt")
     rows = []
     bench = bench_from_json(loaded.provenance.get("bench"), str(prior))
     own = bench.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM]))

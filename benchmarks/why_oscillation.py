@@ -28,7 +28,7 @@ from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.artifacts import write_json, write_text
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.recording import BenchPreset, bench_preset, record, training_motors
+from motorprior.bench.recording import BenchSchedule, bench_schedule, record, training_motors
 from motorprior.excitation.hand_made import gait, zero_order_hold
 from motorprior.identification.identify import identify
 from motorprior.identification.presets import identification_preset
@@ -47,15 +47,15 @@ LEG = (2e-4, 1.7e-3)
 # [s]
 FAST = 0.002
 SLOW = 0.01
-WIDE = bench_preset("rollout")
-SINUSOIDS = bench_preset("paper")
+WIDE = bench_schedule("rollout")
+SINUSOIDS = bench_schedule("paper")
 
 
 @dataclass(frozen=True)
 class Variant:
     """One recipe for the same motors."""
 
-    bench: BenchPreset
+    bench: BenchSchedule
     preset: str  # recipe of identification
     color: str
     changes: dict[str, Any] = field(default_factory=dict)  # to the recipe

@@ -7,7 +7,7 @@ import numpy as np
 from motorprior.actuator.families import TrueMotors
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.bench_folder import BenchSettings
-from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.bench.recording import BENCH_SCHEDULES, record
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.adapt import FALSE_ALARMS, adapt_to, outlier_test
@@ -42,7 +42,7 @@ def _held_out_log(
     robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float
 ) -> MotorLog:
     """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    presets = (BENCH_PRESETS["adapt"], *BENCH_PRESETS.values())
+    presets = (BENCH_SCHEDULES["adapt"], *BENCH_SCHEDULES.values())
     preset = next(preset for preset in presets if preset.period == prior.model.period)
     preset = preset.for_robot(robot)
     steps = round(seconds / preset.period)

@@ -14,7 +14,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.families import TrueMotors
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.recording import BenchPreset, bench_trial
+from motorprior.bench.recording import BenchSchedule, bench_trial
 from motorprior.evaluation.bands import (
     LEVELS,
     inside_bands,
@@ -30,7 +30,7 @@ from motorprior.signals import rmse
 # indices of motors -> a model of these motors
 ModelOfMotors: TypeAlias = Callable[[np.ndarray], Actuator]
 
-HELD_OUT = BenchPreset(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
+HELD_OUT = BenchSchedule(0.002, 500, (4e-4, 2e-2), ("sine", "gait", "steps", "impacts", "chirp"), 5)
 HELD_OUT_SEED = 7_000_000  # seed of held-out random streams, never used for training
 MAX_WORK = 20.0  # [s]
 FLOOR_OFFSET = 0.004  # [rad]
@@ -43,13 +43,13 @@ _COVERAGE_STREAM = 23
 
 
 def held_out_trials(
-    excitation: str, motors: TrueMotors, seed: int, preset: BenchPreset = HELD_OUT
+    excitation: str, motors: TrueMotors, seed: int, preset: BenchSchedule = HELD_OUT
 ) -> list[tuple[Trial, Actuator]]:
     """Trials of one excitation for all motors, and the motors after their work before each trial.
 
     Commands of every second trial are held at 100 Hz.
     """
-    tags = [HELD_OUT_SEED, seed, preset.kinds.index(excitation)]
+    tags = [HELD_OUT_SEED, seed, preset.excitations.index(excitation)]
     work = np.random.default_rng([*tags, _WORK]).uniform(0.0, MAX_WORK, _REPEATS)
 
     trials = []
@@ -65,7 +65,7 @@ def bench_errors(
     motors: TrueMotors,
     models: Mapping[str, ModelOfMotors],
     seed: int,
-    preset: BenchPreset = HELD_OUT,
+    preset: BenchSchedule = HELD_OUT,
 ) -> dict[str, dict[str, np.ndarray]]:
     """Mean joint RMSE [rad] over the trials of an excitation, `capped`.
 
@@ -74,7 +74,7 @@ def bench_errors(
     """
     index = np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
-    for excitation in preset.kinds:
+    for excitation in preset.excitations:
         trials = held_out_trials(excitation, motors, seed, preset)
         true_pos = np.array([run(truth, trial).joint_pos for trial, truth in trials])
 
@@ -95,7 +95,7 @@ def bench_coverage(
     posterior: LatentPosterior,
     motors: TrueMotors,
     seed: int,
-    preset: BenchPreset = HELD_OUT,
+    preset: BenchSchedule = HELD_OUT,
 ) -> Results:
     """Share of the physical motors' held-out trajectories inside the bands of the posterior.
 
@@ -103,7 +103,7 @@ def bench_coverage(
     """
     rng = np.random.default_rng([seed, _COVERAGE_STREAM])
     rows = []
-    for excitation in preset.kinds:
+    for excitation in preset.excitations:
         inside = []
         for trial, truth in held_out_trials(excitation, motors, seed, preset)[:_COVERED]:
             samples = []

@@ -1,4 +1,4 @@
-"""Which values arguments and entries of files may have, and the error for a value that is out of bounds."""
+"""Values that arguments and entries of files may have, and the error for a value out of bounds."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,11 +25,9 @@ class Field:
 
 def is_number(value: Any, minimum: float = -MAX_NUMBER, maximum: float = MAX_NUMBER) -> bool:
     """Whether a value is a real number, not a bool, in [minimum, maximum]; False for NaN."""
-    return (
-        isinstance(value, Real)
-        and not isinstance(value, bool)
-        and bool(minimum <= value <= maximum)
-    )  # pyright: ignore[reportOperatorIssue]
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    return bool(minimum <= value <= maximum)  # pyright: ignore[reportOperatorIssue]
 
 
 def number(
@@ -49,11 +47,15 @@ def integer(minimum: int, maximum: float = MAX_NUMBER) -> Field:
 
 
 def _range(minimum: float, maximum: float, above: float) -> str:
+    """Words for an interval, such as " from 0 to 1"; empty for all numbers."""
     if above >= minimum:
-        return f" above {above:.10g}" + (f" to {maximum:.10g}" if maximum < MAX_NUMBER else "")
+        end = f" to {maximum:.10g}" if maximum < MAX_NUMBER else ""
+        return f" above {above:.10g}{end}"
     if maximum < MAX_NUMBER:
         return f" from {minimum:.10g} to {maximum:.10g}"
-    return f" of at least {minimum:.10g}" if minimum > -MAX_NUMBER else ""
+    if minimum > -MAX_NUMBER:
+        return f" of at least {minimum:.10g}"
+    return ""
 
 
 def one_of(*values: str) -> Field:
@@ -61,16 +63,18 @@ def one_of(*values: str) -> Field:
     return Field(" or ".join(values), lambda value: isinstance(value, str) and value in values)
 
 
-def exactly(wanted: Any) -> Field:
+def exactly(allowed: Any) -> Field:
     """This value, of the same type."""
-    return Field(repr(wanted), lambda value: type(value) is type(wanted) and value == wanted)
+    return Field(repr(allowed), lambda value: type(value) is type(allowed) and value == allowed)
 
 
 def many(field: Field, minimum: int = 0) -> Field:
     """A list of at least ``minimum`` values of a field."""
 
     def accepts(value: Any) -> bool:
-        return isinstance(value, list) and len(value) >= minimum and all(map(field.accepts, value))
+        if not isinstance(value, list) or len(value) < minimum:
+            return False
+        return all(field.accepts(entry) for entry in value)
 
     return Field(f"a list of {minimum} or more, each {field.meaning}", accepts)
 
@@ -98,8 +102,9 @@ def require_argument(name: str, value: Any, field: Field) -> None:
 def require_number(
     name: str, value: Any, minimum: float = 0.0, maximum: float = MAX_NUMBER, positive: bool = False
 ) -> None:
-    """`require_argument` for a finite number in [minimum, maximum], above 0 where it must be ``positive``."""
-    require_argument(name, value, number(minimum, maximum, 0.0 if positive else -inf))
+    """`require_argument` for a finite number in [minimum, maximum], above 0 if ``positive``."""
+    above = 0.0 if positive else -inf
+    require_argument(name, value, number(minimum, maximum, above))
 
 
 def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_NUMBER) -> None:
@@ -109,13 +114,16 @@ def require_count(name: str, value: Any, minimum: int = 1, maximum: float = MAX_
 
 def require_range(name: str, value: Any, minimum: float, maximum: float) -> None:
     """`require_argument` for a pair (low, high) of numbers in [minimum, maximum], low <= high."""
+
+    def accepts(pair: Any) -> bool:
+        if not isinstance(pair, tuple) or len(pair) != 2:
+            return False
+        low, high = pair
+        is_within = is_number(low, minimum, maximum) and is_number(high, minimum, maximum)
+        return is_within and low <= high
+
     meaning = f"a range within {minimum:g}..{maximum:g}, the smaller number first"
-    is_pair = (
-        isinstance(value, tuple)
-        and len(value) == 2
-        and all(is_number(each, minimum, maximum) for each in value)
-    )
-    require_argument(name, value, Field(meaning, lambda pair: is_pair and pair[0] <= pair[1]))
+    require_argument(name, value, Field(meaning, accepts))
 
 
 def require_seed(seed: Any) -> None:
@@ -142,13 +150,16 @@ def require_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     Raises ConfigError for no numbers, another shape, or a number that is not finite.
     """
     remedy = f"give finite numbers of shape {shape}"
+
     try:
         array = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{name} is not an array of numbers", remedy=remedy) from error
     if np.shape(value) != shape:
-        raise ConfigError(f"{name} has shape {np.shape(value)}, wanted {shape}", remedy=remedy)
-    if (index := first_not_finite(array)) is not None:
+        raise ConfigError(f"{name} has shape {np.shape(value)}, not {shape}", remedy=remedy)
+
+    index = first_not_finite(array)
+    if index is not None:
         raise ConfigError(f"{name}{index} is not finite: {array[tuple(index)]}", remedy=remedy)
     return array
 
@@ -156,4 +167,6 @@ def require_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
 def first_not_finite(value: np.ndarray) -> list[int] | None:
     """Indices of the first NaN or infinity in an array; None if all values are finite."""
     finite = np.isfinite(value)
-    return None if finite.all() else np.argwhere(~finite)[0].tolist()
+    if finite.all():
+        return None
+    return np.argwhere(~finite)[0].tolist()

@@ -44,9 +44,9 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
         numbers = distribution.values
         # one sigma either side
         low, middle, high = np.quantile(values[field], [0.1587, 0.5, 0.8413])
-        if distribution.kind == "constant":
+        if distribution.form == "constant":
             np.testing.assert_allclose(values[field], numbers["center"])
-        elif distribution.kind == "uniform":
+        elif distribution.form == "uniform":
             width = numbers["high"] - numbers["low"]
             assert numbers["low"] <= values[field].min() and values[field].max() <= numbers["high"]
             expected = numbers["low"] + width * np.array([0.1587, 0.5, 0.8413])
@@ -55,7 +55,7 @@ def test_samples_have_the_median_and_spread_of_the_file(name):
             # the quantiles' own standard error is 0.009-0.011 sigma for 20000 samples; 0.04 is four
             # of them
             sigma = np.hypot(numbers["spread"], numbers["center_uncertainty"])
-            log = np.log if distribution.kind == "lognormal" else np.asarray
+            log = np.log if distribution.form == "lognormal" else np.asarray
             center = log(numbers["center"])
             assert log(middle) == pytest.approx(center, abs=0.04 * sigma), field
             assert log(high) == pytest.approx(center + sigma, abs=0.04 * sigma), field

@@ -6,7 +6,7 @@ import pytest
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import Trial, run
-from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.bench.recording import BENCH_SCHEDULES, record
 
 LOAD = np.array([0.002, 0.03])
 
@@ -36,18 +36,20 @@ def test_a_constant_torque_gives_a_free_joint_its_impulse(dt):
 def test_a_recorded_log_obeys_newton(preset):
     fleet = load_fleet("pupper_v2")
     motors = fleet.sample(3, np.random.default_rng(0))
-    log = record(motors, BENCH_PRESETS[preset], 3100, seed=1, fleet=fleet)
+    log = record(motors, BENCH_SCHEDULES[preset], 3100, seed=1, fleet=fleet)
     for part in log.segments():
         assert part.joint_vel is not None and part.joint_torque is not None
         assert part.load_inertia is not None and part.external_torque is not None
         gained = (
-            part.load_inertia[:-1] * np.diff(part.joint_vel, axis=0) / BENCH_PRESETS[preset].period
+            part.load_inertia[:-1]
+            * np.diff(part.joint_vel, axis=0)
+            / BENCH_SCHEDULES[preset].period
         )
         # joint_torque is the mean over the sample, so the identity is exact but for rounding
         np.testing.assert_allclose(
             gained, (part.joint_torque + part.external_torque)[:-1], atol=1e-9
         )
-        moved = np.diff(part.joint_pos, axis=0) / BENCH_PRESETS[preset].period
+        moved = np.diff(part.joint_pos, axis=0) / BENCH_SCHEDULES[preset].period
         # the mean speed of a sample lies near its two ends': within the acceleration's share
         slack = np.abs(np.diff(part.joint_vel, axis=0)).max()
         np.testing.assert_allclose(moved, part.joint_vel[1:], atol=2 * slack)

@@ -7,12 +7,12 @@ import pytest
 
 from motorprior.actuator.families import require_geared
 from motorprior.actuator.fleet import load_fleet
-from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.bench.recording import BENCH_SCHEDULES, record
 from motorprior.logs.motor_log import channels, checked
 
 FLEET = load_fleet("pupper_v2")
 MOTORS = FLEET.sample(3, np.random.default_rng(0))
-ROLLOUT = replace(BENCH_PRESETS["rollout"], segment_steps=400)
+ROLLOUT = replace(BENCH_SCHEDULES["rollout"], segment_steps=400)
 
 
 def recorded(seed=0, steps=2100, preset=ROLLOUT):
@@ -26,11 +26,11 @@ def test_same_seed_same_bytes():
     assert one == same != other
 
 
-@pytest.mark.parametrize("preset", BENCH_PRESETS)
+@pytest.mark.parametrize("preset", BENCH_SCHEDULES)
 def test_a_recording_is_a_valid_log_at_the_presets_period(preset):
-    log = checked(recorded(preset=BENCH_PRESETS[preset], steps=2600))
+    log = checked(recorded(preset=BENCH_SCHEDULES[preset], steps=2600))
     assert (log.num_rows, log.num_joints) == (2600, 3)
-    np.testing.assert_allclose(np.diff(log.time), BENCH_PRESETS[preset].period)
+    np.testing.assert_allclose(np.diff(log.time), BENCH_SCHEDULES[preset].period)
     assert log.motor == FLEET.motor and "pupper_v2" in log.source
 
 
@@ -45,7 +45,7 @@ def test_every_segment_starts_from_rest_at_its_target(steps):
 
 
 def test_a_push_that_flings_a_joint_is_made_smaller_until_it_holds():
-    preset = replace(BENCH_PRESETS["rollout"], kinds=("creep",))
+    preset = replace(BENCH_SCHEDULES["rollout"], excitations=("creep",))
     weak = replace(
         require_geared(MOTORS), torque_limit=require_geared(MOTORS).torque_limit * [1.0, 0.3, 1.0]
     )

@@ -10,7 +10,7 @@ from weighed_arm import write_arm
 
 from motorprior.actuator.fleet import load_fleet
 from motorprior.artifacts import read_json
-from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.bench.recording import BENCH_SCHEDULES, record
 from motorprior.commands.demo import Demo, with_walking_robot
 from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
@@ -30,7 +30,7 @@ def logs(tmp_path: Path) -> Path:
     fleet = load_fleet("mixed")
     motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
     for seed, name in enumerate(("first", "second")):
-        log = record(motors, BENCH_PRESETS["rollout"], 6000, seed, fleet)
+        log = record(motors, BENCH_SCHEDULES["rollout"], 6000, seed, fleet)
         write_log(
             tmp_path / "logs" / f"{name}.parquet",
             replace(log, joint_names=JOINTS, joint_torque=None),

@@ -10,10 +10,10 @@ import pytest
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run
-from motorprior.bench.recording import BENCH_PRESETS, bench_trial
+from motorprior.bench.recording import BENCH_SCHEDULES, bench_trial
 from motorprior.identification.windows import TrainingData
 
-BENCH = BENCH_PRESETS["rollout"]
+BENCH = BENCH_SCHEDULES["rollout"]
 SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torque_limit": 3.0}
 
 
@@ -35,7 +35,7 @@ def decoder_data() -> Callable[..., TrainingData]:
         parts = []
         count = len(z)
         for segment in range(segments):
-            kind = BENCH.kinds[segment % len(BENCH.kinds)]
+            kind = BENCH.excitations[segment % len(BENCH.excitations)]
             case = bench_trial(
                 np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False
             )

@@ -9,7 +9,7 @@ from motorprior.actuator.families import require_geared
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.physical import PhysicalMotors
-from motorprior.bench.recording import BENCH_PRESETS, record
+from motorprior.bench.recording import BENCH_SCHEDULES, record
 from motorprior.identification.identify import identify
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import identification_preset
@@ -24,7 +24,7 @@ RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "back
 # motors per constant
 TRAINED = 10
 NEW = 5
-BENCH = replace(BENCH_PRESETS["adapt"], load_inertia=(1e-4, 5e-3))
+BENCH = replace(BENCH_SCHEDULES["adapt"], load_inertia=(1e-4, 5e-3))
 RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 

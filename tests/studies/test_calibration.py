@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from recorded_robot import record_log
 
+from motorprior.actuator.distribution import Distribution
 from motorprior.actuator.families import FAMILIES
-from motorprior.actuator.fleet import Distribution, Fleet
+from motorprior.actuator.fleet import Fleet
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.studies.calibration import (
     FleetProblem,

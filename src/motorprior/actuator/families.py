@@ -1,4 +1,4 @@
-"""Families of physical motors: their parameters with units and bounds, and the constructors of the motors."""
+"""Families of physical motors: their parameters with units and bounds, and their constructors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -21,7 +21,10 @@ _SIGNED = ("encoder_zero", "asymmetry", "ripple_phase", "cogging_phase", "positi
 
 @dataclass(frozen=True)
 class Family:
-    """Motors with the same equations; the parameters are the fields of ``make``, with kd_over_kp [s] instead of kd."""
+    """Motors with the same equations.
+
+    The parameters are the fields of ``make``, with kd_over_kp [s] instead of kd.
+    """
 
     name: str  # name in a fleet file and in bench.json
     motor: str  # description for the report
@@ -37,37 +40,40 @@ class Family:
     def units(self) -> dict[str, str]:
         """Units of the parameters, in the order of sampling."""
         hints = get_type_hints(self.make, include_extras=True)
-        units = {field.name: hints[field.name].__metadata__[0] for field in fields(self.make)}
-        return {
-            "kd_over_kp" if name == "kd" else name: "s" if name == "kd" else unit
-            for name, unit in units.items()
-        }
+        units = {}
+        for field in fields(self.make):
+            if field.name == "kd":
+                units["kd_over_kp"] = "s"
+            else:
+                units[field.name] = hints[field.name].__metadata__[0]
+        return units
 
     @property
     def optional(self) -> frozenset[str]:
         """Parameters that default to 0."""
-        return (
-            frozenset(self.units) - self.positive - {"kd_over_kp"}
-            if self.has_optional
-            else frozenset()
-        )
+        if not self.has_optional:
+            return frozenset()
+        return frozenset(self.units) - self.positive - {"kd_over_kp"}
 
     def bounds(self, name: str) -> tuple[float, float]:
         """Bounds of a parameter in SI units; samples are clipped to them."""
         # load friction above 1 locks the gear
-        high = 1.0 if self.units[name] == "1" or name in _SECONDS else MAX_VALUE
-        return -high if name in _SIGNED else 0.0, high
+        is_share = self.units[name] == "1"
+        high = 1.0 if is_share or name in _SECONDS else MAX_VALUE
+        low = -high if name in _SIGNED else 0.0
+        return low, high
 
     def motors(self, values: Mapping[str, np.ndarray]) -> TrueMotors:
         """Motors with these parameters, (n,) each."""
-        given = {**values, "kd": values["kp"] * values["kd_over_kp"]}
-        disabled = np.zeros(len(given["kp"]))
-        return self.make(
-            **{field.name: given.get(field.name, disabled) for field in fields(self.make)}
-        )
+        parameters = {**values, "kd": values["kp"] * values["kd_over_kp"]}
+        disabled = np.zeros(len(values["kp"]))
+        names = [field.name for field in fields(self.make)]
+        return self.make(**{name: parameters.get(name, disabled) for name in names})
 
     def require_stable(self, values: Mapping[str, np.ndarray], where: str | Path) -> None:
-        """Raise `ConfigError` unless the rotor of every motor is stable on its gear; ``values`` are (n,) each.
+        """Raise `ConfigError` unless the rotor of every motor is stable on its gear.
+
+        ``values`` are (n,) each, ``where`` names their origin in the error.
 
         Semi-implicit Euler with substep h, armature J, total stiffness k and explicit damping d is
         stable in contact if and only if 2·d·h + k·h² < 4·J (Jury's criterion for z² - (2 - d·h/J -
@@ -76,56 +82,63 @@ class Family:
         """
         h = self.kind.bench_step
         armature = values["armature"]
-        zero = np.zeros(len(armature))
-        stiffness = sum(
-            (values[name] for name in self.stiffness if name in values), zero
-        ) + _hardened(values)
-        damping = sum((values[name] for name in self.damping if name in values), zero)
+        stiffness = _total(values, self.stiffness) + _hardening_stiffness(values)
+        damping = _total(values, self.damping)
         min_armature = (2.0 * damping * h + stiffness * h * h) / 4.0
-        if not (armature > min_armature).all():
-            worst = int(np.argmin(armature / min_armature))
-            raise ConfigError(
-                f"armature = {armature[worst]:.3g} kg·m² cannot be simulated with {' + '.join(self.stiffness)} = "
-                f"{stiffness[worst]:.3g} N·m/rad and {' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad in "
-                f"steps of {1e3 * h:g} ms",
-                where=where,
-                remedy=f"raise armature above {min_armature[worst]:.3g} kg·m², or soften the gear",
-            )
+        if (armature > min_armature).all():
+            return
+
+        worst = int(np.argmin(armature / min_armature))
+        raise ConfigError(
+            f"armature = {armature[worst]:.3g} kg·m² cannot be simulated with "
+            f"{' + '.join(self.stiffness)} = {stiffness[worst]:.3g} N·m/rad and "
+            f"{' + '.join(self.damping)} = {damping[worst]:.3g} N·m·s/rad "
+            f"in steps of {1e3 * h:g} ms",
+            where=where,
+            remedy=f"raise armature above {min_armature[worst]:.3g} kg·m², or soften the gear",
+        )
 
 
-def _hardened(values: Mapping[str, np.ndarray]) -> np.ndarray:
+def _total(values: Mapping[str, np.ndarray], names: tuple[str, ...]) -> np.ndarray:
+    """(n,) sum of the parameters with these names that the motors have."""
+    zero = np.zeros(len(values["armature"]))
+    return sum((values[name] for name in names if name in values), zero)
+
+
+def _hardening_stiffness(values: Mapping[str, np.ndarray]) -> np.ndarray:
     """(n,) additional stiffness 3·c·s² of a hardening gear at the torque limit [N·m/rad]."""
     linear = values["gear_stiffness"]
     cubic = values.get("gear_hardening", np.zeros(1))
     if not np.any(cubic > 0.0):
         return np.zeros(len(linear))
+
     twist = values["torque_limit"] / linear
     for _ in range(50):  # Newton's method
-        twist = twist - (linear * twist + cubic * twist**3 - values["torque_limit"]) / (
-            linear + 3.0 * cubic * twist**2
-        )
+        excess_torque = linear * twist + cubic * twist**3 - values["torque_limit"]
+        twist = twist - excess_torque / (linear + 3.0 * cubic * twist**2)
     return 3.0 * cubic * twist**2
 
 
 # motors of `actuator.physical`; the default family of a fleet
 GEARED = Family(
     name="geared",
-    motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of friction, a torque-speed "
-    "limit, a delay and a velocity filter; its encoder sits on the rotor.",
+    motor="The physical motor has a rotor, a gear with backlash and stiffness, four kinds of "
+    "friction, a torque-speed limit, a delay and a velocity filter; its encoder sits on the rotor.",
     kind=physical.PHYSICAL,
     make=PhysicalMotors,
-    positive=frozenset((
-        "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed", "armature",
-        "stribeck_velocity", "gear_stiffness",
-    )),
+    positive=frozenset({
+        "kp", "kd_over_kp", "velocity_filter", "torque_limit", "stall_torque", "no_load_speed",
+        "armature", "stribeck_velocity", "gear_stiffness",
+    }),
     stiffness=("gear_stiffness",),
     damping=("gear_damping", "viscous_damping"),
 )  # fmt: skip
 # motors of `actuator.out_of_family`
 OUT_OF_FAMILY_MOTORS = Family(
     name="out_of_family",
-    motor="The out-of-family motor has firmware of its own, a current loop, heat, ripple, friction with memory, and a "
-    "gear that hardens and has play and hysteresis. The learned models lack most of these equations.",
+    motor="The out-of-family motor has firmware of its own, a current loop, heat, ripple, "
+    "friction with memory, and a gear that hardens and has play and hysteresis. The learned models "
+    "lack most of these equations.",
     kind=out_of_family.OUT_OF_FAMILY_KIND,
     make=OutOfFamilyMotors,
     positive=frozenset({"kp", "torque_limit", "armature", "gear_stiffness"}),
@@ -140,7 +153,8 @@ def require_geared(motors: TrueMotors) -> PhysicalMotors:
     """The motors, as GEARED ones; raises `ConfigError` for motors of another family."""
     if isinstance(motors, PhysicalMotors):
         return motors
-    problem = f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}"
     raise ConfigError(
-        problem, remedy=f"give as fleet one of the {GEARED.name} family", argument="fleet"
+        f"motors of the family {motors.actuator().kind.name}, not {GEARED.name}",
+        remedy=f"give a fleet of the family {GEARED.name}",
+        argument="fleet",
     )

@@ -1,29 +1,21 @@
-"""A fleet: a population of physical motors, as distributions of their constants in a TOML file with sources."""
+"""A fleet: a population of physical motors, as distributions of their constants.
+
+Fleets are TOML files that state a source of every distribution.
+"""
 
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants
-from motorprior.actuator.families import FAMILIES, GEARED, Family, TrueMotors
+from motorprior.actuator.distribution import Distribution, distributions_of
+from motorprior.actuator.families import FAMILIES, GEARED, TrueMotors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_toml, write_text
-from motorprior.bounds import (
-    TABLE,
-    TEXT,
-    Field,
-    exactly,
-    generator_of,
-    number,
-    one_of,
-    require,
-    require_count,
-)
+from motorprior.bounds import TEXT, generator_of, one_of, require, require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import SHIPPED
@@ -32,66 +24,6 @@ from motorprior.texts import Overview, Printable
 
 _TEXT_KEYS = ("name", "motor", "robot")
 _COMPARE = "compare with a shipped fleet"
-_MAX_LOG_SPREAD = 3.0  # a factor of exp(3) = 20
-_KEYS = {
-    "constant": ("center",),
-    "uniform": ("low", "high", "shared"),
-    "normal": ("center", "spread", "center_uncertainty", "minimum"),
-    "lognormal": ("center", "spread", "center_uncertainty"),
-}
-
-
-@dataclass(frozen=True)
-class Distribution:
-    """One parameter over the fleet.
-
-    constant: center. uniform: [low, high]. normal: center + s·ε, at least ``minimum``. lognormal:
-    center·exp(s·ε). s² = spread² (between motors) + center_uncertainty² (of the fit). A fleet clips
-    samples to `Family.bounds`.
-
-    Motors of one robot share the sample of center_uncertainty, and of a uniform range the fraction
-    ``shared`` (default 0) of the variance: low + (high - low)·Φ(√shared·ε of the robot + √(1 -
-    shared)·ε of the motor).
-    """
-
-    kind: str
-    values: dict[str, float]
-
-    @property
-    def center(self) -> float:
-        """The value of the fleet's central motor."""
-        if self.kind == "uniform":
-            return 0.5 * (self.values["low"] + self.values["high"])
-        return self.values["center"]
-
-    def sample(
-        self, rng: np.random.Generator, count: int, of_one_robot: bool = False
-    ) -> np.ndarray:
-        """(count,) samples; see `Fleet.sample`."""
-        if self.kind == "constant":
-            return np.full(count, self.center)
-        if self.kind == "uniform":
-            low = self.values["low"]
-            high = self.values["high"]
-            shared = self.values.get("shared", 0.0)
-            if not (of_one_robot and shared):
-                return rng.uniform(low, high, count)
-            from scipy.special import ndtr  # imported here: it takes 0.3 s, and few fleets need it
-
-            robot = rng.standard_normal()
-            motors = rng.standard_normal(count)
-            return low + (high - low) * ndtr(
-                np.sqrt(shared) * robot + np.sqrt(1.0 - shared) * motors
-            )
-        spread = self.values["spread"]
-        uncertainty = self.values["center_uncertainty"]
-        if of_one_robot:
-            noise = spread * rng.standard_normal(count) + uncertainty * rng.standard_normal()
-        else:
-            noise = np.hypot(spread, uncertainty) * rng.standard_normal(count)
-        if self.kind == "lognormal":
-            return self.center * np.exp(noise)
-        return np.maximum(self.center + noise, self.values.get("minimum", -np.inf))
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,17 +54,18 @@ class Fleet(Printable):
     def _values(
         self, rng: np.random.Generator, count: int, of_one_robot: bool = False
     ) -> dict[str, np.ndarray]:
-        bounds = FAMILIES[self.family].bounds
-        return {
-            name: np.clip(d.sample(rng, count, of_one_robot), *bounds(name))
-            for name, d in self.parameters.items()
-        }
+        """(count,) samples of every parameter, clipped to the bounds of the family."""
+        family = FAMILIES[self.family]
+        values = {}
+        for name, distribution in self.parameters.items():
+            low, high = family.bounds(name)
+            values[name] = np.clip(distribution.sample(rng, count, of_one_robot), low, high)
+        return values
 
     def constants(self) -> Constants:
         """Constants with units and ranges between motors."""
-        return Constants.of(
-            self._values(np.random.default_rng(0), NUM_SAMPLES), FAMILIES[self.family].units, {}
-        )
+        values = self._values(np.random.default_rng(0), NUM_SAMPLES)
+        return Constants.of(values, FAMILIES[self.family].units, {})
 
     def overview(self) -> Overview:
         """For people: robot and constants."""
@@ -142,12 +75,18 @@ class Fleet(Printable):
 
     def center(self, count: int) -> TrueMotors:
         """``count`` copies of the central motor."""
-        values = {name: np.full(count, d.center) for name, d in self.parameters.items()}
+        values = {
+            name: np.full(count, distribution.center)
+            for name, distribution in self.parameters.items()
+        }
         return FAMILIES[self.family].motors(values)
 
     def summary(self) -> dict[str, dict[str, float | str]]:
-        """Kind and values of every parameter, for provenance."""
-        return {name: {"kind": d.kind, **d.values} for name, d in self.parameters.items()}
+        """Form (key ``kind``) and values of every parameter's distribution, for provenance."""
+        return {
+            name: {"kind": distribution.form, **distribution.values}
+            for name, distribution in self.parameters.items()
+        }
 
 
 def load_fleet(name_or_path: str | Path) -> Fleet:
@@ -160,102 +99,53 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     """
     path = fleet_path(name_or_path)
     data = read_toml(path, _COMPARE)
-    name = data.pop("family", GEARED.name)
-    require("family", name, one_of(*FAMILIES), path, _COMPARE)
-    family = FAMILIES[name]
+
+    family_name = data.pop("family", GEARED.name)
+    require("family", family_name, one_of(*FAMILIES), path, _COMPARE)
+    family = FAMILIES[family_name]
+
     texts = {key: data.pop(key) for key in _TEXT_KEYS if key in data}
     Schema(dict.fromkeys(_TEXT_KEYS, TEXT), _COMPARE).check(texts, path)
+
     parameters = distributions_of(data, family, path, _COMPARE, with_sources=True)
-    family.require_stable(
-        {name: np.array([d.center]) for name, d in parameters.items()}, f"{path}, the central motor"
-    )
+    center = {name: np.array([parameter.center]) for name, parameter in parameters.items()}
+    family.require_stable(center, f"{path}, the central motor")
     return Fleet(**texts, parameters=parameters, family=family.name)
 
 
 def fleet_path(name_or_path: str | Path) -> Path:
     """The file of a fleet; raises `ArtifactError` if there is none."""
-    path = Path(name_or_path)
     shipped = {name: file for robot in SHIPPED for name, file in robot.fleets}
+    path = Path(name_or_path)
     if path.suffix != ".toml":
         path = Path(shipped.get(str(name_or_path), name_or_path))
     if path.suffix != ".toml" or not path.is_file():
-        known = ", ".join(sorted(shipped))
+        names = ", ".join(sorted(shipped))
         raise ArtifactError(
             f"no fleet {str(name_or_path)!r}",
-            remedy=f"use one of {known}, or a path to a .toml file",
+            remedy=f"use one of {names}, or a path to a .toml file",
         )
     return path
 
 
-def distributions_of(
-    tables: Mapping[str, Any],
-    family: Family,
-    where: str | Path,
-    remedy: str,
-    with_sources: bool = False,
-) -> dict[str, Distribution]:
-    """Distributions by parameter, from tables as in `Fleet.summary` or, ``with_sources``, of a fleet file.
-
-    Raises ArtifactError for unknown or missing keys, a wrong unit, or a value out of range.
-    """
-    units = family.units
-    kind_key = "distribution" if with_sources else "kind"
-    found = {}
-    Schema(dict.fromkeys(units, TABLE), remedy, family.optional, "parameters").check(tables, where)
-    for name in (name for name in units if name in tables):
-        table = tables[name]
-        place = f"{where}[{name}]"
-        kind = tables[name].get(kind_key)
-        require(kind_key, kind, one_of(*_KEYS), place, remedy)
-        numbers = _number_fields(kind, name, family)
-        texts = {"unit": exactly(units[name]), "source": TEXT} if with_sources else {}
-        Schema(
-            {kind_key: TEXT, **texts, **numbers}, remedy, frozenset({"minimum", "shared"})
-        ).check(table, place)
-        values = {key: float(table[key]) for key in numbers if key in table}
-        if kind == "normal" and name in family.positive and not values.get("minimum", 0.0) > 0:
-            problem = "a normal distribution can give values that are not above 0"
-            raise ArtifactError(
-                problem, where=place, remedy="give a minimum above 0, or use lognormal"
-            )
-        if kind == "uniform" and values["low"] > values["high"]:
-            raise ArtifactError(
-                f"low {values['low']} exceeds high {values['high']}",
-                where=place,
-                remedy="swap them",
-            )
-        found[name] = Distribution(kind, values)
-    return found
-
-
-def _number_fields(kind: str, name: str, family: Family) -> dict[str, Field]:
-    (low, high), unit = family.bounds(name), family.units[name].removesuffix("1")
-    center = number(low, high, above=0.0 if name in family.positive else -inf, unit=unit)
-    relative = kind == "lognormal"  # the spread is that of the logarithm
-    spread = (
-        number(0.0, _MAX_LOG_SPREAD, unit="of the center")
-        if relative
-        else number(0.0, high, unit=unit)
-    )
-    shape = {
-        "spread": spread,
-        "center_uncertainty": spread,
-        "minimum": number(low, high, unit=unit),
-    }
-    return {
-        key: shape.get(key, number(0.0, 1.0) if key == "shared" else center) for key in _KEYS[kind]
-    }
-
-
 def write_fleet(path: Path, fleet: Fleet, sources: Mapping[str, str], heading: str) -> None:
     """Write a fleet file with units and sources; ``heading`` is a comment in its first line."""
-    texts = {"name": fleet.name, "motor": fleet.motor, "robot": fleet.robot, "family": fleet.family}
-    lines = [f"# {heading}", *(f"{key} = {_text(value)}" for key, value in texts.items())]
+    units = FAMILIES[fleet.family].units
+    lines = [
+        f"# {heading}",
+        f"name = {_text(fleet.name)}",
+        f"motor = {_text(fleet.motor)}",
+        f"robot = {_text(fleet.robot)}",
+        f"family = {_text(fleet.family)}",
+    ]
     for name, distribution in fleet.parameters.items():
-        lines += ["", f"[{name}]", f"unit = {_text(FAMILIES[fleet.family].units[name])}"]
-        lines += [f"distribution = {_text(distribution.kind)}"]
-        lines += [f"{key} = {value!r}" for key, value in distribution.values.items()]
-        lines += [f"source = {_text(sources[name])}"]
+        lines.append("")
+        lines.append(f"[{name}]")
+        lines.append(f"unit = {_text(units[name])}")
+        lines.append(f"distribution = {_text(distribution.form)}")
+        for key, value in distribution.values.items():
+            lines.append(f"{key} = {value!r}")
+        lines.append(f"source = {_text(sources[name])}")
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -267,26 +157,41 @@ def _text(value: str) -> str:
 def load_robot_fleet(
     robot: Robot, fleet: Fleet | str | Path | None = None, argument: str = "fleet"
 ) -> Fleet:
-    """A fleet of this robot, by name or path; the one shipped for the robot if None. Errors name the ``argument``.
+    """A fleet of this robot.
+
+    Args:
+        robot: of the motors.
+        fleet: a fleet, or its name or path; the one shipped for the robot if None.
+        argument: name of the argument that errors state.
 
     Raises:
         ArtifactError: see `load_fleet`.
         ConfigError: a fleet of another robot, or None and no fleet is shipped for the robot.
     """
-    chosen = robot.default_fleet if fleet is None else fleet
-    try:
-        found = chosen if isinstance(chosen, Fleet) else load_fleet(chosen)
-    except ArtifactError as error:
-        problem = f"{argument}: {error.problem}"
-        raise ArtifactError(
-            problem, where=error.where, remedy=error.remedy, argument=argument
-        ) from error
-    if found.robot != robot.name:
-        problem = (
-            f"{argument} {found.name!r} has motors of robot {found.robot!r}, not {robot.name!r}"
+    if fleet is None:
+        fleet = robot.default_fleet
+    if not isinstance(fleet, Fleet):
+        fleet = _load_argument(fleet, argument)
+    if fleet.robot != robot.name:
+        raise ConfigError(
+            f"{argument} {fleet.name!r} has motors of robot {fleet.robot!r}, not {robot.name!r}",
+            remedy=f"use a fleet of {robot.name}",
+            argument=argument,
         )
-        raise ConfigError(problem, remedy=f"use a fleet of {robot.name}", argument=argument)
-    return found
+    return fleet
+
+
+def _load_argument(name_or_path: str | Path, argument: str) -> Fleet:
+    """`load_fleet`, with errors that name the argument."""
+    try:
+        return load_fleet(name_or_path)
+    except ArtifactError as error:
+        raise ArtifactError(
+            f"{argument}: {error.problem}",
+            where=error.where,
+            remedy=error.remedy,
+            argument=argument,
+        ) from error
 
 
 def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:

@@ -1,13 +1,14 @@
-"""Benches, and their folders: the motor log, and bench.json with the settings that reproduce its motors."""
+"""Benches and their folders: a motor log, and bench.json with the settings of its motors."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from motorprior.actuator.distribution import distributions_of
 from motorprior.actuator.families import FAMILIES, GEARED, TrueMotors
-from motorprior.actuator.fleet import Fleet, distributions_of, load_robot_fleet
+from motorprior.actuator.fleet import Fleet, load_robot_fleet
 from motorprior.artifacts import read_json, write_json
-from motorprior.bench.recording import bench_preset, record, training_motors
+from motorprior.bench.recording import BenchSchedule, bench_schedule, record, training_motors
 from motorprior.bounds import MAX_SEED, TABLE, TEXT, integer, one_of, require_count, require_seed
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import MotorLog
@@ -25,7 +26,10 @@ _MAX_COUNT = 2**31 - 1
 _REMEDY = "record the bench again"
 _SCHEMA = Schema(
     {
-        **dict.fromkeys(("fleet", "motor", "robot", "preset"), TEXT),
+        "fleet": TEXT,
+        "motor": TEXT,
+        "robot": TEXT,
+        "preset": TEXT,
         "family": one_of(*FAMILIES),
         "parameters": TABLE,
         "motors": integer(1, _MAX_COUNT),
@@ -53,8 +57,13 @@ class BenchSettings:
         return training_motors(self.fleet, self.motors, self.seed)
 
     def as_json(self) -> dict[str, Any]:
-        """Entries of bench.json and of a prior's provenance; the family is omitted if it is `GEARED`."""
-        family = {} if self.fleet.family == GEARED.name else {"family": self.fleet.family}
+        """Entries of bench.json and of a prior's provenance.
+
+        The family is omitted if it is `GEARED`.
+        """
+        family = {}
+        if self.fleet.family != GEARED.name:
+            family["family"] = self.fleet.family
         return family | {
             "fleet": self.fleet.name,
             "motor": self.fleet.motor,
@@ -68,7 +77,10 @@ class BenchSettings:
 
 
 def bench_from_json(data: Any, where: str) -> BenchSettings:
-    """Read what `BenchSettings.as_json` wrote; ArtifactError for other keys, or a value out of range."""
+    """Read what `BenchSettings.as_json` wrote.
+
+    Raises ArtifactError for other keys, or a value out of range.
+    """
     _SCHEMA.check(data, where)
     family = FAMILIES[data.get("family", GEARED.name)]
     distributions = distributions_of(data["parameters"], family, where, _REMEDY)
@@ -77,19 +89,24 @@ def bench_from_json(data: Any, where: str) -> BenchSettings:
 
 
 def read_bench(folder: Path) -> tuple[MotorLog, BenchSettings]:
-    """The log and the settings of a bench folder; LogError or ArtifactError for missing or inconsistent files.
+    """The log and the settings of a bench folder.
 
-    Robot and motor of the log are those of the fleet.
+    The log states robot and motor of the fleet. Raises LogError or ArtifactError for missing or
+    inconsistent files.
     """
     log = read_parquet(folder / LOG)
     bench = bench_from_json(read_json(folder / BENCH_JSON), str(folder / BENCH_JSON))
     if (log.num_joints, log.num_rows) != (bench.motors, bench.steps):
-        stated = f"{BENCH_JSON} states {bench.motors} x {bench.steps}"
-        problem = f"{log.num_joints} motors x {log.num_rows} rows; {stated}"
-        raise LogError(problem, where=folder / LOG, remedy=_REMEDY)
-    return replace(
-        log, source=str(folder / LOG), robot=bench.fleet.robot, motor=bench.fleet.motor
-    ), bench
+        raise LogError(
+            f"{log.num_joints} motors x {log.num_rows} rows; {BENCH_JSON} states "
+            f"{bench.motors} x {bench.steps}",
+            where=folder / LOG,
+            remedy=_REMEDY,
+        )
+
+    fleet = bench.fleet
+    log = replace(log, source=str(folder / LOG), robot=fleet.robot, motor=fleet.motor)
+    return log, bench
 
 
 def record_bench(
@@ -132,23 +149,29 @@ def record_bench(
     require_count("steps", steps, 2)
     require_seed(seed)
     robot = as_robot(robot)
-    population = load_robot_fleet(robot, fleet)
-    chosen = bench_preset(preset).for_robot(robot)
-    chosen = chosen if excitation is None else replace(chosen, kinds=(str(excitation),))
-    settings = BenchSettings(population, preset, motors, steps, seed)
+    settings = BenchSettings(load_robot_fleet(robot, fleet), preset, motors, steps, seed)
+    schedule = bench_schedule(preset).for_robot(robot)
+    if excitation is not None:
+        schedule = replace(schedule, excitations=(str(excitation),))
     if out is None:
-        log = record(settings.physical_motors(), chosen, steps, seed, population)
-        return replace(log, robot=population.robot)  # no bench.json names it
+        # `read_bench` states the robot of a bench with a folder
+        return replace(_recorded(settings, schedule), robot=settings.fleet.robot)
+
     out = Path(out)
-    played = [Path(name) for name in chosen.kinds if name.endswith(".safetensors")]
-    wanted = description("bench", settings.as_json(), [*robot.files, *played], asdict(chosen))
-    if not is_finished(out, wanted):
+    files = [Path(name) for name in schedule.excitations if name.endswith(".safetensors")]
+    inputs = [*robot.files, *files]
+    stage = description("bench", settings.as_json(), inputs, asdict(schedule))
+    if not is_finished(out, stage):
         title = f"bench {preset}: {motors} motors, {steps} steps"
-        with working(out, wanted), progress.start(title, 1) as task:
+        with working(out, stage), progress.start(title, 1) as task:
             (out / BENCH_JSON).unlink(missing_ok=True)  # it may be of other motors
-            write_log(
-                out / LOG, record(settings.physical_motors(), chosen, steps, seed, population)
-            )
+            write_log(out / LOG, _recorded(settings, schedule))
             write_json(out / BENCH_JSON, settings.as_json())
             task.advance()
     return read_bench(out)[0]
+
+
+def _recorded(settings: BenchSettings, schedule: BenchSchedule) -> MotorLog:
+    """A new recording of the motors."""
+    motors = settings.physical_motors()
+    return record(motors, schedule, settings.steps, settings.seed, settings.fleet)

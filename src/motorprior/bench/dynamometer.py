@@ -10,14 +10,24 @@ from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_
 from motorprior.compiled import njit
 from motorprior.logs.motor_log import MotorLog
 
+BENCH = "bench"  # robot name in the log of a bench
+
 
 def next_velocity(dq: Any, torque: Any, external: Any, inertia: Any, damping: Any, dt: Any) -> Any:
-    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping, as in MuJoCo; also for JAX.
+    """Joint velocity [rad/s] after a step of semi-implicit Euler with implicit damping.
 
-        dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia),   then q' = q + dt·dq'
+    As in MuJoCo; also for JAX.
 
-    ``torque`` is that of the motor without damping, ``external`` that of the load [N·m];
-    ``inertia`` includes the armature [kg·m²]; ``damping`` is that of the motor [N·m·s/rad].
+        dq' = (dq + dt·(torque + external)/inertia) / (1 + dt·damping/inertia)
+        q'  = q + dt·dq'
+
+    Args:
+        dq: velocity before the step [rad/s].
+        torque: of the motor without its damping [N·m].
+        external: torque of the load [N·m].
+        inertia: of the joint, with the armature [kg·m²].
+        damping: of the motor [N·m·s/rad].
+        dt: step [s].
     """
     return (dq + dt * (torque + external) / inertia) / (1.0 + dt * damping / inertia)
 
@@ -27,11 +37,11 @@ _next_velocity = njit(nogil=True, inline="always")(next_velocity)
 
 @njit(cache=True, nogil=True, inline="always")
 def step_joints(arrays, h, target, external, stiffness, inertia, q, dq, torque):
-    """Advance n joints on their motors (`ActuatorArrays`) by one step of ``h`` [s]; all vectors are (n,), in SI units.
+    """Advance n joints on their motors (`ActuatorArrays`) by one step of ``h`` [s].
 
-    The load is external + stiffness·q; ``inertia`` includes the armature. Writes q, dq, and the
-    torque of the motors without their damping. The JAX rollout shares `next_velocity` alone: its
-    arrays cannot be written.
+    All vectors are (n,), in SI units. The load is external + stiffness·q; ``inertia`` includes the
+    armature. Writes q, dq, and the torque of the motors without their damping. The JAX rollout
+    shares `next_velocity` alone: its arrays cannot be written.
     """
     step_actuator(arrays, h, target, q, dq, torque)
     for j in range(q.shape[0]):
@@ -60,13 +70,18 @@ def trial_of(segment: MotorLog) -> Trial:
     Joints start in the recorded state or, if the encoders are on the rotors, with zero velocity at
     the first target.
     """
-    assert segment.external_torque is not None and segment.load_inertia is not None
+    assert segment.external_torque is not None
+    assert segment.load_inertia is not None
     trial = Trial(
         segment.position_target, segment.external_torque, segment.load_inertia[0], segment.period
     )
+
     if segment.load_stiffness is not None:
-        at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
-        trial = replace(trial, external_torque=at_zero, load_stiffness=segment.load_stiffness)
+        torque_at_zero = segment.external_torque - segment.load_stiffness * segment.joint_pos
+        trial = replace(
+            trial, external_torque=torque_at_zero, load_stiffness=segment.load_stiffness
+        )
+
     if segment.encoder == "joint":
         velocity = None if segment.joint_vel is None else segment.joint_vel[0]
         trial = replace(trial, joint_pos=segment.joint_pos[0], joint_vel=velocity)
@@ -114,18 +129,20 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     actuator kind requires it.
     """
     substeps = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
-    targets, external = (
-        np.ascontiguousarray(x, float) for x in (trial.position_target, trial.external_torque)
-    )
-    steps, n = targets.shape
-    stiffness = np.zeros((steps, n)) if trial.load_stiffness is None else trial.load_stiffness
-    stiffness = np.ascontiguousarray(stiffness, float)
-    q = (
-        targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)
-    ) + start_offset
-    dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
     arrays = actuator.arrays(trial.dt / substeps)
     inertia = trial.load_inertia + actuator.armature
+
+    # compiled code needs contiguous arrays
+    targets = np.ascontiguousarray(trial.position_target, float)
+    external = np.ascontiguousarray(trial.external_torque, float)
+    stiffness = np.zeros_like(targets)
+    if trial.load_stiffness is not None:
+        stiffness = np.ascontiguousarray(trial.load_stiffness, float)
+
+    steps, n = targets.shape
+    initial_pos = targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)
+    q = initial_pos + start_offset
+    dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
     out = np.zeros((4, steps, n))
     _simulate(arrays, inertia, targets, external, stiffness, trial.dt, substeps, q, dq, out)
     return Response(*out)
@@ -148,6 +165,3 @@ def respond_alike(
     torque = np.broadcast_to(np.reshape(external, (-1, 1)), shape)
     load = np.full(actuator.num_motors, inertia)
     return run(actuator, Trial(targets, torque, load, period))
-
-
-BENCH = "bench"  # robot name in the log of a bench

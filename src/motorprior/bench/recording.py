@@ -17,29 +17,10 @@ from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-
-@dataclass(frozen=True)
-class BenchPreset:
-    """Excitations and loads of a bench."""
-
-    period: float  # sample period of the log [s]
-    segment_steps: int  # samples per contiguous recording
-    load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
-    kinds: tuple[str, ...]  # names in `excitation.EXCITATIONS` or files, cycled over the segments
-    hold_steps: int  # samples for which targets are held in every second segment
-    torque_factor: float = 1.0  # factor on the external torques [-]
-
-    def for_robot(self, robot: Robot) -> "BenchPreset":
-        """The preset scaled to ``robot``; unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m."""
-        low, high = (
-            own / reference
-            for own, reference in zip(robot.load_inertia, REFERENCE_LOAD, strict=True)
-        )
-        loads = low * self.load_inertia[0], high * self.load_inertia[1]
-        return replace(self, load_inertia=loads, torque_factor=robot.reference_torque)
-
-
-REFERENCE_LOAD = (1e-4, 3e-2)  # load inertia of the robot for which the presets are written [kg·m²]
+REFERENCE_LOAD = (
+    1e-4,
+    3e-2,
+)  # load inertia of the robot for which the schedules are written [kg·m²]
 # tags of random streams
 MOTORS_STREAM = 11
 EXCITATION_STREAM = 13
@@ -47,25 +28,65 @@ INSTRUMENTS_STREAM = 47
 MAX_DEVIATION = 1.5  # position error [rad] above which an external torque is halved
 MAX_HALVINGS = 4
 MAX_SPEED = 1e3  # joint speed [rad/s] above which a simulation has diverged
-# rollout: loads from a bare shank to a standing robot; half of the commands are held at 100 Hz
-# adapt: the same in segments of 1 s, so that a few seconds contain many loads
-# narrow: excitation and load of paper at the rate of rollout
-_ROLLOUT = BenchPreset(0.002, 1000, (1e-4, 3e-2), ("sine", "steps", "gait", "impacts", "creep"), 5)
-BENCH_PRESETS = {
-    "paper": BenchPreset(0.01, 2500, (0.002, 0.002), ("sine",), 1),
+
+
+@dataclass(frozen=True)
+class BenchSchedule:
+    """Excitations and loads of a bench."""
+
+    period: float  # sample period of the log [s]
+    segment_steps: int  # samples per contiguous recording
+    load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
+    excitations: tuple[str, ...]  # names or files, see `excitation_of`, cycled over the segments
+    hold_steps: int  # samples for which targets are held in every second segment
+    torque_factor: float = 1.0  # factor on the external torques [-]
+
+    def for_robot(self, robot: Robot) -> "BenchSchedule":
+        """The schedule scaled to ``robot``.
+
+        Unscaled it is for REFERENCE_LOAD and a reference torque of 1 N·m.
+        """
+        low, high = self.load_inertia
+        robot_low, robot_high = robot.load_inertia
+        reference_low, reference_high = REFERENCE_LOAD
+        return replace(
+            self,
+            load_inertia=(robot_low / reference_low * low, robot_high / reference_high * high),
+            torque_factor=robot.reference_torque,
+        )
+
+
+# Loads from a bare shank to a standing robot; half of the commands are held at 100 Hz.
+_ROLLOUT = BenchSchedule(
+    period=0.002,
+    segment_steps=1000,
+    load_inertia=(1e-4, 3e-2),
+    excitations=("sine", "steps", "gait", "impacts", "creep"),
+    hold_steps=5,
+)
+BENCH_SCHEDULES = {
+    "paper": BenchSchedule(
+        period=0.01,
+        segment_steps=2500,
+        load_inertia=(0.002, 0.002),
+        excitations=("sine",),
+        hold_steps=1,
+    ),
     "rollout": _ROLLOUT,
+    # segments of 1 s, so that a few seconds contain many loads
     "adapt": replace(_ROLLOUT, segment_steps=500),
-    "narrow": replace(_ROLLOUT, load_inertia=(0.002, 0.002), kinds=("sine",)),
+    # excitation and load of paper at the rate of rollout
+    "narrow": replace(_ROLLOUT, load_inertia=(0.002, 0.002), excitations=("sine",)),
 }
 
 
-def bench_preset(name: str) -> BenchPreset:
-    """The preset of that name; raises `ConfigError` if there is none."""
-    if name not in BENCH_PRESETS:
+def bench_schedule(name: str) -> BenchSchedule:
+    """The schedule of that preset; raises `ConfigError` if there is none."""
+    if name not in BENCH_SCHEDULES:
         raise ConfigError(
-            f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_PRESETS)}"
+            f"no bench preset {name!r}", remedy=f"use one of {', '.join(BENCH_SCHEDULES)}"
         )
-    return BENCH_PRESETS[name]
+    return BENCH_SCHEDULES[name]
 
 
 def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
@@ -74,91 +95,120 @@ def training_motors(fleet: Fleet, motors: int, seed: int) -> TrueMotors:
 
 
 def bench_trial(
-    rng: np.random.Generator, kind: str, steps: int, motors: int, preset: BenchPreset, hold: bool
+    rng: np.random.Generator,
+    excitation_name: str,
+    steps: int,
+    motors: int,
+    schedule: BenchSchedule,
+    hold: bool,
 ) -> Trial:
     """A trial of one excitation for ``motors`` motors, with a signal and a load per motor."""
-    chosen = excitation_of(kind)
-    targets, external, inertia = chosen.streams(
-        rng, steps, preset.period, bench_names(motors), preset.torque_factor
+    excitation = excitation_of(excitation_name)
+    targets, external, inertia = excitation.streams(
+        rng, steps, schedule.period, bench_names(motors), schedule.torque_factor
     )
     if hold:
-        targets = zero_order_hold(targets, preset.hold_steps)
+        targets = zero_order_hold(targets, schedule.hold_steps)
     if inertia is None:
-        low, high = np.log(preset.load_inertia)
+        low, high = np.log(schedule.load_inertia)
         inertia = np.exp(rng.uniform(low, high, motors))
-    return Trial(targets, external, inertia, preset.period)
+    return Trial(targets, external, inertia, schedule.period)
 
 
 def record(
-    motors: TrueMotors, preset: BenchPreset, steps: int, seed: int, fleet: Fleet
+    motors: TrueMotors, schedule: BenchSchedule, steps: int, seed: int, fleet: Fleet
 ) -> MotorLog:
     """Record ``steps`` samples of every motor.
 
-    Deterministic. Every segment of ``preset.segment_steps`` samples starts with static motors that
-    have been warming since the start of the log. An external torque that causes a position error
-    above MAX_DEVIATION is halved, up to four times. Raises ConfigError if a simulation diverges,
-    since the gear is too stiff for the load.
+    Deterministic. Every segment of ``schedule.segment_steps`` samples starts with static motors
+    that have been warming since the start of the log. An external torque that causes a position
+    error above MAX_DEVIATION is halved, up to MAX_HALVINGS times. Raises ConfigError if a
+    simulation diverges, since the gear is too stiff for the load.
     """
-    parts = []
-    count = len(motors)
-    bounds = [*range(0, steps - 1, preset.segment_steps), steps]
-    for segment, (first, last) in enumerate(pairwise(bounds)):
-        rng = np.random.default_rng([seed, segment, EXCITATION_STREAM])
-        kind = preset.kinds[segment % len(preset.kinds)]
-        round_, slot = divmod(segment, len(preset.kinds))
-        hold = preset.hold_steps > 1 and (round_ + slot) % 2 == 0
-        part = bench_trial(rng, kind, last - first, count, preset, hold)
-        part, response = _with_limited_pushes(
-            motors, motors.after(first * preset.period).actuator(), part
-        )
+    recordings = []
+    edges = [*range(0, steps - 1, schedule.segment_steps), steps]
+    for segment, (first, last) in enumerate(pairwise(edges)):
+        trial = _segment_trial(segment, last - first, len(motors), schedule, seed)
+        actuator = motors.after(first * schedule.period).actuator()
+        trial, response = _with_limited_pushes(motors, actuator, trial)
+
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
-        true = response.joint_pos, response.joint_vel, response.joint_torque
-        pos, vel, torque = motors.logged(instruments, preset.period, *true)
-        parts.append((part, replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)))
-    return as_log(parts, fleet.motor, f"virtual dynamometer, fleet {fleet.name}, seed {seed}")
+        pos, vel, torque = motors.logged(
+            instruments,
+            schedule.period,
+            response.joint_pos,
+            response.joint_vel,
+            response.joint_torque,
+        )
+        logged = replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)
+        recordings.append((trial, logged))
+    return as_log(recordings, fleet.motor, f"virtual dynamometer, fleet {fleet.name}, seed {seed}")
+
+
+def _segment_trial(
+    segment: int, steps: int, motors: int, schedule: BenchSchedule, seed: int
+) -> Trial:
+    """The trial of one segment."""
+    rng = np.random.default_rng([seed, segment, EXCITATION_STREAM])
+    cycle, position = divmod(segment, len(schedule.excitations))
+    # every excitation is held in every second cycle, and every second one in a cycle
+    hold = schedule.hold_steps > 1 and (cycle + position) % 2 == 0
+    return bench_trial(rng, schedule.excitations[position], steps, motors, schedule, hold)
 
 
 def _with_limited_pushes(
-    motors: TrueMotors, actuator: Actuator, part: Trial
+    motors: TrueMotors, actuator: Actuator, trial: Trial
 ) -> tuple[Trial, Response]:
-    # a joint far from its command contributes little to identification, and real benches have end
-    # stops
-    response = _checked_run(motors, actuator, part)
+    """The trial and its response, with external torques halved as long as joints deviate far."""
+    # A joint far from its command contributes little to identification, and real benches have end
+    # stops.
+    response = _checked_run(motors, actuator, trial)
     for _ in range(MAX_HALVINGS):
-        error = np.abs(response.joint_pos - part.position_target).max(axis=0)
-        too_large = (error > MAX_DEVIATION) & part.external_torque.any(axis=0)
+        error = np.abs(response.joint_pos - trial.position_target).max(axis=0)
+        too_large = (error > MAX_DEVIATION) & trial.external_torque.any(axis=0)
         if not too_large.any():
             break
-        part = replace(part, external_torque=np.where(too_large, 0.5, 1.0) * part.external_torque)
-        response = _checked_run(motors, actuator, part)
-    return part, response
+        external_torque = np.where(too_large, 0.5, 1.0) * trial.external_torque
+        trial = replace(trial, external_torque=external_torque)
+        response = _checked_run(motors, actuator, trial)
+    return trial, response
 
 
-def _checked_run(motors: TrueMotors, actuator: Actuator, part: Trial) -> Response:
-    response = run(actuator, part)
-    diverged = np.flatnonzero(~(np.abs(response.joint_vel) < MAX_SPEED).all(axis=0))  # includes NaN
+def _checked_run(motors: TrueMotors, actuator: Actuator, trial: Trial) -> Response:
+    """The response; raises ConfigError if a motor diverges."""
+    response = run(actuator, trial)
+    is_stable = (np.abs(response.joint_vel) < MAX_SPEED).all(axis=0)
+    diverged = np.flatnonzero(~is_stable)  # includes NaN
     if diverged.size:
         motor = int(diverged[0])
-        gear = f"{motors.gear_stiffness[motor]:.3g} N·m/rad and {motors.gear_damping[motor]:.2g} N·m·s/rad"
-        problem = f"motor {motor} diverges on a load of {part.load_inertia[motor]:.2g} kg·m²: its gear, {gear}, is "
-        remedy = "give the fleet a softer, less damped gear, or the robot file larger load_inertia = [min, max]"
-        raise ConfigError(f"{problem}too stiff or too damped", remedy=remedy, argument="fleet")
+        load = f"{trial.load_inertia[motor]:.2g} kg·m²"
+        stiffness = f"{motors.gear_stiffness[motor]:.3g} N·m/rad"
+        damping = f"{motors.gear_damping[motor]:.2g} N·m·s/rad"
+        raise ConfigError(
+            f"motor {motor} diverges on a load of {load}: its gear, {stiffness} and {damping}, "
+            "is too stiff or too damped",
+            remedy="give the fleet a softer, less damped gear, or the robot file larger "
+            "load_inertia = [min, max]",
+            argument="fleet",
+        )
     return response
 
 
-def as_log(parts: Sequence[tuple[Trial, Response]], motor: str, source: str) -> MotorLog:
+def as_log(recordings: Sequence[tuple[Trial, Response]], motor: str, source: str) -> MotorLog:
     """The log of a bench with a segment per trial."""
-    target = np.concatenate([part.position_target for part, _ in parts])
-    lengths = [len(part.position_target) for part, _ in parts]
+    trials = [trial for trial, _ in recordings]
+    responses = [response for _, response in recordings]
+    lengths = [len(trial.position_target) for trial in trials]
+    target = np.concatenate([trial.position_target for trial in trials])
     return MotorLog(
-        time=np.arange(sum(lengths)) * parts[0][0].dt,
+        time=np.arange(sum(lengths)) * trials[0].dt,
         position_target=target,
-        joint_pos=np.concatenate([response.joint_pos for _, response in parts]),
-        joint_vel=np.concatenate([response.joint_vel for _, response in parts]),
-        joint_torque=np.concatenate([response.joint_torque for _, response in parts]),
-        load_inertia=np.repeat([part.load_inertia for part, _ in parts], lengths, axis=0),
-        external_torque=np.concatenate([part.external_torque for part, _ in parts]),
-        segment=np.repeat(np.arange(len(parts)), lengths),
+        joint_pos=np.concatenate([response.joint_pos for response in responses]),
+        joint_vel=np.concatenate([response.joint_vel for response in responses]),
+        joint_torque=np.concatenate([response.joint_torque for response in responses]),
+        load_inertia=np.repeat([trial.load_inertia for trial in trials], lengths, axis=0),
+        external_torque=np.concatenate([trial.external_torque for trial in trials]),
+        segment=np.repeat(np.arange(len(trials)), lengths),
         joint_names=bench_names(target.shape[1]),
         robot=BENCH,
         motor=motor,

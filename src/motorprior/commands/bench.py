@@ -15,10 +15,11 @@ class Bench:
     out: Path
     """Folder for log.parquet and bench.json."""
     fleet: str | None = None
-    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
+    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not
+    given."""
     preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, shorter), narrow (sinusoids on
-    one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
+    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, shorter),
+    narrow (sinusoids on one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
     motors: int = 32
     """Number of motors sampled from the fleet."""
     steps: int = 10_000
@@ -28,8 +29,8 @@ class Bench:
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     excitation: str | None = None
-    """Play this in every segment instead of the preset's: a file of `motorprior excite`, on its loads, or an excitation
-    by name, such as steps."""
+    """Play this in every segment instead of the preset's: a file of `motorprior excite`, on its
+    loads, or an excitation by name, such as steps."""
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:

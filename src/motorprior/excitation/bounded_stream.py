@@ -48,7 +48,10 @@ def soft_clip(value: Any, bound: Any) -> Any:
 
 
 def bounded(raw: np.ndarray, bounds: Bounds, dt: float) -> np.ndarray:
-    """(steps, n) bounded targets [rad] that follow ``raw`` (steps + 1, n) from rest at its first row."""
+    """(steps, n) bounded targets [rad] that follow ``raw`` (steps + 1, n).
+
+    They start at rest at its first row.
+    """
     amplitude = bounds.amplitude
     # U and B·dt of the module's formulas
     speed = np.minimum(bounds.speed, np.sqrt(bounds.acceleration * amplitude / (2.0 * CURVE)))

@@ -1,4 +1,4 @@
-"""Learn an excitation from runs of a robot: windows by joint class, and a generator of more of them."""
+"""Learn an excitation from runs of a robot: their windows by joint class, and a generator."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

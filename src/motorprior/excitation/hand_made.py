@@ -6,7 +6,7 @@ from motorprior.excitation.excitation import Rng
 
 
 def sine(rng: Rng, steps: int, dt: float) -> np.ndarray:
-    """The paper's excitation: center + amplitude(t)·sin(2π∫frequency dt), 0.3-6 Hz, 0.05-0.6 rad."""
+    """The paper's excitation: center + amplitude(t)·sin(2π∫f(t) dt), f 0.3-6 Hz, 0.05-0.6 rad."""
     frequency = _wandering(rng, steps, dt, 0.3, 6.0)
     amplitude = np.minimum(_wandering(rng, steps, dt, 0.05, 0.6), 1.2 / frequency)
 
@@ -28,7 +28,10 @@ def held_steps(rng: Rng, steps: int, dt: float) -> np.ndarray:
 
 
 def gait(rng: Rng, steps: int, dt: float) -> np.ndarray:
-    """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics, nearly static in part of a cycle."""
+    """Periodic motion of a leg joint: 0.8-2.5 Hz, three harmonics.
+
+    The joint is nearly static in a part of the cycle.
+    """
     frequency = rng.uniform(0.8, 2.5)
     warp = rng.uniform(-0.8, 0.8)
     angle = 2 * np.pi * frequency * np.arange(steps) * dt + rng.uniform(0, 2 * np.pi)
@@ -108,7 +111,7 @@ def _wandering(rng: Rng, steps: int, dt: float, low: float, high: float) -> np.n
 
 
 def _knots(rng: Rng, duration: float, low: float, high: float) -> list[float]:
-    """Times from 0 to beyond ``duration``, with random intervals between ``low`` and ``high`` [s]."""
+    """Times from 0 to beyond ``duration`` [s], with random intervals from ``low`` to ``high``."""
     knots = [0.0]
     while knots[-1] < duration:
         knots.append(knots[-1] + rng.uniform(low, high))

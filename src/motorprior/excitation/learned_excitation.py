@@ -1,4 +1,4 @@
-"""An excitation learned from runs of a robot: their windows, and a method that makes streams of them.
+"""An excitation learned from runs of a robot: their windows, and a method that makes streams.
 
 The methods are `recorded_stream`, `surrogate_stream` and `generated_stream`. `bounded_stream`
 bounds what they make.

@@ -10,7 +10,7 @@ NUM_MIXED = 64  # windows whose spectra are mixed
 
 
 def surrogate_stream(windows: np.ndarray, rng: Rng, num_frames: int) -> np.ndarray:
-    """(num_frames, CHANNELS) a Gaussian process with the windows' cross-spectra, then their marginals.
+    """(num_frames, CHANNELS) Gaussian process with the windows' cross-spectra and marginals.
 
     Phase-randomised surrogate (Theiler et al., Physica D 58, 1992): a sum of the spectra of windows
     with random complex weights at every frequency, mapped by rank to the windows' values, channel

@@ -276,7 +276,10 @@ def _pooled(values: Any) -> Any:
 
 
 def _loss(networks: dict[str, Any], data: Weights, key: Any) -> tuple[Any, Any]:
-    """Sum of the losses of all networks for a random batch; loss of reconstruction, critic's gap."""
+    """Sum of the losses of all networks for a random batch.
+
+    Also returns the loss of the reconstruction and the critic's gap, to report.
+    """
     batch_key, code_key, noise_key = jax.random.split(key, 3)
     rows = jax.random.randint(batch_key, (BATCH,), 0, len(data["windows"]))
     batch = {name: value[rows] for name, value in data.items()}

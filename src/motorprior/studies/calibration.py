@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.distribution import Distribution
 from motorprior.actuator.families import FAMILIES
-from motorprior.actuator.fleet import Distribution, Fleet
+from motorprior.actuator.fleet import Fleet
 from motorprior.exceptions import ConfigError
 from motorprior.identification.search import WIDE, GaussianPrior, Search
 from motorprior.progress import SILENT, Progress
@@ -56,9 +57,9 @@ class Parameter:
     def of(cls, name: str, unit: str, distribution: Distribution) -> "Parameter":
         """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
         values = distribution.values
-        is_log = distribution.kind == "lognormal"
+        is_log = distribution.form == "lognormal"
         center = distribution.center
-        if distribution.kind == "uniform":
+        if distribution.form == "uniform":
             is_log = values["low"] > 0.0
             low, high = (
                 np.log([values["low"], values["high"]])

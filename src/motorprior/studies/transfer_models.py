@@ -18,7 +18,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
 from motorprior.bench.bench_folder import record_bench
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_schedule, record
 from motorprior.bounds import seed_of
 from motorprior.identification.baselines.pd_fit import IDEAL_PD, RESTARTS, fit_pd
 from motorprior.identification.presets import network_steps
@@ -169,7 +169,7 @@ def _record_robot(bench: Study, population: str, number: int) -> MotorLog:
     """The log of the motors of a robot, of LOG_SECONDS."""
     robot = load_robot(bench.robot)
     fleet = load_robot_fleet(robot, bench.fleet_of(population))
-    preset = bench_preset("adapt").for_robot(robot)
+    preset = bench_schedule("adapt").for_robot(robot)
     motors = motors_of_robot(robot, fleet, bench.seed, number)
     steps = round(LOG_SECONDS / preset.period)
     log_seed = seed_of(LOG_STREAM, bench.seed, number)

@@ -9,7 +9,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
-from motorprior.bench.recording import bench_preset, record, training_motors
+from motorprior.bench.recording import bench_schedule, record, training_motors
 from motorprior.identification.baselines.pd_fit import WITH_FRICTION, WITH_ROTOR, fit_pd
 from motorprior.logs.motor_log import MotorLog
 
@@ -28,7 +28,7 @@ SLOW = {"kp": 12.0, "kd": 0.6, "torque_limit": 1.4, "armature": 0.018, "delay": 
 @pytest.fixture(scope="module")
 def bench() -> MotorLog:
     fleet = load_fleet("pupper_v2")
-    return record(training_motors(fleet, MOTORS, 0), bench_preset("rollout"), 5000, 0, fleet)
+    return record(training_motors(fleet, MOTORS, 0), bench_schedule("rollout"), 5000, 0, fleet)
 
 
 def made_by(bench: MotorLog, motors: Actuator) -> MotorLog:

@@ -9,7 +9,7 @@ from motor_logs import log_of, swinging_load
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.bench.dynamometer import run, trial_of
-from motorprior.bench.recording import bench_preset, record
+from motorprior.bench.recording import bench_schedule, record
 from motorprior.evaluation.errors import (
     MAX_ERROR,
     LogErrors,
@@ -43,7 +43,7 @@ PRESET = replace(PRESETS["rollout"], warm_up=60, window=100)
 @pytest.fixture(scope="module")
 def log() -> MotorLog:
     fleet = load_fleet("mixed")
-    return record(fleet.sample(MOTORS, 0), bench_preset("rollout"), 5000, 0, fleet)
+    return record(fleet.sample(MOTORS, 0), bench_schedule("rollout"), 5000, 0, fleet)
 
 
 def pd(kp: float = 12.0) -> IdealPd:
