@@ -128,7 +128,7 @@ def _distribution(
 ) -> Distribution:
     """The distribution of one parameter from its table."""
     form_key = "distribution" if with_sources else "kind"
-    form = table.get(form_key)
+    form: Any = table.get(form_key)
     require(form_key, form, one_of(*_KEYS_OF_FORM), where, remedy)
 
     entries: dict[str, Field] = {form_key: TEXT}

@@ -197,13 +197,13 @@ def _taper(num_frames: int) -> np.ndarray:
     return np.hanning(num_frames) / np.hanning(num_frames).sum()
 
 
-def _initial_weights(num_classes: int, seed: int) -> dict[str, Weights]:
+def _initial_weights(num_classes: int, seed: int) -> dict[str, Any]:
     """Random weights of generator and critic; zeros for biases.
 
     Their variance is 1 / inputs of a layer.
     """
     rng = np.random.default_rng([seed, 53])
-    networks = {}
+    networks: dict[str, Any] = {}
     for network, shapes in {
         "generator": weight_shapes(num_classes),
         "critic": _critic_shapes(num_classes),
