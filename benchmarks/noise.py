@@ -80,7 +80,7 @@ def noisy_walk(policy: Path, share: float, seconds: float, noise_seed: int) -> N
             steering = nullcontext(Teleop(None, None, robot.require_gait(), (SPEED, 0.0)))
             walk(Session(link, gains, timing=timing), loaded, steering, seconds)
         except RobotFault as error:
-            fault = error.kind
+            fault = error.name
     sent = np.array([gains.kp, gains.kd, gains.max_current], dtype=np.float32)
     other = not np.array_equal(np.array(port.firmware.gains, dtype=np.float32), sent)
     return NoisyWalk(len(timing.sent) * loaded.control_dt, port.path, fault, other)

@@ -96,15 +96,15 @@ class RobotFault(MotorPriorError):
     """A fault of the robot or of its telemetry; motion ends.
 
     Args:
-        kind: short name of the fault, as in the table of docs/hardware.md.
+        name: short name of the fault, as in the table of docs/hardware.md.
         problem: see `MotorPriorError`.
         safe_state: "idle" if motors must lose their current at once, "crouch" if there is time to
             sit down.
         more: ``remedy`` and ``argument`` of `MotorPriorError`.
     """
 
-    def __init__(self, kind: str, problem: str, *, safe_state: str = "idle", **more: str | None):
-        super().__init__(problem, where=f"robot fault {kind!r}", **more)
-        self.args = (kind, problem)  # pickle rebuilds the exception from these
-        self.kind = kind
+    def __init__(self, name: str, problem: str, *, safe_state: str = "idle", **more: str | None):
+        super().__init__(problem, where=f"robot fault {name!r}", **more)
+        self.args = (name, problem)  # pickle rebuilds the exception from these
+        self.name = name
         self.safe_state = safe_state

@@ -1,4 +1,4 @@
-"""The help of the command line: every option explained, in SI units, without importing the heavy libraries."""
+"""The help: every option is explained, in SI units, and no heavy library is imported."""
 
 import re
 import subprocess

@@ -150,7 +150,7 @@ def test_a_fault_is_reported_and_ends_in_its_safe_state(
     assert incident.reaction < MAX_REACTION[safe_state]
     assert incident.crouched == (safe_state == "crouch")
     if isinstance(incident.error, RobotFault):
-        assert incident.error.kind in kinds and incident.error.safe_state == safe_state
+        assert incident.error.name in kinds and incident.error.safe_state == safe_state
     if name == "disk full":
         assert (
             read_deploy_recording(tmp_path / "run" / "run.csv", PUPPER_V2, (Mode.RAMP,)).num_rows
@@ -195,7 +195,7 @@ def test_a_second_signal_drops_the_robot_and_more_change_nothing(
             signal.raise_signal(signal.SIGINT)
 
     incident = walk_into(press_often)
-    assert isinstance(incident.error, RobotFault) and incident.error.kind == "stopped"
+    assert isinstance(incident.error, RobotFault) and incident.error.name == "stopped"
     assert incident.reaction < MAX_REACTION["idle"]
 
 
@@ -209,7 +209,7 @@ def test_a_fault_during_the_crouch_does_not_start_the_walk_again(
     incident = walk_into(stop_and_break)
     assert (
         isinstance(incident.error, RobotFault)
-        and incident.error.kind == "frozen IMU"
+        and incident.error.name == "frozen IMU"
         and incident.crouched
     )
     modes = [
@@ -275,7 +275,7 @@ def test_a_robot_with_a_fault_is_not_armed(kind: str):
     REFUSED[kind](port)
     with pytest.raises(RobotFault) as caught:
         checked(port)
-    assert caught.value.kind == kind
+    assert caught.value.name == kind
     if kind == "IMU":
         checked(port, need_imu=False)
 

@@ -120,7 +120,7 @@ def test_a_joint_that_does_not_follow_is_named(motion: float, kind: str):
         step += 1
     assert (
         step < 200
-        and faults[0].kind == kind
+        and faults[0].name == kind
         and "FL_hip" in str(faults[0])
         and faults[0].safe_state == "idle"
     )
@@ -162,4 +162,4 @@ def test_one_damaged_frame_is_no_fault_and_several_in_a_row_are(
         )
     times = 1.0 + 0.01 * np.arange(round(duration / 0.01) + 1)
     found = [list(sensors.faults(replace(good, **bad), now)) for now in times]
-    assert not found[0] and [fault.kind for fault in found[-1]] == [kind]
+    assert not found[0] and [fault.name for fault in found[-1]] == [kind]

@@ -60,7 +60,7 @@ def test_a_fault_is_detected_and_its_reaction_possible(
     happens(robot, link)
     with pytest.raises(RobotFault) as caught:
         hold(link, 300)
-    assert (caught.value.kind, caught.value.safe_state) == (kind, safe_state)
+    assert (caught.value.name, caught.value.safe_state) == (kind, safe_state)
     if name == "host hangs":
         last = max(at for at, event in robot.firmware.events if event == "command")
         assert when(robot, IDLE) - last > WATCHDOG_TIME - 0.1, "not before the limit"

@@ -90,8 +90,8 @@ class SensorFaults:
 class TrackingFaults:
     """Detects a joint that does not follow its target.
 
-    The reference is the response of a joint with the sent gains, a first-order lag of kd/kp:
-    reference += (1 - exp(-dt / lag)) (target - reference).
+    A joint is compared with its lagged target, the response of a joint with the sent gains:
+    lagged_target += (1 - exp(-dt / lag)) (target - lagged_target), where lag = kd / kp.
     """
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
@@ -103,11 +103,12 @@ class TrackingFaults:
     def begin(self, lag: float) -> None:
         """Restart at the next measurement, with ``lag`` [s]: the motors had no current before."""
         self._lag = lag
-        self._reference: np.ndarray | None = None
+        self._lagged_target: np.ndarray | None = None
         self._last = 0.0  # time of the last measurement [s]
         self._restart = -math.inf  # time from which stuck joints are detected [s]
-        self._seconds_away = np.zeros(len(self._names))  # since a joint was near its reference [s]
-        # (time, positions, references) of the last measurements
+        # time since each joint was near its lagged target [s]
+        self._seconds_away = np.zeros(len(self._names))
+        # (time, positions, lagged targets) of the last measurements
         self._window: list[tuple[float, np.ndarray, np.ndarray]] = []
 
     def restart_window(self, now: float) -> None:
@@ -120,16 +121,16 @@ class TrackingFaults:
             self._restart = now
 
     def faults(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> Iterator[RobotFault]:
-        """Faults of joints that are too far from the reference for too long, or do not move."""
-        if self._reference is None:
-            self._reference = joint_pos.copy()
+        """Faults of joints that are too far from their lagged targets, or do not move."""
+        if self._lagged_target is None:
+            self._lagged_target = joint_pos.copy()
             self._last = now
 
         step = max(0.0, now - self._last)
         self._last = now
-        self._reference += (1.0 - math.exp(-step / self._lag)) * (target - self._reference)
+        self._lagged_target += (1.0 - math.exp(-step / self._lag)) * (target - self._lagged_target)
 
-        error = np.abs(joint_pos - self._reference)
+        error = np.abs(joint_pos - self._lagged_target)
         is_away = error > self._limits.tracking_error
         self._seconds_away = np.where(is_away, self._seconds_away + step, 0.0)
         joint = int(np.argmax(self._seconds_away))
@@ -143,31 +144,31 @@ class TrackingFaults:
             )
 
         if now >= self._restart:
-            yield from self._stuck(joint_pos, self._reference, now)
+            yield from self._stuck(joint_pos, self._lagged_target, now)
 
     def _stuck(
-        self, joint_pos: np.ndarray, reference: np.ndarray, now: float
+        self, joint_pos: np.ndarray, lagged_target: np.ndarray, now: float
     ) -> Iterator[RobotFault]:
-        """The fault of a joint that is static while its reference moves."""
+        """The fault of a joint that is static while its lagged target moves."""
         limits = self._limits
         duration = limits.stuck_time - _TIME_STEP
         window = self._window
-        window.append((now, joint_pos.copy(), reference.copy()))
+        window.append((now, joint_pos.copy(), lagged_target.copy()))
         if now - window[0][0] < duration:
             return
         while now - window[1][0] >= duration:
             del window[0]
 
-        _, _, first_reference = window[0]
+        _, _, first_target = window[0]
         motion = np.ptp([angles for _, angles, _ in window], axis=0)
-        reference_motion = np.abs(reference - first_reference)
-        is_stuck = (motion < limits.stuck_motion) & (reference_motion > limits.stuck_target)
+        target_motion = np.abs(lagged_target - first_target)
+        is_stuck = (motion < limits.stuck_motion) & (target_motion > limits.stuck_target)
         if is_stuck.any():
             joint = int(np.argmax(is_stuck))
             yield RobotFault(
                 "stuck",
                 f"{self._names[joint]} moved less than {limits.stuck_motion} rad while its lagged "
-                f"target moved {reference_motion[joint]:.2f} rad",
+                f"target moved {target_motion[joint]:.2f} rad",
                 remedy="look for a frozen encoder or a blocked joint",
             )
 

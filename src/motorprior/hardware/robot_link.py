@@ -137,7 +137,7 @@ class RobotLink:
         # stuck.
         for measurement in unchecked:
             for fault in self._faults(measurement.telemetry):
-                if fault.kind not in self._ignored:
+                if fault.name not in self._ignored:
                     raise fault
         return latest
 
@@ -180,10 +180,10 @@ class RobotLink:
             self._recorder.sent(sent, target_in_force, mode)
         return sent
 
-    def ignore(self, kind: str) -> None:
-        """Continue in spite of faults with this `RobotFault.kind`, to crouch."""
-        self._ignored.add(kind)
-        if kind == "watchdog" and self._watchdog is not None:
+    def ignore(self, fault_name: str) -> None:
+        """Continue in spite of faults with this `RobotFault.name`, to crouch."""
+        self._ignored.add(fault_name)
+        if fault_name == "watchdog" and self._watchdog is not None:
             self._watchdog.end(idle_sent=True, patience=0.005)  # the robot still moves
             self._watchdog = None
 

@@ -186,7 +186,7 @@ def _session(
         except BaseException as error:
             outcome = type(error).__name__
             if isinstance(error, Exception):
-                outcome = fault_of(error).kind
+                outcome = fault_of(error).name
             with suppress(ArtifactError):  # the error that ended the run is more important
                 run_file.end(session, outcome, str(error))
             raise
@@ -197,7 +197,7 @@ def _session(
 class _RunFile:
     """run.json: ``origin``, settings, gains and limits (an infinite one is null), and the outcome.
 
-    The outcome is "time", "operator", the name of a signal, or the kind of a fault with its
+    The outcome is "time", "operator", the name of a signal, or the name of a fault with its
     message.
     """
 

@@ -165,8 +165,8 @@ class Session:
         link = self.link
         if fault is not None:
             link.gate.latch(fault)
-            link.ignore(fault.kind)
-            if fault.kind in _UNTRUSTED:
+            link.ignore(fault.name)
+            if fault.name in _UNTRUSTED:
                 self._stopping = None
         link.gate.allow_crouch()
         # the ground may block a foot while the body descends; to continue is safer than to fall
@@ -186,8 +186,8 @@ def fault_of(error: Exception) -> RobotFault:
     """The robot fault for an error; after an error of the program the robot can still crouch."""
     if isinstance(error, RobotFault):
         return error
-    kind = "recording" if isinstance(error, ArtifactError) else "program error"
-    return RobotFault(kind, str(error), safe_state="crouch")
+    name = "recording" if isinstance(error, ArtifactError) else "program error"
+    return RobotFault(name, str(error), safe_state="crouch")
 
 
 # Frames per control period of the robot's clock, so that buffered frames and a busy host have no
@@ -329,7 +329,7 @@ def _sensors(link: RobotLink, telemetry: Sequence[Telemetry]) -> list[Check]:
     faults: dict[str, RobotFault] = {}
     for frame in telemetry:
         for fault in sensors.faults(frame, 1e-3 * frame.ts):
-            faults[fault.kind] = fault
+            faults[fault.name] = fault
 
     currents = telemetry[-1].cur
     readings = {
