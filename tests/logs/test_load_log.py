@@ -1,5 +1,6 @@
 """`load_log` gives what `motorprior logs import` writes: on a grid, with settings and loads."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from weighed_arm import arm_table, slow_motion, write_arm
 
 import motorprior as mp
 from motorprior.commands.logs_import import LogsImport, import_logs
+from motorprior.logs.loads import load_source
 from motorprior.logs.motor_log import POSTURES, channels
 
 
@@ -66,3 +68,42 @@ def test_given_settings_override_those_of_the_log(tmp_path: Path):
             columns=columns,
             settings=mp.LogSettings(operating_conditions={"supply_voltage": -1.0}),
         )
+
+
+def test_a_robot_with_a_fixed_base_gets_loads_without_a_statement(tmp_path: Path):
+    robot = write_arm(tmp_path)
+    table, columns = arm_table(slow_motion(robot).rows(slice(0, 300)), tmp_path)
+    log = mp.load_log(table, columns=columns, robot=robot)
+    stated = mp.load_log(table, columns=columns, robot=robot, suspended=True)
+    for name, values in channels(stated).items():
+        np.testing.assert_array_equal(values, getattr(log, name))
+    rows = mp.load_log(table, columns=columns, robot=robot, settings=mp.LogSettings(period=None))
+    assert rows.load_inertia is None, "recorded rows have no smooth accelerations"
+
+
+def test_the_source_of_loads_is_the_log_or_the_model_or_stated_as_unknown(tmp_path: Path):
+    arm = mp.load_robot(write_arm(tmp_path))
+    log = replace(slow_motion(str(tmp_path / "arm.toml")), load_inertia=None)
+    log = replace(log, external_torque=None, load_stiffness=None, posture=None)
+
+    assert load_source(log, arm, False, "x").name == "model"
+    assert load_source(log, None, False, "x").name == "unknown"
+    assert load_source(log.joint(0), arm, False, "x").name == "unknown"
+    with pytest.raises(mp.LogError):
+        load_source(log.joint(0), arm, True, "x")
+
+    pupper = mp.load_robot("pupper_v2")
+    angle = np.zeros((log.num_rows, pupper.num_joints))
+    walk = replace(
+        log, position_target=angle, joint_pos=angle, joint_vel=None, joint_names=pupper.joint_names
+    )
+    source = load_source(walk, pupper, False, "x")
+    assert source.name == "unknown" and "posture" in source.reason
+    assert load_source(walk, pupper, True, "x").name == "model"
+    suspended = np.full(log.num_rows, POSTURES.index("suspended"))
+    assert load_source(replace(walk, posture=suspended), pupper, False, "x").name == "model"
+
+    loaded = replace(log, load_inertia=np.ones_like(log.joint_pos))
+    assert load_source(loaded, arm, False, "x").name == "log"
+    with pytest.raises(mp.ConfigError, match="load_inertia"):
+        load_source(loaded, arm, True, "x")

@@ -391,8 +391,8 @@ def _check_values(
         columns = [name]
     else:
         table = values
-        parts = joint_names if name in JOINT_SERIES else BASE_AXES
-        columns = [f"{name}/{part}" for part in parts]
+        labels = joint_names if name in JOINT_SERIES else BASE_AXES
+        columns = [f"{name}/{label}" for label in labels]
     require_finite(table, columns, where)
 
     low, high, expected = _BOUNDS.get(name, (-np.inf, np.inf, ""))

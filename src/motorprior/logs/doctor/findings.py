@@ -22,10 +22,6 @@ class Finding:
     def __str__(self) -> str:
         return f"{self.message} -> {self.remedy}" if self.remedy else self.message
 
-    @property
-    def _message_without_joint(self) -> str:
-        return self.message.partition(self.joint)[0] if self.joint else self.message
-
 
 def grouped(findings: Sequence[Finding]) -> list[Finding]:
     """One finding per problem and remedy, with the other joints in its message.
@@ -34,10 +30,16 @@ def grouped(findings: Sequence[Finding]) -> list[Finding]:
     """
     groups: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
-        problem = finding._message_without_joint + (finding.remedy if finding.joint else "")
-        key = (finding.severity, finding.check, problem)
+        key = (finding.severity, finding.check, _problem_without_joint(finding))
         groups.setdefault(key, []).append(finding)
     return [_largest_with_other_joints(group) for group in groups.values()]
+
+
+def _problem_without_joint(finding: Finding) -> str:
+    """Beginning of the message before the joint's name, and the remedy."""
+    if finding.joint is None:
+        return finding.message
+    return finding.message.partition(finding.joint)[0] + finding.remedy
 
 
 def _largest_with_other_joints(group: list[Finding]) -> Finding:
@@ -45,7 +47,7 @@ def _largest_with_other_joints(group: list[Finding]) -> Finding:
     joints = [f"{finding.joint} {finding.value:.3g}" for finding in group if finding is not largest]
     if not joints:
         return largest
-    return replace(largest, message=f"{largest.message}; likewise {', '.join(joints)}")
+    return replace(largest, message=f"{largest.message}; also {', '.join(joints)}")
 
 
 @dataclass(frozen=True, repr=False)

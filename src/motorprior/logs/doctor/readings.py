@@ -175,7 +175,7 @@ def failed_reads(log: MotorLog) -> np.ndarray:
     segments = log.segment_slices()
     for column in range(log.num_joints):
         for _, way, row in _jumps(log, column, period):
-            segment = next(part for part in segments if part.start <= row < part.stop)
+            segment = next(rows for rows in segments if rows.start <= row < rows.stop)
             if way == FAILED:
                 failed[row, column] = True
             elif way == STAYS and row - segment.start <= MAX_FAILED:

@@ -168,7 +168,7 @@ def _steady_motion(log: MotorLog) -> _SteadyMotion:
     """Up to 500 rows of steady motion."""
     half = max(1, round(0.1 / log.period))
     rows = np.concatenate(
-        [np.arange(part.start + half, part.stop - half) for part in log.segment_slices()]
+        [np.arange(rows.start + half, rows.stop - half) for rows in log.segment_slices()]
     ).astype(int)
     rows = rows[:: max(1, len(rows) // 20_000)]
 

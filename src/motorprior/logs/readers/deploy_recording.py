@@ -77,7 +77,7 @@ def read_deploy_recording(
         segments = [_on_grid(segment, period, joints) for segment in segments]
     table = np.concatenate(segments)
 
-    *series, body = np.split(table[:, 3:], range(joints, len(columns) - 3, joints), axis=1)
+    *series, base = np.split(table[:, 3:], range(joints, len(columns) - 3, joints), axis=1)
     torque = robot.require_wire().torque_constant * series[3] if has_current else None
     log = MotorLog(
         time=table[:, 0],
@@ -86,7 +86,7 @@ def read_deploy_recording(
         joint_vel=series[2],
         joint_torque=torque,
         segment=np.repeat(np.arange(len(segments)), [len(segment) for segment in segments]),
-        base_orientation=body[:, :2],
+        base_orientation=base[:, :2],
         joint_names=robot.joint_names,
         robot=robot.name,
         motor=robot.motor,
