@@ -14,6 +14,7 @@ from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 
 AVERAGING = 0.1  # weight of the newest parameters in their running average
+CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
 
 
 @dataclass(frozen=True)
@@ -40,35 +41,40 @@ class Ars:
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)  # M
-        # A += AVERAGING (M - A) after every update (Polyak, Juditsky 1992)
+        # average A of the parameters: A += AVERAGING (M - A) after every update (Polyak, Juditsky
+        # 1992)
         self.average = self.parameters
         self.iteration = 0  # number of updates so far
-        # normalise with them during an iteration
+        # statistics by which observations are normalised during an iteration
         self.observations = RunningStats.empty(observation_size)
 
     def direction(self, index: int) -> np.ndarray:
-        """δ of a direction in this iteration: standard normal, (num_parameters,); the same on every worker."""
-        return np.random.default_rng([self.config.seed, self.iteration, index]).standard_normal(
-            self.parameters.size
-        )
+        """(num_parameters,) standard normal δ of a direction, the same on every worker."""
+        rng = np.random.default_rng([self.config.seed, self.iteration, index])
+        return rng.standard_normal(self.parameters.size)
 
     def ask(self) -> list[tuple[int, int]]:
-        """Candidates (direction, sign) of this iteration: direction 0 with + and -, direction 1 with + and -, ..."""
-        return [(index, sign) for index in range(self.config.num_directions) for sign in (1, -1)]
+        """Candidates (direction, sign) of this iteration: each direction with + and with -."""
+        candidates = []
+        for direction in range(self.config.num_directions):
+            candidates += [(direction, 1), (direction, -1)]
+        return candidates
 
     def candidate(self, direction: int, sign: int) -> np.ndarray:
         """Parameters to try, M + sign · ν · δ(direction)."""
         return self.parameters + sign * (self.config.delta_std * self.direction(direction))
 
     def tell(self, returns: np.ndarray, observations: "Sequence[RunningStats]") -> None:
-        """Update: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ over the b directions with the largest max(r⁺, r⁻).
+        """Update the parameters: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ.
 
-        ``returns`` (num_directions, 2) are r⁺ and r⁻; σ_R is the standard deviation of those 2b. If
-        all are equal, M stays. The statistics of the episodes' ``observations`` are merged in their
-        order. Raises SimulationFault if a return is not finite.
+        The sum is over the b directions with the largest max(r⁺, r⁻). ``returns`` (num_directions,
+        2) are r⁺ and r⁻; σ_R is the standard deviation of the 2b returns of these directions. If
+        they are all equal, M stays. The statistics of the episodes' ``observations`` are merged in
+        their order. Raises SimulationFault if a return is not finite.
         """
         if not np.all(np.isfinite(returns)):
             raise SimulationFault(f"a return in iteration {self.iteration} is not finite")
+
         b = self.config.num_top_directions
         top = np.argsort(-returns.max(axis=1), kind="stable")[:b]
         sigma = returns[top].std()
@@ -79,20 +85,20 @@ class Ars:
                 total += (returns[index, 0] - returns[index, 1]) * self.direction(int(index))
             self.parameters = self.parameters + scale * total
         self.average = self.average + AVERAGING * (self.parameters - self.average)
-        for each in observations:
-            self.observations = self.observations.merge(each)
+
+        for episode_stats in observations:
+            self.observations = self.observations.merge(episode_stats)
         self.iteration += 1
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
-        seen = self.observations
-        iteration = np.array(self.iteration, dtype=np.int64)
-        state = {"parameters": self.parameters, "average": self.average, "iteration": iteration}
-        count = np.array(seen.count, dtype=np.int64)
-        return state | {
-            "observation_count": count,
-            "observation_mean": seen.mean,
-            "observation_m2": seen.m2,
+        return {
+            "parameters": self.parameters,
+            "average": self.average,
+            "iteration": np.array(self.iteration, dtype=np.int64),
+            "observation_count": np.array(self.observations.count, dtype=np.int64),
+            "observation_mean": self.observations.mean,
+            "observation_m2": self.observations.m2,
         }
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
@@ -100,11 +106,11 @@ class Ars:
         self.parameters = state["parameters"]
         self.average = state["average"]
         self.iteration = int(state["iteration"])
-        count, mean, m2 = (state[f"observation_{name}"] for name in ("count", "mean", "m2"))
-        self.observations = RunningStats(int(count), mean, m2)
-
-
-CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
+        self.observations = RunningStats(
+            count=int(state["observation_count"]),
+            mean=state["observation_mean"],
+            m2=state["observation_m2"],
+        )
 
 
 @njit(cache=True)
@@ -139,6 +145,7 @@ class RunningStats:
         """
         if other.count == 0:
             return self
+
         count = self.count + other.count
         shift = other.mean - self.mean
         mean = self.mean + shift * (other.count / count)

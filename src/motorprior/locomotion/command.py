@@ -13,11 +13,14 @@ _STREAM = 0xC0DE
 
 @dataclass(frozen=True)
 class Commands:
-    """Random commands of an episode, each held for a while; speeds spread evenly over their range, in random order."""
+    """Random commands of an episode, each held for a while.
+
+    The speeds spread evenly over their range, in random order.
+    """
 
     forward: tuple[float, float] | None = None
-    """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest, as policies fall at
-    the edge of their training range."""
+    """Lowest and highest speed [m/s]; if not given the robot's lowest, and 1.2 times its highest,
+    as policies fall at the edge of their training range."""
     yaw_rate: tuple[float, float] | None = None
     """Lowest and highest yaw rate [rad/s], to the left; the robot's own range if not given."""
     hold: float = 2.5  # duration of a command [s]
@@ -38,24 +41,30 @@ class Commands:
         return cls((forward, forward), (yaw_rate, yaw_rate), 1e6, 0.0, 0.0)
 
     def extend_range(self, robot: Robot) -> Robot:
-        """The robot with its speed range extended by theirs; ConfigError for a yaw rate outside its range."""
-        limit, (slowest, fastest) = robot.require_gait().yaw_rate, robot.require_gait().forward
+        """The robot with its speed range extended by the commands' range.
+
+        ConfigError for a yaw rate outside the robot's range.
+        """
+        gait = robot.require_gait()
         if self.yaw_rate is not None:
-            require_range("commands.yaw_rate", self.yaw_rate, -limit, limit)
+            require_range("commands.yaw_rate", self.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
+        slowest, fastest = gait.forward
         low, high = self.forward or (slowest, fastest)
         return robot.with_speed_range((min(slowest, low), max(fastest, high)))
 
     def schedule(self, robot: Robot, seed: int, steps: int) -> np.ndarray:
-        """(steps, 2) speed [m/s] and yaw rate [rad/s] in every control step of the episode of this seed."""
+        """(steps, 2) commanded speed [m/s] and yaw rate [rad/s] in the episode of this seed."""
         rng = np.random.default_rng([_STREAM, seed])
         gait = robot.require_gait()
         forward = self.forward or (gait.forward[0], MAX_COMMAND * gait.forward[1])
         turn = self.yaw_rate or (-gait.yaw_rate, gait.yaw_rate)
-        each = max(1, round(self.hold / robot.control_dt))
-        count = -(-steps // each)
+
+        steps_per_command = max(1, round(self.hold / robot.control_dt))
+        count = -(-steps // steps_per_command)
         shares = (rng.permutation(count) + rng.uniform(size=count)) / count
         speeds = forward[0] + (forward[1] - forward[0]) * shares
-        turns = np.where(rng.uniform(size=count) < self.straight, 0.0, rng.uniform(*turn, count))
+        is_straight = rng.uniform(size=count) < self.straight
+        turns = np.where(is_straight, 0.0, rng.uniform(*turn, count))
         moving = rng.uniform(size=count) >= self.still
         commands = np.stack([speeds * moving, turns * moving], axis=1)
-        return commands[np.arange(steps) // each]
+        return commands[np.arange(steps) // steps_per_command]

@@ -1,4 +1,4 @@
-"""One control step, compiled: the parts before the physics and the part after it, with observation and reward.
+"""One control step, compiled: targets before the physics, observation and reward after it.
 
 A robot follows a speed along its own heading and a yaw rate. It observes its IMU, its joints, the
 command, and the heading integrated from its gyroscope.
@@ -10,7 +10,7 @@ numpy alone) call these functions in the same order, so simulations agree bit fo
     step:  command_step(action)        targets of the present phase; the phase advances
            physics until the next control step
            evaluate_step               readings, reward, end of the episode
-           complete_observation        sensor errors; command, heading and phase join the observation
+           complete_observation        sensor errors; command, heading, phase join the observation
 """
 
 import math
@@ -37,15 +37,20 @@ from motorprior.locomotion.gait import (
 )
 from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 
-# [rad/s] of position targets, which jump where a swing begins; 30 to 60 give equal results
+# Maximum rate of position targets, which jump where a swing begins [rad/s]; 30 to 60 give equal
+# results.
 MAX_TARGET_SPEED = 40.0
-LEVEL_RATE = 0.1  # [s] weight of the body's rate relative to its tilt in levelling
-RAMP = 0.5  # [s] ramp of the command in force from standing to the largest speed or yaw rate
-MAX_HEADING_ERROR = 0.5  # [rad] observed; a robot that was turned by hand does not spin back
+LEVEL_RATE = 0.1  # weight of the body's rate relative to its tilt in levelling [s]
+# ramp of the command in force from standing to the largest speed or yaw rate [s]
+RAMP = 0.5
+# maximum observed heading error [rad]; a robot that was turned by hand does not spin back
+MAX_HEADING_ERROR = 0.5
 # Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in
 # trainings of 5 s. With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies
 # amplified this until the robot fell.
 MAX_DRIFT = 0.1
+
+# indices of `GaitState.scalars`
 _PHASE = 0
 _HEADING = 1
 _DRIFT = 2
@@ -87,7 +92,7 @@ class GaitState(NamedTuple):
 
     @property
     def phase(self) -> float:
-        """In the cycle of the gait, in [0, 1)."""
+        """Phase in the cycle of the gait, in [0, 1)."""
         return float(self.scalars[_PHASE])
 
     @property
@@ -100,17 +105,16 @@ def new_gait(walker: WalkerArrays) -> GaitState:
     """Memory of a robot's gait, at the beginning of an episode."""
     joints = len(walker.nominal_pose)
     actions = action_size(joints)
-    shapes = (
-        observation_size(joints),
-        actions,
-        actions,
-        joints,
-        (2, joints),
-        2,
-        7,
-        (len(walker.legs), 4),
+    gait = GaitState(
+        observation=np.zeros(observation_size(joints)),
+        filtered=np.zeros(actions),
+        command=np.zeros(actions),
+        target=np.zeros(joints),
+        path=np.zeros((2, joints)),
+        velocity_command=np.zeros(2),
+        scalars=np.zeros(7),
+        feet=np.zeros((len(walker.legs), 4)),
     )
-    gait = GaitState(*(np.zeros(shape) for shape in shapes))
     begin_gait(walker, gait)
     return gait
 
@@ -134,10 +138,11 @@ def complete_observation(
     step: int,
     base_quat: np.ndarray,
 ) -> None:
-    """Apply sensor errors and the command to the true readings in the observation of control step ``step``.
+    """Apply sensor errors and the command to the true readings in an observation.
 
-    ``schedule`` (steps, 2) is the commanded speed [m/s] and yaw rate [rad/s], whose last row stays
-    in force; ``base_quat`` (4,) is rotation_base_to_world.
+    ``step`` is the number of the control step. ``schedule`` (steps, 2) is the commanded speed [m/s]
+    and yaw rate [rad/s], whose last row stays in force; ``base_quat`` (4,) is
+    rotation_base_to_world.
     """
     apply_sensor_errors(sensors, step, base_quat, gait.observation)
     row = min(step, schedule.shape[0] - 1)
@@ -156,29 +161,29 @@ def follow_command(walker: WalkerArrays, gait: GaitState, forward: float, yaw_ra
     """
     observation = gait.observation
     velocity = gait.velocity_command
-    step = walker.control_dt / RAMP
+
     forward = min(MAX_COMMAND * walker.max_speed, max(walker.min_speed, forward))
     yaw_rate = min(walker.max_yaw_rate, max(-walker.max_yaw_rate, yaw_rate))
-    velocity[0] += min(
-        step * walker.max_speed, max(-step * walker.max_speed, forward - velocity[0])
-    )
-    velocity[1] += min(
-        step * walker.max_yaw_rate, max(-step * walker.max_yaw_rate, yaw_rate - velocity[1])
-    )
+    step = walker.control_dt / RAMP
+    max_speed_step = step * walker.max_speed
+    max_yaw_step = step * walker.max_yaw_rate
+    velocity[0] += min(max_speed_step, max(-max_speed_step, forward - velocity[0]))
+    velocity[1] += min(max_yaw_step, max(-max_yaw_step, yaw_rate - velocity[1]))
+
     share = gait_share(walker, velocity[0], velocity[1])
-    angle = 2.0 * math.pi * gait.scalars[_PHASE]
     gait.scalars[_COMMANDED_HEADING] += walker.control_dt * velocity[1]
     if share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += walker.control_dt * (heading_rate(observation) - velocity[1])
-    gait.scalars[_HEADING] = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
-    drift = gait.scalars[_DRIFT] + walker.control_dt * velocity[0] * math.sin(
-        gait.scalars[_HEADING]
-    )
+    heading = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
+    gait.scalars[_HEADING] = heading
+
     # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has
     # changed.
+    drift = gait.scalars[_DRIFT] + walker.control_dt * velocity[0] * math.sin(heading)
     max_drift = MAX_DRIFT * walker.max_speed
-    along = gait_share(walker, velocity[0], 0.0)
-    gait.scalars[_DRIFT] = along * min(max_drift, max(-max_drift, drift))
+    speed_share = gait_share(walker, velocity[0], 0.0)
+    gait.scalars[_DRIFT] = speed_share * min(max_drift, max(-max_drift, drift))
+
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
     # Positive to the left of the direction of motion, so that the same turn corrects it forward and
     # backward.
@@ -186,15 +191,17 @@ def follow_command(walker: WalkerArrays, gait: GaitState, forward: float, yaw_ra
     observation[first + 1] = share * gait.scalars[_HEADING]
     observation[first + 2] = velocity[0]
     observation[first + 3] = velocity[1]
+    angle = 2.0 * math.pi * gait.scalars[_PHASE]
     observation[first + 4] = share * math.cos(angle)
     observation[first + 5] = share * math.sin(angle)
 
 
 @njit(cache=True)
 def levelling(walker: WalkerArrays, observation: np.ndarray) -> tuple[float, float]:
-    """Slope of the legs' extension, forward and to the left [m/m]: level · (tilt + LEVEL_RATE · its rate).
+    """Slope of the legs' extension, forward and to the left [m/m].
 
-    Legs on the low side extend further, which stiffens a body on soft motors against tilt.
+    The slope is levelling_gain · (tilt + LEVEL_RATE · rate of the tilt). Legs on the low side
+    extend further, which stiffens a body on soft motors against tilt.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
@@ -205,27 +212,30 @@ def levelling(walker: WalkerArrays, observation: np.ndarray) -> tuple[float, flo
 def command_step(walker: WalkerArrays, gait: GaitState, action: np.ndarray) -> None:
     """Convert an action to the position targets ``gait.target``, and advance the phase.
 
-    Low-pass and scale the (actions,) action, which is clipped to [-1, 1]; targets = gait + lead ·
-    its rate + support + residual, with a rate up to MAX_TARGET_SPEED, within the joint limits. The
-    support compensates the PD's deflection under the weight. The lead compensates its damping,
-    which acts on joint_vel and not on the velocity error: an error of kd/kp times the speed.
+    The (actions,) action is clipped to [-1, 1], low-passed and scaled. Targets are gait + lead ·
+    rate of the gait + support + residual. Their rate is at most MAX_TARGET_SPEED, and they stay
+    within the joint limits. The support compensates the PD's deflection under the weight. The lead
+    compensates the PD's damping, which acts on joint_vel and not on the velocity error: an error of
+    kd/kp times the speed.
     """
     policy.low_pass(action, walker.control_dt, gait.filtered)
     policy.action_to_command(walker, gait.filtered, gait.command)
     joints = gait.target.shape[0]
     command = gait.command
+
     share = gait_share(walker, gait.velocity_command[0], gait.velocity_command[1])
     frequency = float(command[joints + policy.FREQUENCY])
     ratio = float(command[joints + policy.SWING_STANCE_RATIO])
     height = float(command[joints + policy.HEIGHT])
-    forward = command[joints + policy.STRIDE_SCALE] * gait.velocity_command[0]
-    yaw_rate = (
-        command[joints + policy.STRIDE_SCALE] * gait.velocity_command[1]
-        + share * command[joints + policy.TURN]
-    )
+    stride_scale = command[joints + policy.STRIDE_SCALE]
+    forward = stride_scale * gait.velocity_command[0]
+    turn = share * command[joints + policy.TURN]
+    yaw_rate = stride_scale * gait.velocity_command[1] + turn
     lift = share * walker.swing_height
-    phase = float(gait.scalars[_PHASE])
     rise = levelling(walker, gait.observation)
+
+    # the gait now and one control step later
+    phase = float(gait.scalars[_PHASE])
     later = advance_phase(phase, frequency, walker.control_dt)
     joint_targets(
         walker, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0]
@@ -233,16 +243,18 @@ def command_step(walker: WalkerArrays, gait: GaitState, action: np.ndarray) -> N
     joint_targets(
         walker, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1]
     )
+
     for joint in range(joints):
-        command[joint] += (
-            walker.lead[joint] * (gait.path[1, joint] - gait.path[0, joint]) / walker.control_dt
-        )
+        advance = gait.path[1, joint] - gait.path[0, joint]
+        command[joint] += walker.lead[joint] * advance / walker.control_dt
     add_support(walker, phase, ratio, share, gait.path[0], command)
+
     max_change = MAX_TARGET_SPEED * walker.control_dt
     for joint in range(joints):
         change = gait.path[0, joint] + command[joint] - gait.target[joint]
         target = gait.target[joint] + min(max_change, max(-max_change, change))
         gait.target[joint] = min(walker.upper[joint], max(walker.lower[joint], target))
+
     gait.scalars[_PHASE] = later
 
 
@@ -250,47 +262,57 @@ def command_step(walker: WalkerArrays, gait: GaitState, action: np.ndarray) -> N
 def evaluate_step(
     walker: WalkerArrays, gait: GaitState, state: RobotState, weights: np.ndarray
 ) -> tuple[float, bool]:
-    """Readings from the state after the physics; returns reward [m], and whether the robot fell or the engine failed.
+    """Write readings from the state after the physics; returns reward [m] and end of the episode.
 
-    A fault of the engine ends the episode with reward 0 and leaves the observation as it was: the
-    state is invalid. ``weights`` (8,) are `TaskWeights.array()`.
+    The episode ends if the robot fell or the engine had a fault. After a fault the reward is 0 and
+    the observation stays as it was, since the state is invalid. ``weights`` (8,) are
+    `TaskWeights.array()`.
     """
     if state.fault != 0:
         return 0.0, True
+
     observe(walker, state, gait.observation)
     roll, pitch, yaw = roll_pitch_yaw(state.base_quat)
-    down = fallen(roll, pitch, state.base_pos[2], walker.min_height, walker.max_height)
+    has_fallen = fallen(roll, pitch, state.base_pos[2], walker.min_height, walker.max_height)
+
+    # low-passed speeds along the robot's own heading
+    scalars = gait.scalars
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
     velocity = state.base_lin_vel
     share = 1.0 - math.exp(-walker.control_dt / SPEED_FILTER)
-    scalars = gait.scalars
     scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
     scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
+
     speed_error = scalars[_FORWARD] - gait.velocity_command[0]
     scalars[_SPEED_ERRORS] += abs(speed_error)
-    earned = weights[0] if not down else 0.0
-    earned -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
     heading_error = wrapped(yaw - scalars[_COMMANDED_HEADING])
     yaw_rate_error = state.base_ang_vel[2] - gait.velocity_command[1]
-    earned -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
     effort = state.torque_squared_sum / (walker.reference_torque * walker.reference_torque)
     slip = sliding(walker, gait.feet, state, pitch, yaw)
-    earned = (
-        earned - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
+
+    reward = weights[0] if not has_fallen else 0.0
+    reward -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
+    reward -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
+    reward = (
+        reward - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
     )
-    return walker.control_dt * earned, down
+    return walker.control_dt * reward, has_fallen
 
 
-MAX_TILT = 0.4  # [rad] of roll or pitch
-# [s] time constant of the filtered speed, about a step of a leg: speed varies within a step
+MAX_TILT = 0.4  # roll or pitch of a robot that has not fallen [rad]
+# time constant of the filtered speed [s], about a step of a leg: speed varies within a step
 SPEED_FILTER = 0.3
-REWARD_CONTACT_HEIGHT = 0.002  # [m] a foot whose lowest point is lower is on the ground
+# a foot is on the ground if its lowest point is below this height [m]
+REWARD_CONTACT_HEIGHT = 0.002
 
 
 @dataclass(frozen=True)
 class TaskWeights:
-    """Weights of the reward of a control step, control_dt (alive - Σ weight · |error|) [m]; at least 0."""
+    """Weights of the reward of a control step, at least 0.
+
+    The reward is control_dt · (alive - Σ weight · |error|) [m].
+    """
 
     alive: float = 1.0  # reward per second upright [m/s]
     speed: float = 2.0  # weight of |filtered forward speed - commanded speed| [m/s per m/s]
@@ -319,9 +341,10 @@ def write_readings(
     joint_pos: np.ndarray,
     observation: np.ndarray,
 ) -> None:
-    """Write the first 5 + joints of an observation: roll, pitch [rad], the three body rates [rad/s], joint angles.
+    """Write the first 5 + joints entries of an observation.
 
-    Joint angles are relative to the nominal pose [rad].
+    They are roll and pitch [rad], the three body rates [rad/s], and the joint angles relative to
+    the nominal pose [rad].
     """
     observation[0] = roll
     observation[1] = pitch
@@ -333,14 +356,17 @@ def write_readings(
 
 @njit(cache=True)
 def observe(walker: WalkerArrays, state: RobotState, observation: np.ndarray) -> None:
-    """`write_readings` of a state."""
+    """Write the readings of a state to an observation; see `write_readings`."""
     roll, pitch, _ = roll_pitch_yaw(state.base_quat)
     write_readings(walker, roll, pitch, state.base_ang_vel, state.measured_joint_pos, observation)
 
 
 @njit(cache=True)
 def heading_rate(observation: np.ndarray) -> float:
-    """Rate of the heading [rad/s] from observed attitude and rates: (ω_y sin φ + ω_z cos φ) / cos θ."""
+    """Rate of the heading from observed attitude and rates [rad/s].
+
+    The rate is (ω_y sin φ + ω_z cos φ) / cos θ with roll φ and pitch θ.
+    """
     roll = observation[0]
     pitch = observation[1]
     return (observation[3] * math.sin(roll) + observation[4] * math.cos(roll)) / math.cos(pitch)
@@ -356,35 +382,44 @@ def wrapped(angle: float) -> float:
 def sliding(
     walker: WalkerArrays, feet: np.ndarray, state: RobotState, pitch: float, yaw: float
 ) -> float:
-    """Sum over the feet on the ground of their sliding speed [m/s]; stores their positions in ``feet``.
+    """Sum over the feet on the ground of their sliding speed [m/s].
 
-    Sliding is the displacement of the foot's centre less its rolling, radius times rotation of the
-    shank. Feet of unknown position (NaN) count as 0. ``feet`` (legs, 4) are those of
-    `control_step.GaitState` one control step ago, ``pitch`` and ``yaw`` of the body [rad].
+    The sliding of a foot is the displacement of its centre less its rolling, which is radius times
+    rotation of the shank. A foot of unknown position (NaN) counts as 0. ``feet`` (legs, 4) is
+    `GaitState.feet` of one control step ago, and gets the present values. ``pitch`` and ``yaw`` are
+    angles of the robot's base [rad].
     """
     total = 0.0
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
     joint_pos = state.measured_joint_pos
+
     for leg in range(walker.legs.shape[0]):
         angle = pitch + joint_pos[walker.legs[leg, 1]] + joint_pos[walker.legs[leg, 2]]
         radius = walker.foot_radius[leg]
-        before = feet[leg]
+        max_height = radius + REWARD_CONTACT_HEIGHT
+        last_foot = feet[leg]
         foot = state.foot_pos[leg]
+
         # false for NaN
-        if foot[2] < radius + REWARD_CONTACT_HEIGHT and before[2] < radius + REWARD_CONTACT_HEIGHT:
-            rolled = radius * (angle - before[3])
-            x = foot[0] - before[0] - rolled * cosine
-            y = foot[1] - before[1] - rolled * sine
+        if foot[2] < max_height and last_foot[2] < max_height:
+            rolled = radius * (angle - last_foot[3])
+            x = foot[0] - last_foot[0] - rolled * cosine
+            y = foot[1] - last_foot[1] - rolled * sine
             total += math.sqrt(x * x + y * y) / walker.control_dt
-        before[:3] = foot
-        before[3] = angle
+
+        last_foot[:3] = foot
+        last_foot[3] = angle
     return total
 
 
 @njit(cache=True)
 def fallen(roll: float, pitch: float, height: float, lowest: float, highest: float) -> bool:
-    """Whether the episode ends: |roll| or |pitch| > 0.4 rad, height [m] not in [lowest, highest], or any is NaN."""
+    """Whether the robot has fallen or taken off.
+
+    This is so if |roll| or |pitch| exceeds MAX_TILT, if the height [m] is outside [lowest,
+    highest], or if one of them is NaN.
+    """
     upright = abs(roll) <= MAX_TILT and abs(pitch) <= MAX_TILT
     return not (upright and lowest <= height <= highest)
 
@@ -410,13 +445,14 @@ def apply_sensor_errors(
 ) -> None:
     """Replace the true readings of an observation by the measured ones.
 
-    Roll and pitch relative to the ground become those relative to gravity. A delay between two
-    control steps interpolates linearly between their readings; readings before the reset are those
-    of the reset. ``count`` is the number of observations since the reset before this one,
-    ``base_quat`` (4,) rotation_base_to_world.
+    Roll and pitch are true relative to the ground, and measured relative to gravity. A delay
+    between two control steps interpolates linearly between their readings. Before the reset the
+    readings were those at the reset. ``count`` is the number of observations since the reset before
+    this one; ``base_quat`` (4,) is rotation_base_to_world.
     """
     if sensors.up[2] < 1.0:
         observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)
+
     rows, readings = sensors.past.shape
     if rows > 0:
         if count == 0:
@@ -424,6 +460,7 @@ def apply_sensor_errors(
         newest = write_line(sensors.past, 0, count, observation[:readings])
         for i in range(readings):
             observation[i] = interpolated(sensors.past, 0, newest, sensors.ages[count], i)
+
     if sensors.noise.shape[0] > 0:
         for i in range(sensors.noise.shape[1]):
             observation[i] += sensors.noise[count, i]

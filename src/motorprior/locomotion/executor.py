@@ -39,7 +39,7 @@ _NUMBERS = itertools.count()
 def make_executor(
     make_simulator: Callable[[], Any],
     workers: int,
-    kind: ExecutorName = "threads",
+    name: ExecutorName = "threads",
     address: str | None = None,
 ) -> "Executor":
     """An executor of ``workers`` episodes at the same time; errors as `ray_cluster`.
@@ -48,20 +48,24 @@ def make_executor(
     ``workers`` only sets the size of the chunks of episodes: Ray runs a chunk on every free core.
     Without ``address`` Ray starts on this machine.
     """
-    return (
-        RayExecutor(make_simulator, workers, address)
-        if kind == "ray"
-        else ThreadExecutor(make_simulator, workers)
-    )
+    if name == "ray":
+        return RayExecutor(make_simulator, workers, address)
+    return ThreadExecutor(make_simulator, workers)
 
 
-def require_executor(kind: ExecutorName, address: str | None) -> None:
-    """Raise ConfigError if Ray is not installed, no cluster answers, or an address is given without Ray."""
-    if kind != "ray" and address is not None:
-        raise ConfigError(
-            "ray_address is for the executor ray", remedy="give both", argument="ray_address"
-        )
-    if kind == "ray" and not _import_ray().is_initialized() and address is not None:
+def require_executor(name: ExecutorName, address: str | None) -> None:
+    """Raise ConfigError for an executor that cannot be used.
+
+    Ray is not installed, no cluster answers, or an address is given without Ray.
+    """
+    if name != "ray":
+        if address is not None:
+            problem = "ray_address is for the executor ray"
+            raise ConfigError(problem, remedy="give both", argument="ray_address")
+        return
+
+    has_joined_cluster = _import_ray().is_initialized()
+    if address is not None and not has_joined_cluster:
         _require_answer(address)
 
 
@@ -119,21 +123,21 @@ class RayExecutor:
                 cancelling one that is ending can make Ray abort this process
                 (github.com/ray-project/ray/pull/54798; 2.60 still does).
         """
-        count = min(CHUNKS_PER_WORKER * self._workers, max(self._workers, MANY_CHUNKS))
-        size = max(1, -(-len(tasks) // count))
+        num_chunks = min(CHUNKS_PER_WORKER * self._workers, max(self._workers, MANY_CHUNKS))
+        size = max(1, -(-len(tasks) // num_chunks))
         chunks = [list(tasks[first : first + size]) for first in range(0, len(tasks), size)]
-        common = self._ray.put((function, shared))
-        running = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
-        collected = [
-            self._collect(chunk, reference)
-            for chunk, reference in zip(chunks, running, strict=True)
-        ]
-        return list(itertools.chain.from_iterable(collected))
 
-    def _collect(self, chunk: list[Any], reference: Any) -> list[Any]:
+        common = self._ray.put((function, shared))
+        futures = [self._run.remote(self._name, self._make, common, chunk) for chunk in chunks]
+        results: list[Any] = []
+        for chunk, future in zip(chunks, futures, strict=True):
+            results += self._collect(chunk, future)
+        return results
+
+    def _collect(self, chunk: list[Any], future: Any) -> list[Any]:
         errors = self._ray.exceptions
         try:
-            return self._ray.get(reference)
+            return self._ray.get(future)
         except (errors.WorkerCrashedError, errors.NodeDiedError) as error:
             problem = f"the worker of {chunk} died {RETRIES + 1} times ({type(error).__name__})"
             raise SimulationFault(problem, remedy=_REMEDY) from error
@@ -142,9 +146,8 @@ class RayExecutor:
             if not isinstance(cause, errors.RayError):
                 raise cause from None  # Ray's own error would print the worker's traceback
             message = str(cause).strip().partition("\n")[0]
-            raise SimulationFault(
-                f"Ray failed ({type(cause).__name__}): {message}", remedy=_REMEDY
-            ) from error
+            problem = f"Ray failed ({type(cause).__name__}): {message}"
+            raise SimulationFault(problem, remedy=_REMEDY) from error
 
     def close(self) -> None:
         """Stop the cluster, or leave it, if this executor joined it."""
@@ -156,11 +159,16 @@ Executor = ThreadExecutor | RayExecutor  # maps a function of (simulator, shared
 
 @contextmanager
 def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
-    """The module ray, in the cluster that this process has joined already, else in one that ends with the context."""
+    """The module ray, in a cluster.
+
+    The cluster is the one that this process has joined already, otherwise one that ends with the
+    context.
+    """
     ray = _import_ray()
     if ray.is_initialized():
         yield ray
         return
+
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     # or Ray replaces `print` for the whole process
     os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")
@@ -180,9 +188,11 @@ def _run_chunk(
     name: str, make_simulator: Callable[[], Any], common: tuple[Any, Any], tasks: list[Any]
 ) -> list[Any]:
     if name not in _SIMULATORS:
+        # the simulators of the executor that was made first
         while len(_SIMULATORS) >= 2:
             _SIMULATORS.pop(next(iter(_SIMULATORS))).close()
         _SIMULATORS[name] = make_simulator()
+
     function, shared = common
     return [function(_SIMULATORS[name], shared, task) for task in tasks]
 
@@ -195,17 +205,19 @@ def _init_on_loopback(ray: Any, workers: int, **options: Any) -> None:
     (_private/services.py, Ray 2.9 to 2.60).
     """
     constants = ray._private.ray_constants
-    name = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
-    read = constants.ENABLE_RAY_CLUSTER
-    before = os.environ.get(name)
+    variable = "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"
+    imported_value = constants.ENABLE_RAY_CLUSTER
+    user_value = os.environ.get(variable)
     constants.ENABLE_RAY_CLUSTER = False
-    os.environ[name] = "0"
+    os.environ[variable] = "0"
     try:
         ray.init(address="local", num_cpus=workers, include_dashboard=False, **options)
     finally:
-        constants.ENABLE_RAY_CLUSTER = read
-        del os.environ[name]
-        os.environ |= {} if before is None else {name: before}
+        constants.ENABLE_RAY_CLUSTER = imported_value
+        del os.environ[variable]
+        if user_value is not None:
+            os.environ[variable] = user_value
+
     host = ray.util.get_node_ip_address()
     if not ipaddress.ip_address(host).is_loopback:
         ray.shutdown()

@@ -22,19 +22,23 @@ from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
-ROBOT_WEIGHT = "robot_weight"  # key of a policy's provenance: of the robot in its training [N]
+# key of a policy's provenance: weight of the robot in its training [N]
+ROBOT_WEIGHT = "robot_weight"
 NORMALISED_LIMIT = 10.0  # a normalised observation beyond ten standard deviations is clipped
-ACTION_CUTOFF = 3.0  # [Hz] of the first-order low-pass on actions
+ACTION_CUTOFF = 3.0  # cutoff frequency of the first-order low-pass on actions [Hz]
+
 # indices in a command after the residuals
 FREQUENCY = 0
 STRIDE_SCALE = 1
 HEIGHT = 2
 SWING_STANCE_RATIO = 3
 TURN = 4
+
 FREQUENCY_SHARE = 0.4  # ± share of the usual frequency
 STRIDE_SCALE_SHARE = 0.75  # ± share of the commanded stride
-HEIGHT_SHARE = 0.5  # [swing heights] ± of the body height
-MAX_RATIO = 2.0  # maximum swing/stance ratio over the usual one; the minimum is its inverse
+HEIGHT_SHARE = 0.5  # ± change of the base's height [swing heights]
+# maximum swing/stance ratio over the usual one; the minimum is its inverse
+MAX_RATIO = 2.0
 
 _REMEDY = "use a policy written by this version of motorprior"
 _HEADER = Header(
@@ -75,20 +79,23 @@ class PolicyArrays(NamedTuple):
 
 @njit(cache=True)
 def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
-    """Write clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1) to (actions,) ``out``, n = clip((x - mean) / std, -10, 10).
+    """Write the action clip(W·[n; 1] + Vᵀ·tanh(H·[n; 1]), -1, 1) to (actions,) ``out``.
 
-    Normalisation of the observation x: Mania et al. 2018, algorithm 2 (V2).
+    n = clip((x - mean) / std, -10, 10) is the normalised observation x: Mania et al. 2018,
+    algorithm 2 (V2).
     """
     weights = policy.weights
     hidden = policy.hidden
     actions = weights.shape[0]
     observations = weights.shape[1] - 1
+
     for i in range(actions):
         out[i] = weights[i, observations]
     for j in range(observations):
         normalised = _normalised(policy, observation, j)
         for i in range(actions):
             out[i] += weights[i, j] * normalised
+
     for unit in range(hidden.shape[0]):
         activation = hidden[unit, observations]
         for j in range(observations):
@@ -96,6 +103,7 @@ def act(policy: PolicyArrays, observation: np.ndarray, out: np.ndarray) -> None:
         activation = math.tanh(activation)
         for i in range(actions):
             out[i] += policy.readout[unit, i] * activation
+
     for i in range(actions):
         out[i] = min(1.0, max(-1.0, out[i]))
 
@@ -108,7 +116,10 @@ def _normalised(policy: PolicyArrays, observation: np.ndarray, index: int) -> fl
 
 @njit(cache=True)
 def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
-    """First-order low-pass at 3 Hz, s += α (clip(action, -1, 1) - s), α = 1 - exp(-2π · 3 · control_dt), in place."""
+    """First-order low-pass at 3 Hz, in place.
+
+    The state s gets s + α (clip(action, -1, 1) - s) with α = 1 - exp(-2π · 3 · control_dt).
+    """
     alpha = 1.0 - math.exp(-2.0 * math.pi * ACTION_CUTOFF * control_dt)
     for i in range(state.shape[0]):
         state[i] += alpha * (min(1.0, max(-1.0, action[i])) - state[i])
@@ -140,10 +151,10 @@ class Policy(Printable):
     """A trained walking policy and what it was trained for."""
 
     arrays: PolicyArrays  # float64, in the units of the observation
-    kp: np.ndarray  # (joints,) [N·m/rad], position gains of the motors in training
-    kd: np.ndarray  # (joints,) [N·m·s/rad], velocity gains
+    kp: np.ndarray  # (joints,) position gains of the motors in training [N·m/rad]
+    kd: np.ndarray  # (joints,) velocity gains of the motors in training [N·m·s/rad]
     control_dt: float  # control period [s] in training
-    robot: str  # its name
+    robot: str  # name of the robot
     joint_names: tuple[str, ...]  # in the order of residuals and observed angles
     # range of commanded speeds [m/s]: the robot's, extended by that of the training
     forward: tuple[float, float]
@@ -154,56 +165,68 @@ class Policy(Printable):
         cls, robot: Robot, arrays: PolicyArrays, kp: np.ndarray, kd: np.ndarray, **provenance: Any
     ) -> "Policy":
         """A policy of a robot with the speed range of the training."""
-        forward = robot.require_gait().forward
         return cls(
-            arrays, kp, kd, robot.control_dt, robot.name, robot.joint_names, forward, provenance
+            arrays=arrays,
+            kp=kp,
+            kd=kd,
+            control_dt=robot.control_dt,
+            robot=robot.name,
+            joint_names=robot.joint_names,
+            forward=robot.require_gait().forward,
+            provenance=provenance,
         )
 
     def overview(self) -> Overview:
-        """For people: the robot, and the training."""
-        made = self.provenance
-        motors = made.get("motors")
-        weight = f"{made[ROBOT_WEIGHT] / GRAVITY:.2f} kg" if ROBOT_WEIGHT in made else ""
-        best = (
-            f"iteration {made['iteration']}, mean return {made['best_return']:.2f} m"
-            if "iteration" in made
-            else ""
-        )
+        """Overview for people: the robot, and the training."""
+        training = self.provenance
+
+        robot = self.robot
+        if ROBOT_WEIGHT in training:
+            robot += f", {training[ROBOT_WEIGHT] / GRAVITY:.2f} kg"
+
+        motors = training.get("motors")
+        if isinstance(motors, dict):
+            motors = motors.get("text")
+
+        best = ""
+        if "iteration" in training:
+            mean_return = f"mean return {training['best_return']:.2f} m"
+            best = f"iteration {training['iteration']}, {mean_return}"
+
         facts = {
-            "robot": ", ".join(filter(None, (self.robot, weight))),
+            "robot": robot,
             "commanded speed": f"{self.forward[0]:g} to {self.forward[1]:g} m/s",
             "control": f"{1.0 / self.control_dt:g} Hz",
-            "trained on": str(motors.get("text") if isinstance(motors, dict) else motors or ""),
+            "trained on": str(motors or ""),
             "best": best,
         }
         return Overview("walking policy", facts)
 
     def require_robot(self, robot: Robot, where: str | Path | None = None) -> None:
-        """Raise ConfigError for a policy of another robot, of other joints, or of another control period."""
+        """Raise ConfigError unless robot, joints and control period are those of the policy."""
+        joints = list(self.joint_names)
+        robot_joints = list(robot.joint_names)
         # low-pass filter and gait depend on the period
-        same_clock = math.isclose(self.control_dt, robot.control_dt, rel_tol=1e-9)
-        for name, found, wanted in (
-            ("robot", self.robot, robot.name),
-            ("joints", list(self.joint_names), list(robot.joint_names)),
-            (
-                "control period [s]",
-                self.control_dt,
-                self.control_dt if same_clock else robot.control_dt,
-            ),
-        ):
-            if found != wanted:
-                remedy = f"use a policy trained for {robot.name} as it is now, or give the policy's robot (--robot)"
-                raise ConfigError(
-                    f"{name} of the policy: {found!r}, wanted {wanted!r}",
-                    where=where,
-                    remedy=remedy,
-                )
+        same_period = math.isclose(self.control_dt, robot.control_dt, rel_tol=1e-9)
+
+        if self.robot != robot.name:
+            problem = f"robot of the policy: {self.robot!r}, wanted {robot.name!r}"
+        elif joints != robot_joints:
+            problem = f"joints of the policy: {joints!r}, wanted {robot_joints!r}"
+        elif not same_period:
+            periods = f"{self.control_dt!r}, wanted {robot.control_dt!r}"
+            problem = f"control period [s] of the policy: {periods}"
+        else:
+            return
+
+        remedy = f"use a policy trained for {robot.name} as it is now"
+        remedy += ", or give the policy's robot (--robot)"
+        raise ConfigError(problem, where=where, remedy=remedy)
 
     def save(self, path: str | Path) -> None:
         """Write the policy as one file, atomically."""
-        tensors = dict(
-            zip(_TENSORS, map(np.ascontiguousarray, (*self.arrays, self.kp, self.kd)), strict=True)
-        )
+        arrays = [np.ascontiguousarray(array) for array in (*self.arrays, self.kp, self.kd)]
+        tensors = dict(zip(_TENSORS, arrays, strict=True))
         header = _HEADER.make(
             control_dt=self.control_dt,
             robot=self.robot,
@@ -216,23 +239,37 @@ class Policy(Printable):
 
     @classmethod
     def load(cls, path: str | Path) -> "Policy":
-        """Read what `save` wrote; ArtifactError for another file, a wrong shape, or a value that is not finite."""
+        """Read a policy from its file.
+
+        ArtifactError for another file, a wrong shape, or a value that is not finite.
+        """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        joints = len(header["joint_names"])
+        joint_names = tuple(header["joint_names"])
+        observations = observation_size(len(joint_names))
         sizes = {
-            "joints": joints,
-            "actions": action_size(joints),
-            "observations": observation_size(joints),
+            "joints": len(joint_names),
+            "actions": action_size(len(joint_names)),
+            "observations": observations,
+            "inputs": observations + 1,
         }
-        check_tensors(
-            tensors, _TENSORS, path, _REMEDY, sizes | {"inputs": sizes["observations"] + 1}
+        check_tensors(tensors, _TENSORS, path, _REMEDY, sizes)
+
+        arrays = PolicyArrays(
+            # the inner loop of `act` runs over the actions
+            weights=np.asfortranarray(tensors["weights"]),
+            hidden=tensors["hidden"],
+            readout=tensors["readout"],
+            mean=tensors["observation_mean"],
+            std=tensors["observation_std"],
         )
-        weights, *others, kp, kd = (tensors[name] for name in _TENSORS)
-        # the inner loop of `act` runs over the actions
-        arrays = PolicyArrays(np.asfortranarray(weights), *others)
-        forward = (float(header["slowest"]), float(header["fastest"]))
-        control_dt = float(header["control_dt"])
-        robot = header["robot"]
-        names = tuple(header["joint_names"])
-        return cls(arrays, kp, kd, control_dt, robot, names, forward, header["provenance"])
+        return cls(
+            arrays=arrays,
+            kp=tensors["kp"],
+            kd=tensors["kd"],
+            control_dt=float(header["control_dt"]),
+            robot=header["robot"],
+            joint_names=joint_names,
+            forward=(float(header["slowest"]), float(header["fastest"])),
+            provenance=header["provenance"],
+        )

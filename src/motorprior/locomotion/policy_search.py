@@ -12,21 +12,27 @@ from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
 
-# iterations, episodes
-EVALUATION_EVERY = 10
+EVALUATION_EVERY = 10  # iterations between evaluations
 EVALUATION_EPISODES = 16
-EVALUATION = 2**32 - 1  # stands for the iteration in the seeds of evaluation episodes
-HIDDEN = 2**32 - 2  # stands for the iteration in the seed of the initial hidden units
+# stand for the iteration in the seeds of evaluation episodes and of the initial hidden units
+EVALUATION = 2**32 - 1
+HIDDEN = 2**32 - 2
 # weight of a start policy's observation statistics: about a dozen iterations
 START_OBSERVATIONS = 100_000
 
 
 Point: TypeAlias = dict[str, Any]
-"""Point of the learning curve: iteration, mean and best return, mean steps and speed error, episodes by fault."""
+"""Point of the learning curve.
+
+The keys are iteration, mean and best return, mean steps, mean speed error, and episodes by fault.
+"""
 
 
 def run_task(simulator: Any, search: "PolicySearch", task: tuple[int, int, int]) -> Any:
-    """Run one episode (direction, sign, seed), see `PolicySearch.policy`; returns a `simulation.scene.Episode`."""
+    """Run one episode (direction, sign, seed), see `PolicySearch.policy`.
+
+    Returns a `simulation.scene.Episode`.
+    """
     direction, sign, seed = task
     return simulator.run(search.policy(direction, sign), seed)
 
@@ -46,16 +52,20 @@ class PolicySearch:
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
         self.ars = Ars(config, shape.size, shape.observations)
         self.shape = shape
+        self.mean_returns = np.empty(0)  # mean training return of every iteration so far
+
+        # best policy of the evaluations, before the first one
         self.best = shape.untrained()
-        # before the first evaluation
         self.best_return = -float(np.finfo(np.float64).max)
         self.best_iteration = -1
-        self.mean_returns = np.empty(0)  # of every iteration so far
+
         if start is not None:
-            self.ars.parameters = self.ars.average = shape.parameters(start)
+            self.ars.parameters = shape.parameters(start)
+            self.ars.average = self.ars.parameters
             m2 = START_OBSERVATIONS * np.square(start.std)
             self.ars.observations = RunningStats(START_OBSERVATIONS, start.mean, m2)
-        elif shape.units:  # hidden weights of variance 1 / inputs; with zero readout this is still the untrained gait
+        elif shape.units:
+            # Hidden weights of variance 1 / inputs. With zero readout this is the untrained gait.
             _, hidden, _ = shape.split(self.ars.parameters)
             rng = np.random.default_rng([config.seed, HIDDEN])
             hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
@@ -69,12 +79,17 @@ class PolicySearch:
         """One ARS iteration: ask, run every candidate, tell."""
         iteration = self.ars.iteration
         seed = self.ars.config.seed
-        tasks = [(*each, episode_seed(seed, iteration, each[0])) for each in self.ars.ask()]
+        tasks = [
+            (direction, sign, episode_seed(seed, iteration, direction))
+            for direction, sign in self.ars.ask()
+        ]
         episodes = executor.map(run_task, self, tasks)
+
         returns = np.array([episode.total for episode in episodes]).reshape(-1, 2)
-        self.ars.tell(
-            returns, [RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes]
-        )
+        observations = [
+            RunningStats(episode.steps, episode.mean, episode.m2) for episode in episodes
+        ]
+        self.ars.tell(returns, observations)
         self.mean_returns = np.append(self.mean_returns, returns.mean())
         faults = Counter(int(episode.fault) for episode in episodes if episode.fault)
         return {
@@ -87,16 +102,17 @@ class PolicySearch:
         }
 
     def evaluate(self, executor: Executor) -> None:
-        """Evaluate the policy of the averaged parameters, always on the same EVALUATION_EPISODES samples of motors."""
-        seeds = [
-            episode_seed(self.ars.config.seed, EVALUATION, draw)
-            for draw in range(EVALUATION_EPISODES)
+        """Evaluate the policy of the averaged parameters, always on the same samples of motors."""
+        seed = self.ars.config.seed
+        tasks = [
+            (0, 0, episode_seed(seed, EVALUATION, number)) for number in range(EVALUATION_EPISODES)
         ]
-        episodes = executor.map(run_task, self, [(0, 0, seed) for seed in seeds])
-        found = float(np.mean([episode.total for episode in episodes]))
-        if found > self.best_return:
+        episodes = executor.map(run_task, self, tasks)
+
+        mean_return = float(np.mean([episode.total for episode in episodes]))
+        if mean_return > self.best_return:
             self.best = self.policy(0, 0)
-            self.best_return = found
+            self.best_return = mean_return
             self.best_iteration = self.ars.iteration
 
     def train(
@@ -107,10 +123,11 @@ class PolicySearch:
         patience: int | None = None,
         progress: Callable[[Point], None] = lambda _: None,
     ) -> None:
-        """Advance to ``iterations`` iterations, with an evaluation before, every EVALUATION_EVERY, and at the end.
+        """Advance to ``iterations`` iterations.
 
-        ``evaluator`` runs the evaluation episodes if they differ from those of the training. The
-        search stops once it has `plateaued`. ``progress`` is called after every iteration.
+        The policy is evaluated before the first iteration, every EVALUATION_EVERY iterations, and
+        at the end, by ``evaluator``, or by ``executor`` if it is not given. The search stops once
+        it has `plateaued`. ``progress`` is called after every iteration.
         """
         evaluator = executor if evaluator is None else evaluator
         if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
@@ -122,25 +139,27 @@ class PolicySearch:
             progress(point)
 
     def plateaued(self, patience: int | None) -> bool:
-        """Whether the best mean training return of EVALUATION_EVERY iterations is ``patience`` or more means ago.
+        """Whether the training return has not increased for a while.
 
-        Not the return in evaluation: on other motors than in training, it may be largest before the
-        policy walks in its own simulation.
+        The best mean return of EVALUATION_EVERY iterations is ``patience`` or more means ago. The
+        return in evaluation does not count: on other motors than in training, it may be largest
+        before the policy walks in its own simulation.
         """
         rounds = len(self.mean_returns) // EVALUATION_EVERY
         if patience is None or rounds <= patience:
             return False
+
         means = self.mean_returns[: rounds * EVALUATION_EVERY].reshape(rounds, -1).mean(axis=1)
         return rounds - 1 - int(means.argmax()) >= patience
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""
-        best = {f"best_{name}": value for name, value in self.best._asdict().items()}
-        best |= {
-            "best_return": np.array(self.best_return),
-            "best_iteration": np.array(self.best_iteration),
-        }
-        return self.ars.state() | best
+        state = self.ars.state()
+        for name, value in self.best._asdict().items():
+            state[f"best_{name}"] = value
+        state["best_return"] = np.array(self.best_return)
+        state["best_iteration"] = np.array(self.best_iteration)
+        return state
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Continue from a `state`, to the same bytes as an uninterrupted search."""

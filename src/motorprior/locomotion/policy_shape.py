@@ -1,4 +1,4 @@
-"""Policy from a flat vector of parameters, and back, with the left-right symmetry of observations and actions.
+"""Policy from a flat vector of parameters, and back, with left-right symmetry.
 
 A robot with pairs of legs is its own mirror image, and so is its gait, half a cycle later or at
 once if the legs of a pair step together. A policy that gives the mirrored action for the mirrored
@@ -38,7 +38,8 @@ class PolicyShape:
         if not symmetric:
             return cls(robot.num_joints, hidden_units)
         if hidden_units % 2:
-            problem = f"hidden_units {hidden_units} is odd, and a symmetric policy has them in mirrored pairs"
+            problem = f"hidden_units {hidden_units} is odd"
+            problem += ", and a symmetric policy has them in mirrored pairs"
             remedy = f"give {hidden_units + 1}, or train without symmetry"
             raise ConfigError(problem, remedy=remedy, argument="hidden_units")
         return cls(robot.num_joints, hidden_units // 2, mirror_of(robot))
@@ -86,25 +87,36 @@ class PolicyShape:
         """Statistics of observations together with their mirror images, if there is a mirror."""
         if self.mirror is None:
             return observations
+
         swap = self.mirror.inputs[:-1, :-1]
-        mirrored = RunningStats(
-            observations.count, swap @ observations.mean, np.abs(swap) @ observations.m2
-        )
+        mirrored_mean = swap @ observations.mean
+        mirrored_m2 = np.abs(swap) @ observations.m2
+        mirrored = RunningStats(observations.count, mirrored_mean, mirrored_m2)
         return observations.merge(mirrored)
 
     def parameters(self, policy: PolicyArrays) -> np.ndarray:
-        """(size,) parameters of a policy; inverse of `policy`. ConfigError for a policy of another shape."""
+        """(size,) parameters of a policy: the inverse of `policy`.
+
+        ConfigError for a policy of another shape.
+        """
         units = self.units if self.mirror is None else 2 * self.units
         if len(policy.hidden) != units:
-            problem = (
-                f"the policy to start from has {len(policy.hidden)} hidden units, wanted {units}"
-            )
+            start_units = len(policy.hidden)
+            problem = f"the policy to start from has {start_units} hidden units, wanted {units}"
             raise ConfigError(problem, remedy="train with as many", argument="hidden_units")
-        parts = policy.weights, policy.hidden[: self.units], policy.readout[: self.units]
-        parameters = np.concatenate([part.ravel() for part in parts])
-        kept = self.policy(parameters, RunningStats.empty(self.observations))
+
+        weights = policy.weights.ravel()
+        hidden = policy.hidden[: self.units].ravel()
+        readout = policy.readout[: self.units].ravel()
+        parameters = np.concatenate([weights, hidden, readout])
+
+        # a policy that is not symmetric is no policy of these parameters
+        restored = self.policy(parameters, RunningStats.empty(self.observations))
         for name in ("weights", "hidden", "readout"):
-            if not np.allclose(getattr(kept, name), getattr(policy, name), rtol=1e-6, atol=1e-9):
+            is_same = np.allclose(
+                getattr(restored, name), getattr(policy, name), rtol=1e-6, atol=1e-9
+            )
+            if not is_same:
                 problem = f"the {name} of the policy to start from are not symmetric"
                 raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
         return parameters
@@ -114,27 +126,38 @@ _TOLERANCE = 0.02  # [m] between a foot and its partner's mirror image, [-] betw
 
 
 class Mirror(NamedTuple):
-    """Mirrors O of inputs and A of actions: symmetric matrices of a permutation with signs, their own inverses."""
+    """Mirrors O of inputs and A of actions.
+
+    Each is the symmetric matrix of a permutation with signs, which is its own inverse.
+    """
 
     inputs: np.ndarray  # (inputs, inputs), of an observation and the bias at its end
     action: np.ndarray  # (actions, actions)
 
 
 def mirror_of(robot: Robot) -> Mirror:
-    """Mirror of a robot's observations and actions; ConfigError if legs or gait have no mirror image."""
+    """Mirror of a robot's observations and actions.
+
+    ConfigError if legs or gait have no mirror image.
+    """
     partners = _partners(robot)
     joints = np.arange(robot.num_joints)
     sign = np.ones(robot.num_joints)
     for leg, partner in zip(robot.legs, partners, strict=True):
         joints[list(leg.joints)] = robot.legs[partner].joints
         sign[leg.joints[0]] = -1.0
-    phase = _phase_sign(robot, partners)
     swap = sign[:, None] * np.eye(robot.num_joints)[joints]
-    tilt = [-1.0, 1.0, -1.0, 1.0, -1.0]
-    followed = [-1.0, -1.0, 1.0, -1.0, phase, phase]
+
+    imu = np.diag([-1.0, 1.0, -1.0, 1.0, -1.0])
+    drift_and_heading_error = [-1.0, -1.0]
+    command = [1.0, -1.0]
+    phase = [_phase_sign(robot, partners)] * 2
+    bias = 1.0
+    follower = np.diag([*drift_and_heading_error, *command, *phase, bias])
+    modulation = np.diag([1.0, 1.0, 1.0, 1.0, -1.0])  # the turn changes its sign
     return Mirror(
-        np.asarray(block_diag(np.diag(tilt), swap, np.diag([*followed, 1.0]))),
-        np.asarray(block_diag(swap, np.diag([1.0, 1.0, 1.0, 1.0, -1.0]))),
+        inputs=np.asarray(block_diag(imu, swap, follower)),
+        action=np.asarray(block_diag(swap, modulation)),
     )
 
 
@@ -143,11 +166,10 @@ def _partners(robot: Robot) -> list[int]:
     rest = np.array([leg.rest for leg in robot.legs])
     partners = [int(np.argmin(np.abs(rest - [x, -y]).sum(axis=1))) for x, y in rest]
     for leg, partner in enumerate(partners):
-        if (
-            partners[partner] != leg
-            or np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max() > _TOLERANCE
-        ):
-            problem = f"leg {robot.legs[leg].name!r} has no mirror image among the legs of robot {robot.name!r}"
+        distance = np.abs(rest[partner] - rest[leg] * [1.0, -1.0]).max()
+        if partners[partner] != leg or distance > _TOLERANCE:
+            problem = f"leg {robot.legs[leg].name!r} has no mirror image"
+            problem += f" among the legs of robot {robot.name!r}"
             raise ConfigError(problem, remedy="train without symmetry", argument="symmetric")
     return partners
 
@@ -160,6 +182,8 @@ def _phase_sign(robot: Robot, partners: list[int]) -> float:
         error = np.abs(apart - shift)
         if np.minimum(error, 1.0 - error).max() <= _TOLERANCE:
             return sign
-    problem = f"the legs of robot {robot.name!r} step neither together with their mirror images nor half a cycle later"
+
+    problem = f"the legs of robot {robot.name!r} step neither together with their mirror images"
+    problem += " nor half a cycle later"
     remedy = "correct the phases in its file, or train without symmetry"
     raise ConfigError(problem, remedy=remedy, argument="symmetric")
