@@ -26,7 +26,7 @@ ENV_ID = "motorprior/Walk-v0"
 def make_env(
     robot: str | Path | Robot = DEFAULT_ROBOT, motors: MotorSource = "fleet", **options: Any
 ) -> WalkEnv:
-    """Make one Gymnasium environment that samples new motors in each episode, for policies as of `train_policy`.
+    """Make a Gymnasium environment for policies as of `train_policy`, with new motors per episode.
 
     Args:
         robot: a legged robot: its name, the path of a .toml file, or a robot from `load_robot`.
@@ -43,8 +43,8 @@ def make_env(
     """
     walk = WalkConfig(**options)
     robot = walk.commands.extend_range(as_robot(robot))
-    found = simulated_motors(motors, robot)
-    return WalkEnv(Scene(robot, found.draw, walk, found.physics_dt))
+    source = simulated_motors(motors, robot)
+    return WalkEnv(Scene(robot, source.draw, walk, source.physics_dt))
 
 
 gymnasium.register(ENV_ID, entry_point="motorprior.environments:make_env")

@@ -23,7 +23,7 @@ from motorprior.studies.log_replay import (
     logged_constants,
     motors_with_logged_gains,
     replayers_of,
-    with_found_posture,
+    with_inferred_posture,
     with_posture,
 )
 
@@ -136,7 +136,7 @@ def test_the_fleets_central_motor_replays_a_real_log_in_the_detected_posture(
 ):
     log = read_log_folder(shared_data / "pupper_v2", ROBOT).logs[name]
     center = load_fleet("pupper_v2").center(ROBOT.num_joints)
-    posed, evidence = with_found_posture(log, ROBOT, center)
+    posed, evidence = with_inferred_posture(log, ROBOT, center)
     assert evidence.startswith("suspended" if name == "1_joint" else "standing"), evidence
     assert mean_error(Replayer(posed, ROBOT), center.actuator()) <= BOUND[name]
 
@@ -145,7 +145,7 @@ def test_a_logged_posture_is_used_and_the_true_motors_replay_the_log_exactly(fle
     center = fleet.center(ROBOT.num_joints)
     motors = center.actuator()
     log = with_posture(record_log(motors, suspended=True), "suspended")
-    assert with_found_posture(log, ROBOT, center)[0] is log
+    assert with_inferred_posture(log, ROBOT, center)[0] is log
     suspended, standing = (
         mean_error(Replayer(each, ROBOT), motors) for each in (log, with_posture(log, "standing"))
     )

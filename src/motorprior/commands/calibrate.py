@@ -27,18 +27,21 @@ class Calibrate:
     """Fit a fleet of physical motors to real logs of a robot."""
 
     logs: Path
-    """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
+    """A log, or a folder of logs: motor logs (.parquet), or files in the format of
+    jietan/puppersim."""
     out: Path
     """Folder for fleet.toml, figures.json and calibration.png."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     fleet: str | None = None
-    """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not given."""
+    """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not
+    given."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
-    which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the
+    one in which the fleet's central motor replays it clearly better."""
     starts: int = 3
-    """Searches: the first from the fleet's centre, the others from samples of a Gaussian around it."""
+    """Searches: the first from the fleet's centre, the others from samples of a Gaussian around
+    it."""
     iterations: int = 6
     """Maximum iterations of each search."""
     samples: int = 20
@@ -48,40 +51,57 @@ class Calibrate:
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:
-    """Calibrate, or read the results of the finished stage; errors for a log, fleet or setting that cannot be used."""
+    """Calibrate, or read the results of the finished stage.
+
+    Raises an error for a log, a fleet or a setting that cannot be used.
+    """
     for name in ("starts", "iterations", "samples"):
         require_count(name, getattr(config, name))
     require_seed(config.seed)
+
     robot = load_robot(config.robot)
     fleet = load_robot_fleet(robot, config.fleet)
     folder = read_logs(config.logs, robot)
     inputs = [*fleet_files(robot, config.fleet), *folder.files, *robot.files]
-    wanted = description("calibrate", asdict(config), inputs)
-    if is_finished(config.out, wanted):
+    stage = description("calibrate", asdict(config), inputs)
+    if is_finished(config.out, stage):
         return read_results(config.out)
-    with working(config.out, wanted):
+
+    with working(config.out, stage):
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
         problem = FleetProblem(fleet, robot, replayers)
-        found = calibrate(problem, config.starts, config.iterations, config.seed, progress)
-        fitted = calibrated_fleet(problem, found)
-        heading = f"Fitted by `motorprior calibrate` to the logs {', '.join(replayers)}; spread is between motors."
-        write_fleet(config.out / FLEET, fitted, _sources(problem, found), heading)
-        covered = _covered(config, problem, found, fitted, progress)
-        rows = [*_errors(problem, found), *covered, *_constants(problem, found, fitted)]
-        write_results(config.out, Results(rows))
+        calibration = calibrate(problem, config.starts, config.iterations, config.seed, progress)
+        fitted = calibrated_fleet(problem, calibration)
+
+        logs = ", ".join(replayers)
+        heading = f"Fitted by `motorprior calibrate` to the logs {logs}; spread is between motors."
+        write_fleet(config.out / FLEET, fitted, _sources(problem, calibration), heading)
+
+        coverage = _coverage(config, problem, calibration, fitted, progress)
+        errors = _errors(problem, calibration)
+        constants = _constants(problem, calibration, fitted)
+        write_results(config.out, Results([*errors, *coverage, *constants]))
     return read_results(config.out)
 
 
-def _covered(
-    config: Calibrate, problem: FleetProblem, found: Calibration, fleet: Fleet, progress: Progress
+def _coverage(
+    config: Calibrate,
+    problem: FleetProblem,
+    calibration: Calibration,
+    fleet: Fleet,
+    progress: Progress,
 ) -> list[Result]:
-    """The share of the measured angles in the 90 % bands of the fitted fleet; plots a joint of each log."""
-    from motorprior.report.plots import draw_traces  # here: they import matplotlib
+    """Share of the measured angles in the 90 % bands of the fitted fleet.
+
+    Plots one joint of each log.
+    """
+    # here, since they import matplotlib
+    from motorprior.report.plots import draw_traces
     from motorprior.report.plots_style import png_bytes
 
     rng = np.random.default_rng(config.seed)
     traces = []
-    covered = []
+    coverage = []
     with progress.start(f"{config.samples} samples of the fleet", len(problem.replayers)) as task:
         for name, replayer in problem.replayers.items():
             log = replayer.log
@@ -89,66 +109,80 @@ def _covered(
                 motors_with_logged_gains(fleet.sample(log.num_joints, rng), log)
                 for _ in range(config.samples)
             ]
-            replayed = [replayer.joint_pos(each.actuator()) for each in motors]
-            low, high = band(np.array(replayed), 90)
-            inside = ((log.joint_pos >= low) & (log.joint_pos <= high))[replayer.compared][
-                :, replayer.excited
-            ]
-            covered.append(Result("calibrate_coverage90", "1", float(inside.mean()), log=name))
-            central = replayer.joint_pos(problem.actuator(name, found.center))
+            samples = [replayer.joint_pos(each.actuator()) for each in motors]
+            low, high = band(np.array(samples), 90)
+            is_inside = (log.joint_pos >= low) & (log.joint_pos <= high)
+            share = float(is_inside[replayer.compared][:, replayer.excited].mean())
+            coverage.append(Result("calibrate_coverage90", "1", share, log=name))
+
+            central = replayer.joint_pos(problem.actuator(name, calibration.center))
             joint = replayer.excited[-1]
-            columns = (log.position_target, log.joint_pos, central, low, high)
-            target, measured, *drawn = (each[:, joint] for each in columns)
-            models: dict[str, np.ndarray] = dict(
-                zip(("central motor", "5 %", "95 %"), drawn, strict=True)
+            trace = Trace(
+                log=name,
+                joint=log.joint_names[joint],
+                time=log.time,
+                target=log.position_target[:, joint],
+                measured=log.joint_pos[:, joint],
+                models={
+                    "central motor": central[:, joint],
+                    "5 %": low[:, joint],
+                    "95 %": high[:, joint],
+                },
             )
-            traces.append(Trace(name, log.joint_names[joint], log.time, target, measured, models))
+            traces.append(trace)
             task.advance()
     (config.out / PICTURE).write_bytes(png_bytes(draw_traces(traces)))
-    return covered
+    return coverage
 
 
-def _sources(problem: FleetProblem, found: Calibration) -> dict[str, str]:
+def _sources(problem: FleetProblem, calibration: Calibration) -> dict[str, str]:
+    """Source of each constant in the fitted fleet, for its file."""
+    logs = ", ".join(problem.replayers)
     sources = dict.fromkeys(problem.fleet.parameters, f"as in fleet {problem.fleet.name}")
     for name in problem.logged & sources.keys():
         sources[name] += "; the logs contain the gains"
-    for parameter, error in zip(problem.parameters, found.error, strict=True):
-        result = (
-            "identified"
-            if parameter.is_identifiable(error)
-            else f"not identified, near {problem.fleet.name}"
-        )
-        sources[parameter.name] = f"{result}: replay of the logs {', '.join(problem.replayers)}"
+    for parameter, error in zip(problem.parameters, calibration.error, strict=True):
+        result = f"not identified, near {problem.fleet.name}"
+        if parameter.is_identifiable(error):
+            result = "identified"
+        sources[parameter.name] = f"{result}: replay of the logs {logs}"
     return sources
 
 
-def _errors(problem: FleetProblem, found: Calibration) -> list[Result]:
-    """Joint RMSE of every log and their mean: initial, fitted, fitted without that log, with a motor per joint."""
+def _errors(problem: FleetProblem, calibration: Calibration) -> list[Result]:
+    """Joint RMSE of every log and the mean over the logs.
+
+    The models are the initial centre, the fitted one, and the one that is fitted without this log,
+    each of the last two also with a motor per joint.
+    """
     rows: list[Result] = []
     for name in problem.replayers:
-        center = found.center
+        # centre, and offsets of single motors
         fits = {
             "start": (problem.mean, None),
-            "center": (center, None),
-            "per_motor": (center, found.offsets),
+            "center": (calibration.center, None),
+            "per_motor": (calibration.center, calibration.offsets),
         }
-        if found.left_out:
-            center, offsets = found.left_out[name]
-            fits |= {"left_out": (center, None), "per_motor_left_out": (center, offsets)}
-        rows += [
-            Result("calibrate_rmse", "rad", problem.rmse(name, *fit), m, log=name)
-            for m, fit in fits.items()
-        ]
+        if calibration.left_out:
+            center, offsets = calibration.left_out[name]
+            fits["left_out"] = (center, None)
+            fits["per_motor_left_out"] = (center, offsets)
+        for model, (center, offsets) in fits.items():
+            rmse = problem.rmse(name, center, offsets)
+            rows.append(Result("calibrate_rmse", "rad", rmse, model, log=name))
+
     results = Results(rows)
-    return rows + [
-        Result("calibrate_rmse", "rad", results.mean(model=m), m) for m in results.distinct("model")
-    ]
+    for model in results.distinct("model"):
+        rows.append(Result("calibrate_rmse", "rad", results.mean(model=model), model))
+    return rows
 
 
-def _constants(problem: FleetProblem, found: Calibration, fleet: Fleet) -> list[Result]:
-    """Fitted value and standard errors of every constant; of logarithms if lognormal."""
+def _constants(problem: FleetProblem, calibration: Calibration, fleet: Fleet) -> list[Result]:
+    """Fitted value and standard errors of every constant; errors of the logarithm if lognormal."""
     rows = []
-    for parameter, x, error in zip(problem.parameters, found.center, found.error, strict=True):
+    for parameter, x, error in zip(
+        problem.parameters, calibration.center, calibration.error, strict=True
+    ):
         share = "1" if parameter.is_log else parameter.unit
         values = {
             "center": (parameter.unit, parameter.value(x)),

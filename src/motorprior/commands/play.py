@@ -1,4 +1,4 @@
-"""Films of walking policies, MuJoCo's viewer, and measures of the walks."""
+"""Films of walking policies, MuJoCo's viewer, and the quality of the walks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -34,8 +34,8 @@ class Play:
     out: Path = Path("runs/play")
     """Folder for the film (play.mp4 or play.gif) and figures.json."""
     environment: Literal["own", "twin", "hard"] = "own"
-    """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and noise; hard: the twin
-    on unknown ground, with an unknown load and pushes."""
+    """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and
+    noise; hard: the twin on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
     """Commanded speed [m/s]; the largest in the range of all policies if not given."""
     yaw_rate: float = 0.0
@@ -53,66 +53,73 @@ class Play:
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
-    """Render and measure the walks; returns the film's path and the measures. SimulationFault if a walk diverged."""
+    """Render and measure the walks; returns the film's path and the results.
+
+    SimulationFault if a walk diverged.
+    """
     from motorprior.report import film  # here, since it imports matplotlib
 
-    robot = load_robot(config.robot)
-    policies = {
-        name: TrainedPolicy.load(path, robot) for name, path in _names(config.policies).items()
-    }
     require_number("seconds", config.seconds, positive=True)
     require_seed(config.seed)
+    robot = load_robot(config.robot)
+    policies = {
+        name: TrainedPolicy.load(path, robot)
+        for name, path in _paths_by_name(config.policies).items()
+    }
+
     gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_gait()
     forward = gait.forward[1] if config.forward is None else config.forward
     require_number("forward", forward, *gait.forward)
     require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)
-    command = forward, config.yaw_rate
+    commands = Commands.steady(forward, config.yaw_rate)
     steps = max(1, round(config.seconds / robot.control_dt))
+    walk = WalkConfig(steps, commands=commands)
+
     episodes: dict[str, Episode] = {}
     with locked(config.out):
-        with progress.start(f"walk: {len(policies)} x {config.seconds:g} s", len(policies)) as task:
+        title = f"walk: {len(policies)} x {config.seconds:g} s"
+        with progress.start(title, len(policies)) as task:
             for name, trained in policies.items():
                 if warning := weight_warning(trained.policy, robot):
                     progress.warn(warning)
-                episodes[name] = _walk(
-                    config, trained, WalkConfig(steps, commands=Commands.steady(*command))
-                )
+                episodes[name] = _walk(config, trained, walk)
                 require_walks([episodes[name]], name)
                 task.advance()
-        qualities = {
-            name: gait_quality(robot, episode, *command, steps)
-            for name, episode in episodes.items()
-        }
-        results = sum(
-            (quality_results(each, name, config.environment) for name, each in qualities.items()),
-            Results(),
-        )
+
+        results = Results()
+        for name, episode in episodes.items():
+            quality = gait_quality(robot, episode, forward, config.yaw_rate, steps)
+            results += quality_results(quality, name, config.environment)
         write_results(config.out, results)
-        titled = {
-            f"{name}, {_TITLES[config.environment]}": episode for name, episode in episodes.items()
-        }
+
+        environment = _TITLES[config.environment]
+        titled = {f"{name}, {environment}": episode for name, episode in episodes.items()}
         path = film.write_film(config.out, robot, titled, steps, progress)
+
     if config.viewer:
-        show(
-            robot,
-            [film.until_end(episode.trace, steps) for episode in episodes.values()],
-            robot.control_dt,
-        )
+        walks = [film.until_end(episode.trace, steps) for episode in episodes.values()]
+        show(robot, walks, robot.control_dt)
     return path, results
 
 
-def _names(policies: Iterable[Path]) -> dict[str, Path]:
-    """Files of the policies by the names of their folders, or of files with other names than policy.safetensors."""
-    names: dict[str, Path] = {}
-    for given in policies:
-        path = given / POLICY if given.is_dir() else given
-        seeds = sorted(given.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
+def _paths_by_name(policies: Iterable[Path]) -> dict[str, Path]:
+    """Files of the policies by the names of their folders.
+
+    A file with another name than policy.safetensors has its own name.
+    """
+    paths: dict[str, Path] = {}
+    for policy in policies:
+        path = policy / POLICY if policy.is_dir() else policy
+        seeds = sorted(policy.glob(f"{SEED_FOLDER.format('*')}/{POLICY}"))
         if seeds and not path.is_file():
             problem = f"no {POLICY} in it, but in {len(seeds)} folders of seeds below"
-            raise ConfigError(problem, where=given, remedy=f"give some of these: {seeds[0]}")
+            raise ConfigError(problem, where=policy, remedy=f"give some of these: {seeds[0]}")
+
         name = path.resolve().parent.name if path.name == POLICY else path.stem
-        names[name if name not in names else f"{name} ({len(names) + 1})"] = path
-    return names
+        if name in paths:
+            name = f"{name} ({len(paths) + 1})"
+        paths[name] = path
+    return paths
 
 
 def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
@@ -120,6 +127,6 @@ def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
         scene = trained.scene(walk)
     else:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
-        walk = replace(walk, randomization=randomization)
-        scene = twin_scene(trained.robot, load_robot_fleet(trained.robot, config.fleet), walk)
+        fleet = load_robot_fleet(trained.robot, config.fleet)
+        scene = twin_scene(trained.robot, fleet, replace(walk, randomization=randomization))
     return run_walks(scene, trained.policy.arrays, [config.seed])[0]

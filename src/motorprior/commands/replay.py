@@ -32,13 +32,15 @@ class Replay:
     """Replay the commands of real logs on simulated motors."""
 
     logs: Path
-    """A log, or a folder of logs: motor logs (.parquet), or files in the format of jietan/puppersim."""
+    """A log, or a folder of logs: motor logs (.parquet), or files in the format of
+    jietan/puppersim."""
     prior: Path
     """Prior to sample."""
     out: Path
     """Folder for figures.json."""
     fleet: str | None = None
-    """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace both."""
+    """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace
+    both."""
     samples: int = 20
     """Samples of the robot's motors from the prior."""
     seed: int = 0
@@ -46,14 +48,18 @@ class Replay:
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the one in
-    which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the
+    one in which the fleet's central motor replays it clearly better."""
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
-    """Replay, or read the results of the finished stage; errors for an input that cannot be used."""
+    """Replay, or read the results of the finished stage.
+
+    Raises an error for an input that cannot be used.
+    """
     require_count("samples", config.samples)
     require_seed(config.seed)
+
     robot = load_robot(config.robot)
     fleet = load_robot_fleet(robot, config.fleet)
     folder = read_logs(config.logs, robot)
@@ -64,22 +70,21 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
         *folder.files,
         *robot.files,
     ]
-    wanted = description("replay", asdict(config), inputs)
-    if is_finished(config.out, wanted):
+    stage = description("replay", asdict(config), inputs)
+    if is_finished(config.out, stage):
         return read_results(config.out)
-    with working(config.out, wanted):
+
+    with working(config.out, stage):
         replayers = replayers_of(folder.logs, robot, fleet, config.posture, progress.note)
         rows = list[Result]()
         count = len(replayers)
-        with progress.start(
-            f"replay of {count} real logs", count * (2 + 2 * config.samples)
-        ) as task:
+        runs = count * (2 + 2 * config.samples)
+        with progress.start(f"replay of {count} real logs", runs) as task:
             for name, replayer in replayers.items():
                 simulated: dict[str, np.ndarray] = {}
                 for model, actuators in _models(config, robot, fleet, replayer, prior).items():
-                    simulated[model] = np.array(
-                        [replayer.joint_pos(actuator) for actuator in actuators]
-                    )
+                    joint_pos = [replayer.joint_pos(actuator) for actuator in actuators]
+                    simulated[model] = np.array(joint_pos)
                     task.advance(len(actuators))
                 rows += _errors(name, replayer, simulated)
         write_results(config.out, Results(rows))
@@ -87,54 +92,73 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
 
 
 def read_logs(path: Path, robot: Robot) -> LogFolder:
-    """A log, or all logs of a folder; raises LogError as `read_log_folder`, without options for columns."""
+    """A log, or all logs of a folder, in a format that needs no column map.
+
+    LogError as `read_log_folder`.
+    """
     try:
         return read_log_folder(path, robot)
     except LogError as error:
         if error.argument != "columns":
             raise
-        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md), and give the new files"
+        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md)"
+        remedy += ", and give the new files"
         raise LogError(error.problem, where=error.where, remedy=remedy) from error
 
 
 def _models(
     config: Replay, robot: Robot, fleet: Fleet, replayer: Replayer, prior: MotorPrior
 ) -> dict[str, list[Actuator]]:
+    """Motors of each model, one per joint: samples, or one set."""
     rng = np.random.default_rng(config.seed)
     count = robot.num_joints
     log = replayer.log
+
     classes = prior.joint_classes(log)
     gains = log.gains
     if gains is None or log.gain_unit != prior.model.gain_unit:
         gains = robot_gains(prior, robot)
-    drawn = [motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.samples)]
+
+    fleet_samples = [
+        motors_with_logged_gains(fleet.sample(count, rng), log) for _ in range(config.samples)
+    ]
     return {
         "ideal_pd": [motors_with_logged_gains(nominal_pd(fleet, count), log)],
         "physical": [motors_with_logged_gains(fleet.center(count), log).actuator()],
-        "physical_samples": [motors.actuator() for motors in drawn],
+        "physical_samples": [motors.actuator() for motors in fleet_samples],
         prior.preset: [prior.sample(classes, rng, gains) for _ in range(config.samples)],
     }
 
 
 def _errors(name: str, replayer: Replayer, simulated: Mapping[str, np.ndarray]) -> list[Result]:
-    """Joint RMSE: the mean over excited joints, and each; of samples median, 5 % and 95 % quantile."""
+    """Joint RMSE of a log by model: the mean over the excited joints, and the error of each joint.
+
+    ``simulated`` has (samples, rows, joints) angles by model [rad]. The statistics are median, 5 %
+    and 95 % quantile of the samples.
+    """
     rows: list[Result] = []
     for model, runs in simulated.items():
         per_joint = np.array([replayer.rmse(joint_pos) for joint_pos in runs])
         mean = np.nanmean(per_joint, axis=1)
         statistics = {"median": np.median(mean)}
         if len(runs) > 1:
-            statistics |= {"p05": np.quantile(mean, 0.05), "p95": np.quantile(mean, 0.95)}
+            statistics["p05"] = np.quantile(mean, 0.05)
+            statistics["p95"] = np.quantile(mean, 0.95)
         for statistic, value in statistics.items():
             rows.append(
                 Result("real_rmse", "rad", float(value), model, statistic=statistic, log=name)
             )
         for joint in replayer.excited:
             value = float(np.median(per_joint[:, joint]))
-            part = replayer.log.joint_names[joint]
-            rows.append(
-                Result(
-                    "real_joint_rmse", "rad", value, model, statistic="median", log=name, part=part
-                )
+            joint_name = replayer.log.joint_names[joint]
+            row = Result(
+                "real_joint_rmse",
+                "rad",
+                value,
+                model,
+                statistic="median",
+                log=name,
+                part=joint_name,
             )
+            rows.append(row)
     return rows

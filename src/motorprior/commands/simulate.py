@@ -28,8 +28,8 @@ class Simulate:
     motors: str
     """The robot's motors, such as prior:FILE, pd or fleet; see docs/training.md."""
     excitation: str = "sine"
-    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine; or a file
-    of `motorprior excite`."""
+    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine;
+    or a file of `motorprior excite`."""
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4
@@ -41,22 +41,30 @@ class Simulate:
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
-    """Simulate, unless the stage is finished; SimulationFault if the gains are too high for the physics step."""
+    """Simulate, unless the stage is finished.
+
+    SimulationFault if the gains are too high for the physics step.
+    """
     require_number("seconds", config.seconds, 0.1)
     require_number("amplitude", config.amplitude)
     require_seed(config.seed)
+
     robot = load_robot(config.robot)
-    found = simulated_motors(config.motors, robot)
+    source = simulated_motors(config.motors, robot)
     targets = excitation_targets(
         robot, config.excitation, config.seconds, config.amplitude, config.seed
     )
-    played = [Path(config.excitation)] if config.excitation.endswith(".safetensors") else []
-    wanted = description("simulate", asdict(config), [*found.files, *robot.files, *played])
-    if is_finished(config.out, wanted):
+
+    inputs = [*source.files, *robot.files]
+    if config.excitation.endswith(".safetensors"):
+        inputs.append(Path(config.excitation))
+    stage = description("simulate", asdict(config), inputs)
+    if is_finished(config.out, stage):
         return
+
     title = f"simulate {robot.name}: {config.excitation}, {config.seconds:g} s"
-    with working(config.out, wanted), progress.start(title, 1) as task:
-        motors = found.draw(np.random.default_rng(config.seed))
-        log = simulated_log(robot, motors, targets, found.physics_dt)
+    with working(config.out, stage), progress.start(title, 1) as task:
+        motors = source.draw(np.random.default_rng(config.seed))
+        log = simulated_log(robot, motors, targets, source.physics_dt)
         write_log(config.out / LOG, with_loads(log, robot))
         task.advance()

@@ -1,4 +1,4 @@
-"""Train walking policies into folders, on motors sampled for every episode: with one seed or several."""
+"""Train walking policies into folders, on motors sampled for every episode."""
 
 import os
 from dataclasses import dataclass, fields, replace
@@ -25,13 +25,14 @@ class Walk(WalkSettings):
     out: Path
     """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
     motors: str
-    """The motors of every episode: prior:FILE, posterior:FILE,prior=FILE, pd, pd:kp=8.8,kd=0.84, fleet or fleet:NAME.
-    docs/training.md has their options."""
+    """The motors of every episode: prior:FILE, posterior:FILE,prior=FILE, pd, pd:kp=8.8,kd=0.84,
+    fleet or fleet:NAME. docs/training.md has their options."""
     start: Path | None = None
-    """A policy in another folder to continue from, with other motors for example, within its range of speeds; the plain
-    gait if not given."""
+    """A policy in another folder to continue from, with other motors for example, within its range
+    of speeds; the plain gait if not given."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not depend on it."""
+    """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not
+    depend on it."""
     executor: ExecutorName = "threads"
     """Threads of this process, or Ray processes; the result does not depend on it."""
     ray_address: str | None = None
@@ -39,17 +40,17 @@ class Walk(WalkSettings):
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
     seeds: int = 1
-    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a picture of all."""
+    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a
+    picture of all."""
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> Policy:
-    """Train or resume one seed, unless the folder is finished with these settings; errors as `train_policy`.
+    """Train or resume one seed, unless the folder is finished with these settings.
 
-    A training with other settings is replaced.
+    A training with other settings is replaced. Errors as `train_policy`.
     """
-    settings = WalkSettings(
-        **{each.name: getattr(config, each.name) for each in fields(WalkSettings)}
-    )
+    values = {field.name: getattr(config, field.name) for field in fields(WalkSettings)}
+    settings = WalkSettings(**values)
     return train_policy(
         config.robot,
         config.motors,
@@ -65,41 +66,41 @@ def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> P
 
 
 def run_walk_seeds(config: Walk, progress: Progress = SILENT) -> Results:
-    """Train with ``config.seeds`` seeds, from that of the search on, each in the folder seed_K of ``config.out``.
+    """Train with several seeds, each in the folder seed_K of ``config.out``.
 
-    The executor "threads" trains several seeds at a time. The picture has the learning curves.
-    Returns the mean return [m] of each best policy in its training simulation, or on the validation
-    fleet if there is one.
+    The first seed is the search's. The executor "threads" trains several seeds at a time. The
+    picture has the learning curves. Returns the mean return [m] of each best policy in its training
+    simulation, or on the validation fleet if there is one.
     """
+    # here, since they import matplotlib
     from motorprior.report.plots import learning_curves, read_curves
-    from motorprior.report.plots_style import png_bytes  # here, since they import matplotlib
+    from motorprior.report.plots_style import png_bytes
 
     require_count("seeds", config.seeds)
     require_count("workers", config.workers)
-    threads = (
-        min(config.seeds, usable_threads(config.workers, progress))
-        if config.executor == "threads"
-        else 1
-    )
-    first = config.search.seed
+    threads = 1
+    if config.executor == "threads":
+        threads = min(config.seeds, usable_threads(config.workers, progress))
     workers = max(1, config.workers // threads)
-    folders = {
-        seed: config.out / SEED_FOLDER.format(seed) for seed in range(first, first + config.seeds)
-    }
-    walks = [
-        replace(config, out=out, search=replace(config.search, seed=seed), workers=workers)
-        for seed, out in folders.items()
-    ]
-    works = [partial(run_walk, walk, name=f"walk, seed {walk.search.seed}") for walk in walks]
-    found = in_parallel(works, threads, progress)
+
+    first = config.search.seed
+    folders: dict[int, Path] = {}
+    trainings = []
+    for seed in range(first, first + config.seeds):
+        folders[seed] = config.out / SEED_FOLDER.format(seed)
+        search = replace(config.search, seed=seed)
+        walk = replace(config, out=folders[seed], search=search, workers=workers)
+        trainings.append(partial(run_walk, walk, name=f"walk, seed {seed}"))
+    policies = in_parallel(trainings, threads, progress)
+
+    curves = read_curves(folders.values())
     with atomic_path(config.out / PICTURE) as temporary:
-        temporary.write_bytes(
-            png_bytes(learning_curves({config.out.name: read_curves(folders.values())}))
-        )
-    best = {
-        seed: float(policy.provenance["best_return"])
-        for seed, policy in zip(folders, found, strict=True)
-    }
-    results = Results(Result("best_return", "m", value, seed=seed) for seed, value in best.items())
+        temporary.write_bytes(png_bytes(learning_curves({config.out.name: curves})))
+
+    rows = []
+    for seed, policy in zip(folders, policies, strict=True):
+        best_return = float(policy.provenance["best_return"])
+        rows.append(Result("best_return", "m", best_return, seed=seed))
+    results = Results(rows)
     write_results(config.out, results)
     return results

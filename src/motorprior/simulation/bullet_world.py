@@ -1,4 +1,6 @@
-"""One robot in PyBullet, the paper's engine: links, motors and clocks as in `world`, another solver.
+"""One robot in PyBullet, the paper's engine.
+
+Links, motors and clocks are those of `world`; the solver differs.
 
 Bullet has no reflected inertia and integrates joint damping explicitly, which is unstable on a
 light leg. So each rotor is a link of its own that a gear constraint couples to the joint (the

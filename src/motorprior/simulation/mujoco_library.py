@@ -1,4 +1,4 @@
-"""MuJoCo's library called by address: preparation of the process, and `mj_step` for compiled code."""
+"""MuJoCo's library called by address: preparation of the process, and compiled `mj_step`."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.

@@ -59,7 +59,7 @@ class Randomization:
     kd: Range = (1.0, 1.0)  # range of the factor on kd of each motor [-]
     torque_limit: Range = (1.0, 1.0)  # range of the factor on the torque limit of each motor [-]
     coulomb: Range = (1.0, 1.0)
-    """Range of the factor on the dry friction of each motor, without its load-dependent part [-]."""
+    """Range of the factor on the dry friction of each motor, without its load-dependent part."""
     friction: Range = (1.0, 1.0)  # range of the factor on the friction of the feet [-]
     mass: Range = (1.0, 1.0)  # range of the factor on mass and inertia of each link [-]
     com: float = 0.0  # largest shift of the chassis' centre of mass along each axis [m]
@@ -74,8 +74,8 @@ class Randomization:
     tilt_noise: float = 0.0
     rate_noise: float = 0.0  # standard deviation of white noise on the observed rates [rad/s]
     gyro_bias: float = 0.0
-    """Standard deviation of the constant error of each observed rate [rad/s]; the integrated heading
-    drifts."""
+    """Standard deviation of the constant error of each observed rate [rad/s]; the integrated
+    heading drifts."""
     sensor_delay: Range = (0.0, 0.0)  # range of the age of the observations [s]
     sensor_jitter: float = 0.0  # largest additional age of a single reading [s]
     dropped: float = 0.0  # share of lost sensor frames; the policy uses the last one received [-]

@@ -1,4 +1,4 @@
-"""Recorded walks: rendered offscreen, as stick figures, in the viewer, and the motion of the feet."""
+"""Recorded walks: rendered offscreen, as stick figures, in the viewer; motion of the feet."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -18,16 +18,20 @@ from motorprior.exceptions import ConfigError
 from motorprior.robots.build_model import FLOOR, build_model
 from motorprior.robots.robot import Robot
 
-# [pixel], multiples of 16 for video encoders
+# size of a picture [pixel], multiples of 16 for video encoders
 WIDTH = 480
 HEIGHT = 288
-REMEDY = "install EGL (Debian: libegl1 with libgl1-mesa-dri), or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"
+REMEDY = (
+    "install EGL (Debian: libegl1 with libgl1-mesa-dri), "
+    "or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"
+)
 
 
 @contextmanager
 def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
-    """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8, for the calling thread only.
+    """A function from a qpos (7 + joints,) to a picture (HEIGHT, WIDTH, 3) uint8.
 
+    Only the calling thread can use it.
     The environment variable MUJOCO_GL (egl, osmesa, glfw) selects the OpenGL library; EGL on Linux
     if not set. ConfigError if OpenGL does not work.
     """
@@ -36,6 +40,7 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     camera = mujoco.MjvCamera()
     set_view_and_light(model, option)
     _look_at(robot, camera)
+
     default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
     library = os.environ.get("MUJOCO_GL", "").strip().lower() or default
     try:
@@ -44,9 +49,9 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         model.vis.quality.offsamples = 0  # antialiasing doubles the time without a GPU
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:  # of the loader, PyOpenGL or MuJoCo, depending on what is missing
-        raise ConfigError(
-            f"MuJoCo cannot render with {library} ({error})", remedy=REMEDY
-        ) from error
+        problem = f"MuJoCo cannot render with {library} ({error})"
+        raise ConfigError(problem, remedy=REMEDY) from error
+
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
     data = mujoco.MjData(model)
     scene = mujoco.MjvScene(model, maxgeom=10_000)
@@ -81,9 +86,9 @@ def _look_at(robot: Robot, camera: Any) -> None:
 def set_view_and_light(model: mujoco.MjModel, option: Any) -> None:
     """Set view and light of a model; show all geom groups if no geom were visible by default."""
     model.vis.global_.fovy = 30.0  # [deg]; keeps the horizon outside the picture
-    model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = (
-        (0.4, 0.5) if model.nlight else (0.6, 0.8)
-    )
+    model.vis.headlight.ambient[:] = 0.4 if model.nlight else 0.6
+    model.vis.headlight.diffuse[:] = 0.5 if model.nlight else 0.8
+
     robot_geoms = np.arange(model.ngeom) != model.geom(FLOOR).id
     # MuJoCo shows groups 0 to 2; models often keep collision shapes in group 3, next to visible
     # meshes
@@ -92,24 +97,29 @@ def set_view_and_light(model: mujoco.MjModel, option: Any) -> None:
 
 
 def _add_floor_lines(scene: mujoco.MjvScene, x: float, y: float, robot: Robot) -> None:
-    """Draw lines across the floor every 0.1 m, every fifth dark, to make the motion visible."""
-    # 1 m for a ten times larger robot
+    """Draw lines across the floor, every fifth dark, to make the motion visible."""
+    # 0.1 m for a robot of 0.166 m, 1 m for a ten times larger one
     gap = 0.1 * 10.0 ** round(np.log10(robot.standing_height / 0.166))
     reach = 10.0 * robot.standing_height
     middle = round(x / gap)
     count = round(reach / gap)
+    box = mujoco.mjtGeom.mjGEOM_BOX
     for line in range(middle - count, middle + count + 1):
-        shade, width = (0.45, 0.04) if line % 5 == 0 else (0.75, 0.02)
+        is_dark = line % 5 == 0
+        shade = 0.45 if is_dark else 0.75
+        width = 0.04 if is_dark else 0.02
         size = [width * gap, reach, 0.01 * gap]
         center = [line * gap, y, 0.0]
         color = np.array([shade, shade, shade, 1.0], np.float32)
-        box = mujoco.mjtGeom.mjGEOM_BOX
         mujoco.mjv_initGeom(scene.geoms[scene.ngeom], box, size, center, np.eye(3).ravel(), color)
         scene.ngeom += 1
 
 
 def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
-    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m]: between bodies, then to the feet."""
+    """A function from a qpos (7 + joints,) to the ends (N, 2, 3) of N lines [m].
+
+    The first lines are between bodies of the model, the last ones to the feet.
+    """
     model = build_model(robot)
     data = mujoco.MjData(model)
     bodies = np.array([body for body in range(1, model.nbody) if model.body_parentid[body]])
@@ -127,9 +137,9 @@ def skeleton(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
-    """Play walks (F, 7 + joints), with ``control_dt`` [s] between frames, repeatedly until the window is closed.
+    """Play walks (F, 7 + joints) repeatedly, with ``control_dt`` [s] between frames.
 
-    ConfigError if no window can be opened.
+    It returns when the window is closed. ConfigError if no window can be opened.
     """
     import mujoco.viewer  # here, since it needs a screen
 
@@ -138,17 +148,17 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
     try:
         opened = mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     except Exception as error:  # of GLFW, MuJoCo or Python, depending on the system
-        remedy = (
-            "omit it: the film in the output folder shows the same; on macOS start it with mjpython"
-        )
-        raise ConfigError(
-            f"viewer: no window ({error})", remedy=remedy, argument="viewer"
-        ) from error
+        problem = f"viewer: no window ({error})"
+        remedy = "omit it: the film in the output folder shows the same"
+        remedy += "; on macOS start it with mjpython"
+        raise ConfigError(problem, remedy=remedy, argument="viewer") from error
+
     with opened as window:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid = 1
         _look_at(robot, window.cam)
         set_view_and_light(model, window.opt)
+
         for frame in cycle(chain.from_iterable(walks)):
             if not window.is_running():
                 return
@@ -161,25 +171,29 @@ def show(robot: Robot, walks: Sequence[np.ndarray], control_dt: float) -> None:
 
 
 def foot_motion(robot: Robot, qpos: np.ndarray, qvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F, L) height [m] and horizontal speed [m/s] of the feet's lowest points, in F frames of L feet.
+    """Height (F, L) [m] and horizontal speed (F, L) [m/s] of the feet's lowest points.
 
-    From qpos (F, 7 + joints) and qvel (F, 6 + joints). The lowest point of a foot of radius r moves
-    with v + ω × (0, 0, -r): a foot that rolls does not slide.
+    F frames of L feet are given by qpos (F, 7 + joints) and qvel (F, 6 + joints). The lowest point
+    of a foot of radius r moves with v + ω × (0, 0, -r): a foot that rolls does not slide.
     """
     model = build_model(robot)
     data = mujoco.MjData(model)
     velocity = np.zeros(6)
     feet = [(model.geom(leg.foot).id, leg.foot_radius) for leg in robot.legs]
-    clearance, sliding = np.zeros((2, len(qpos), len(feet)))
+    clearance = np.zeros((len(qpos), len(feet)))
+    sliding = np.zeros((len(qpos), len(feet)))
+
     for frame in range(len(qpos)):
         data.qpos[:] = qpos[frame]
         data.qvel[:] = qvel[frame]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
+
         for column, (geom, radius) in enumerate(feet):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, velocity, 0)
             clearance[frame, column] = data.geom_xpos[geom, 2] - radius
-            across = velocity[3] - velocity[1] * radius, velocity[4] + velocity[0] * radius
-            sliding[frame, column] = np.hypot(*across)
+            forward = velocity[3] - velocity[1] * radius
+            left = velocity[4] + velocity[0] * radius
+            sliding[frame, column] = np.hypot(forward, left)
     return clearance, sliding

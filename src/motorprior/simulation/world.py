@@ -25,7 +25,7 @@ _RANDOMIZED = ("body_mass", "body_inertia", "body_ipos", "pair_friction")
 
 
 def substeps_of(control_dt: float, physics_dt: float) -> int:
-    """Physics steps per control step; ConfigError if physics_dt [s] does not divide control_dt [s]."""
+    """Physics steps per control step; ConfigError if physics_dt does not divide control_dt [s]."""
     count = round(control_dt / physics_dt)
     if count < 1 or abs(count * physics_dt - control_dt) > 1e-9:
         raise ConfigError(f"physics_dt {physics_dt} s does not divide control_dt {control_dt} s")
@@ -88,7 +88,7 @@ class World:
         joint_pos: np.ndarray | None = None,
         domain: Domain | None = None,
     ) -> "MujocoSimulation":
-        """Begin a simulation of the robot at rest at ``joint_pos`` (joints,) [rad], on these motors.
+        """Begin a simulation on these motors, at rest at ``joint_pos`` (joints,) [rad].
 
         Pose and domain are the robot's nominal ones if not given. An earlier simulation of this
         world must not be used any more: it shares the engine's memory.
@@ -139,7 +139,7 @@ class World:
         )
 
     def _write_to_model(self, domain: Domain) -> None:
-        """Write masses, friction and gravity of the domain into the model without recompiling it."""
+        """Write masses, friction and gravity of the domain into the compiled model."""
         names = ("mass", "com", "gravity", "friction")
         present = self._domain_in_model
         if all(np.array_equal(getattr(domain, name), getattr(present, name)) for name in names):

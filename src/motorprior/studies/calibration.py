@@ -28,17 +28,21 @@ from motorprior.signals import rms
 from motorprior.studies.log_replay import Replayer, logged_constants, motors_with_logged_gains
 
 FITTED = ("kp", "kd_over_kp", "coulomb", "load_friction", "armature", "delay")
-PER_MOTOR = ("kp", "coulomb")  # constants that differ between motors
+# constants that differ between motors
+PER_MOTOR = ("kp", "coulomb")
 # a constant is identifiable if its posterior variance is below this share of the prior's
 IDENTIFIABLE = 0.5
-DEVIATION = 0.015  # [rad] residual deviation before the first fit
-_MIN_DEVIATION = 0.001  # [rad] accuracy of encoders and clocks
-READINGS = 20  # independent samples per joint and log, of any length: errors repeat with the motion
-_PRIOR_SCALE = 2.0  # factor on the fleet's centre uncertainty, which may stem from similar logs
+DEVIATION = 0.015  # standard deviation of the replay error before the first fit [rad]
+_MIN_DEVIATION = 0.001  # accuracy of encoders and clocks [rad]
+# independent samples per joint and log, of any length: errors repeat with the motion
+READINGS = 20
+# factor on the uncertainty of the fleet's centre, which may stem from similar logs
+_PRIOR_SCALE = 2.0
 # unit of the parameters, in prior standard deviations: differences span a third of one
 _UNIT = 1.0 / (3.0 * WIDE)
+# tested spreads between motors, as multiples of the starting fleet's
 _SPREAD_MULTIPLES = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
-_MIN_SPREAD = 0.01  # relative
+_MIN_SPREAD = 0.01  # minimum fitted spread, relative
 
 
 @dataclass(frozen=True)
@@ -46,39 +50,49 @@ class Parameter:
     """One fitted constant of the central motor."""
 
     name: str  # in the fleet's file
-    unit: str  # of the constant
+    unit: str  # unit of the constant
     is_log: bool  # whether the parameter is the constant's logarithm
     mean: float  # prior mean of the parameter
     deviation: float  # prior standard deviation of the parameter
     spread: float  # standard deviation between motors in the starting fleet
-    minimum: float  # of the constant
+    minimum: float  # minimum of the constant
 
     @classmethod
     def of(cls, name: str, unit: str, distribution: Distribution) -> "Parameter":
         """The parameter of a constant; its deviation is 0 if the fleet's centre is certain."""
         values = distribution.values
-        is_log = distribution.form == "lognormal"
-        center = distribution.center
         if distribution.form == "uniform":
+            limits = np.array([values["low"], values["high"]])
             is_log = values["low"] > 0.0
-            low, high = (
-                np.log([values["low"], values["high"]])
-                if is_log
-                else (values["low"], values["high"])
-            )
-            deviation = spread = float(high - low) / np.sqrt(12.0)
+            if is_log:
+                limits = np.log(limits)
+            spread = float(limits[1] - limits[0]) / np.sqrt(12.0)
+            deviation = spread
         else:
-            deviation = _PRIOR_SCALE * values.get("center_uncertainty", 0.0)
+            is_log = distribution.form == "lognormal"
             spread = values.get("spread", 0.0)
-        mean = float(np.log(center)) if is_log else center
-        return cls(name, unit, is_log, mean, deviation, spread, values.get("minimum", 0.0))
+            deviation = _PRIOR_SCALE * values.get("center_uncertainty", 0.0)
+
+        center = distribution.center
+        return cls(
+            name=name,
+            unit=unit,
+            is_log=is_log,
+            mean=float(np.log(center)) if is_log else center,
+            deviation=deviation,
+            spread=spread,
+            minimum=values.get("minimum", 0.0),
+        )
 
     def value(self, x: float) -> float:
-        """The constant."""
+        """Value of the constant for the parameter ``x``."""
         return float(np.exp(x)) if self.is_log else max(float(x), self.minimum)
 
     def is_identifiable(self, error: float) -> bool:
-        """Whether the logs halve the variance of the constant; ``error`` is its standard error after the fit."""
+        """Whether the logs halve the variance of the constant.
+
+        ``error`` is its standard error after the fit.
+        """
         return error**2 < IDENTIFIABLE * self.deviation**2
 
 
@@ -101,55 +115,66 @@ class FleetProblem:
         self.replayers = replayers
         self.deviation = deviation
         # constants in all logs, which are not fitted
-        self.logged = frozenset.intersection(
-            *(logged_constants(each.log) for each in replayers.values())
-        )
-        names = [name for name in FITTED if name not in self.logged]
-        units = FAMILIES[fleet.family].units
-        found = [
-            Parameter.of(name, units[name], fleet.parameters[name])
-            for name in names
-            if name in fleet.parameters
-        ]
-        self.parameters = tuple(parameter for parameter in found if parameter.deviation > 0.0)
-        if not self.parameters:
-            problem = f"none of the constants {', '.join(names)} is uncertain"
-            remedy = "give one of them a center_uncertainty above 0, or a uniform distribution (docs/calibrate.md)"
-            raise ConfigError(problem, where=fleet.name, remedy=remedy)
-        self.mean = np.array([each.mean for each in self.parameters])  # of the prior of the centre
-        self.prior_std = np.array([each.deviation for each in self.parameters])
-        # indices of the parameters that differ between motors, and of the excited joints of all
-        # logs
+        logged = [logged_constants(replayer.log) for replayer in replayers.values()]
+        self.logged = frozenset.intersection(*logged)
+        self.parameters = self._uncertain_parameters()
+
+        # prior of the centre
+        self.mean = np.array([parameter.mean for parameter in self.parameters])
+        self.prior_std = np.array([parameter.deviation for parameter in self.parameters])
+
+        # indices of the parameters that differ between motors
         self.varying = [
-            i
-            for i, each in enumerate(self.parameters)
-            if each.name in PER_MOTOR and each.spread > 0.0
+            index
+            for index, parameter in enumerate(self.parameters)
+            if parameter.name in PER_MOTOR and parameter.spread > 0.0
         ]
-        self.joints = sorted(
-            {int(joint) for replayer in replayers.values() for joint in replayer.excited}
-        )
+        # indices of the joints that are excited in any log
+        excited: set[int] = set()
+        for replayer in replayers.values():
+            excited.update(replayer.excited.tolist())
+        self.joints = sorted(excited)
+
+    def _uncertain_parameters(self) -> tuple[Parameter, ...]:
+        units = FAMILIES[self.fleet.family].units
+        names = [name for name in FITTED if name not in self.logged]
+        parameters = [
+            Parameter.of(name, units[name], self.fleet.parameters[name])
+            for name in names
+            if name in self.fleet.parameters
+        ]
+        uncertain = tuple(parameter for parameter in parameters if parameter.deviation > 0.0)
+        if not uncertain:
+            problem = f"none of the constants {', '.join(names)} is uncertain"
+            remedy = "give one of them a center_uncertainty above 0"
+            remedy += ", or a uniform distribution (docs/calibrate.md)"
+            raise ConfigError(problem, where=self.fleet.name, remedy=remedy)
+        return uncertain
 
     def actuator(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> Actuator:
-        """One motor per joint of the robot, with the logged gains of the log ``name``, if it has any.
+        """One motor per joint of the robot, with the gains of the log ``name`` if they are logged.
 
         ``x`` is the (P,) centre. Offsets of single motors are flat (excited joints · varying
         parameters).
         """
         count = self.robot.num_joints
-        values = {name: np.full(count, each.center) for name, each in self.fleet.parameters.items()}
-        own = np.tile(x, (count, 1))
+        x_of_motors = np.tile(x, (count, 1))
         if offsets is not None:
-            own[np.ix_(self.joints, self.varying)] += offsets.reshape(
-                len(self.joints), len(self.varying)
-            )
-        for column, parameter in enumerate(self.parameters):
-            values[parameter.name] = np.array([parameter.value(each) for each in own[:, column]])
-        return motors_with_logged_gains(
-            FAMILIES[self.fleet.family].motors(values), self.replayers[name].log
-        ).actuator()
+            shape = (len(self.joints), len(self.varying))
+            x_of_motors[np.ix_(self.joints, self.varying)] += offsets.reshape(shape)
+
+        values = {
+            constant: np.full(count, distribution.center)
+            for constant, distribution in self.fleet.parameters.items()
+        }
+        for parameter, column in zip(self.parameters, x_of_motors.T, strict=True):
+            values[parameter.name] = np.array([parameter.value(x) for x in column])
+
+        motors = FAMILIES[self.fleet.family].motors(values)
+        return motors_with_logged_gains(motors, self.replayers[name].log).actuator()
 
     def error(self, name: str, x: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
-        """(rows, joints) simulated minus measured [rad] of a log; see `Replayer.error`."""
+        """(rows, joints) replay error of a log [rad]; see `Replayer.error`."""
         replayer = self.replayers[name]
         return replayer.error(replayer.joint_pos(self.actuator(name, x, offsets)))
 
@@ -166,14 +191,11 @@ class FleetProblem:
         return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
 
     def with_residual_deviation(self, x: np.ndarray) -> "FleetProblem":
-        """The same problem with the RMS error at a centre as deviation, over all joints and logs."""
+        """The same problem with the RMS error at a centre, over all joints and logs, as deviation."""
         errors = [self.error(name, x) for name in self.replayers]
-        deviation = np.sqrt(
-            np.mean(np.concatenate([np.mean(error**2, axis=0) for error in errors]))
-        )
-        return FleetProblem(
-            self.fleet, self.robot, self.replayers, max(float(deviation), _MIN_DEVIATION)
-        )
+        variances = np.concatenate([np.mean(error**2, axis=0) for error in errors])
+        deviation = max(float(np.sqrt(np.mean(variances))), _MIN_DEVIATION)
+        return FleetProblem(self.fleet, self.robot, self.replayers, deviation)
 
 
 class _CentreProblem:
@@ -193,31 +215,27 @@ class _CentreProblem:
         self.weight = float(len(problem.residuals(logs, problem.mean)))
 
     def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(L, N) at x (L, P)."""
-        return np.stack(
-            [
-                self._problem.residuals(self._logs, self._problem.mean + self.scale * row)
-                for row in x
-            ]
-        )
+        """(L, N) residuals at x (L, P)."""
+        centers = self._problem.mean + self.scale * x
+        return np.stack([self._problem.residuals(self._logs, center) for center in centers])
 
 
 def _optimum(
     problem: FleetProblem, logs: Sequence[str], start: np.ndarray, iterations: int
 ) -> tuple[np.ndarray, float, np.ndarray]:
     """(P,) centre, its cost, and its (P, P) covariance by Laplace's method."""
-    centre = _CentreProblem(problem, logs)
+    centre_problem = _CentreProblem(problem, logs)
+    scale = centre_problem.scale
+    search = Search(centre_problem)
     size = len(problem.mean)
-    search = Search(centre)
-    scale = centre.scale
     prior = GaussianPrior(np.zeros(size), np.full(size, _UNIT**2))
-    found = search.descend(((start - problem.mean) / scale)[None], prior, ((iterations, WIDE),))
-    covariance = (
-        np.linalg.inv(search.curvatures(found.x, WIDE)[0] + np.diag(prior.precision))
-        * scale
-        * scale[:, None]
-    )
-    return problem.mean + scale * found.x[0], float(found.energy[0]), covariance
+
+    scaled_start = (start - problem.mean) / scale
+    minimum = search.descend(scaled_start[None], prior, ((iterations, WIDE),))
+
+    curvature = search.curvatures(minimum.x, WIDE)[0] + np.diag(prior.precision)
+    covariance = np.linalg.inv(curvature) * scale * scale[:, None]
+    return problem.mean + scale * minimum.x[0], float(minimum.energy[0]), covariance
 
 
 @dataclass(frozen=True)
@@ -244,9 +262,8 @@ def calibrate(
     """
     names = list(problem.replayers)
     mean = problem.mean
-    samples = problem.prior_std * np.random.default_rng(seed).standard_normal(
-        (starts - 1, len(mean))
-    )
+    noise = np.random.default_rng(seed).standard_normal((starts - 1, len(mean)))
+    samples = problem.prior_std * noise
     logs_left_out = names if len(names) > 1 else []
     searches = 1 + starts + len(logs_left_out) + 1
     with progress.start(f"calibrate on {len(names)} real logs", searches) as task:
@@ -259,41 +276,45 @@ def calibrate(
 
         first, _, _ = fit(problem, names, mean)
         problem = problem.with_residual_deviation(first)
-        found = [fit(problem, names, start) for start in (first, *(mean + samples))]
-        center, _, covariance = min(found, key=lambda each: each[1])
-        left_out = {
-            name: fit(problem, [log for log in names if log != name], mean)[0]
-            for name in logs_left_out
-        }
+        optima = [fit(problem, names, start) for start in (first, *(mean + samples))]
+        center, _, covariance = min(optima, key=lambda optimum: optimum[1])
+
+        left_out: dict[str, np.ndarray] = {}
+        for name in logs_left_out:
+            remaining = [log for log in names if log != name]
+            left_out[name], _, _ = fit(problem, remaining, mean)
+
         offsets, spread, offsets_left_out = single_motors(problem, center, left_out)
         task.advance()
+
     error = np.sqrt(np.diag(covariance))
     if left_out:
         # jackknife over n logs: variance (n-1)/n·Σ(x_i - mean)², x_i the fit without log i (Efron &
         # Stein 1981)
-        without = np.array(list(left_out.values()))
-        error = np.maximum(error, np.sqrt((len(without) - 1) * np.var(without, axis=0)))
-    both = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
-    return Calibration(center, error, offsets, spread, both)
+        centers = np.array(list(left_out.values()))
+        jackknife_error = np.sqrt((len(centers) - 1) * np.var(centers, axis=0))
+        error = np.maximum(error, jackknife_error)
+    fits_left_out = {name: (left_out[name], offsets_left_out[name]) for name in left_out}
+    return Calibration(center, error, offsets, spread, fits_left_out)
 
 
-def calibrated_fleet(problem: FleetProblem, found: Calibration) -> Fleet:
-    """The fleet with its fitted constants; all others stay."""
-    parameters = dict(problem.fleet.parameters)
-    for parameter, x, error in zip(problem.parameters, found.center, found.error, strict=True):
-        spread = found.spread.get(parameter.name, parameter.spread)
+def calibrated_fleet(problem: FleetProblem, calibration: Calibration) -> Fleet:
+    """The fleet with its fitted constants; the other constants stay."""
+    distributions = dict(problem.fleet.parameters)
+    for parameter, x, error in zip(
+        problem.parameters, calibration.center, calibration.error, strict=True
+    ):
         values = {
             "center": parameter.value(x),
-            "spread": spread,
+            "spread": calibration.spread.get(parameter.name, parameter.spread),
             "center_uncertainty": float(error),
         }
         if not parameter.is_log:
             values["minimum"] = parameter.minimum
         rounded = {key: float(f"{value:.4g}") for key, value in values.items()}
-        parameters[parameter.name] = Distribution(
-            "lognormal" if parameter.is_log else "normal", rounded
-        )
-    return replace(problem.fleet, name=f"{problem.fleet.name}_calibrated", parameters=parameters)
+        family = "lognormal" if parameter.is_log else "normal"
+        distributions[parameter.name] = Distribution(family, rounded)
+    return replace(problem.fleet, name=f"{problem.fleet.name}_calibrated", parameters=distributions)
 
 
 def single_motors(
@@ -304,40 +325,55 @@ def single_motors(
     ``left_out``: log name -> (P,) centre fitted without this log; empty for a single log. Returns
     offsets and spread, see `Calibration`; log name -> offsets without this log.
     """
-    varying = [problem.parameters[i] for i in problem.varying]
+    varying = [problem.parameters[index] for index in problem.varying]
     names = list(problem.replayers)
-    spread = np.tile([each.spread for each in varying], len(problem.joints))
+    spread = np.tile([parameter.spread for parameter in varying], len(problem.joints))
     if not varying:
         return spread, {}, dict.fromkeys(left_out, spread)
-    others = {
-        name: _linear(problem, [log for log in names if log != name], x, spread)
-        for name, x in left_out.items()
-    }
 
-    def error(multiple: float) -> float:
-        fitted = {name: _offsets(*each, multiple * spread) for name, each in others.items()}
-        return sum(problem.rmse(name, left_out[name], offsets) for name, offsets in fitted.items())
+    # residuals and Jacobian without each of the logs
+    linear_left_out: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for name, x in left_out.items():
+        remaining = [log for log in names if log != name]
+        linear_left_out[name] = _linear(problem, remaining, x, spread)
 
-    prior = (min(_SPREAD_MULTIPLES, key=error) if others else 1.0) * spread
+    def cross_validation_error(multiple: float) -> float:
+        errors = []
+        for name, (residuals, slope) in linear_left_out.items():
+            offsets = _offsets(residuals, slope, multiple * spread)
+            errors.append(problem.rmse(name, left_out[name], offsets))
+        return sum(errors)
+
+    multiple = 1.0
+    if linear_left_out:
+        multiple = min(_SPREAD_MULTIPLES, key=cross_validation_error)
+    prior = multiple * spread
+
     residuals, slope = _linear(problem, names, center, spread)
     offsets = _offsets(residuals, slope, prior)
+
+    # one step of expectation maximisation
     variance = np.diag(np.linalg.inv(slope.T @ slope + np.diag(prior**-2)))
-    each_motor = (offsets**2 + variance).reshape(len(problem.joints), len(varying))
-    between = np.maximum(np.sqrt(each_motor.mean(axis=0)), _MIN_SPREAD).tolist()
-    found = {each.name: s for each, s in zip(varying, between, strict=True)}
-    return offsets, found, {name: _offsets(*each, prior) for name, each in others.items()}
+    squares = (offsets**2 + variance).reshape(len(problem.joints), len(varying))
+    fitted_spread = np.maximum(np.sqrt(squares.mean(axis=0)), _MIN_SPREAD).tolist()
+
+    spread_by_name = {
+        parameter.name: value for parameter, value in zip(varying, fitted_spread, strict=True)
+    }
+    offsets_left_out = {name: _offsets(*linear, prior) for name, linear in linear_left_out.items()}
+    return offsets, spread_by_name, offsets_left_out
 
 
 def _linear(
     problem: FleetProblem, logs: Sequence[str], center: np.ndarray, spread: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residuals r (N,) of logs at a centre, and their Jacobian (N, offsets)."""
-    columns = [
-        (problem.residuals(logs, center, away) - problem.residuals(logs, center, -away))
-        / (2.0 * away.max())
-        for away in np.diag(spread)
-    ]
-    return problem.residuals(logs, center, np.zeros_like(spread)), np.stack(columns, axis=1)
+    columns = []
+    for step in np.diag(spread):
+        difference = problem.residuals(logs, center, step) - problem.residuals(logs, center, -step)
+        columns.append(difference / (2.0 * step.max()))
+    residuals = problem.residuals(logs, center, np.zeros_like(spread))
+    return residuals, np.stack(columns, axis=1)
 
 
 def _offsets(residuals: np.ndarray, slope: np.ndarray, spread: np.ndarray) -> np.ndarray:

@@ -19,12 +19,13 @@ from motorprior.signals import rms, runs_of_true
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
 
-COMMAND_PERIOD = 0.002  # [s] grid on which commands are held; the rows of logs are 1.5-10 ms apart
-FALLEN_TILT = 0.8  # [rad] roll or pitch of a fallen robot
-FALLEN_TIME = 0.2  # [s] minimum duration of this tilt
+# grid on which commands are held [s]; the rows of logs are 1.5-10 ms apart
+COMMAND_PERIOD = 0.002
+FALLEN_TILT = 0.8  # roll or pitch of a fallen robot [rad]
+FALLEN_TIME = 0.2  # minimum duration of this tilt [s]
 # a log is classified as suspended if error suspended / error standing is below this
 SUSPENDED_ERROR_RATIO = 0.7
-# [s] before the first command, from rest at the first measured angles, see `initial_targets`
+# time before the first command [s], from rest at the first measured angles, see `initial_targets`
 _SETTLING_TIME = 1.0
 _FALLEN = POSTURES.index("fallen")
 
@@ -48,7 +49,9 @@ def motors_with_logged_gains(motors: MotorsT, log: MotorLog) -> MotorsT:
     if gains is None or not logged_constants(log):
         return motors
     kp, kd = gains
-    return replace(motors, kp=kp, kd=kp * motors.kd / motors.kp if log.logged_kd is None else kd)
+    if log.logged_kd is None:
+        kd = kp * motors.kd / motors.kp
+    return replace(motors, kp=kp, kd=kd)
 
 
 def with_posture(log: MotorLog, name: str) -> MotorLog:
@@ -76,92 +79,97 @@ class Replayer:
         if log.joint_names != robot.joint_names:
             problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
             raise LogError(problem, where=log.source, remedy=f"needs {robot.joint_names}")
-        gains = [part.gains for part in log.segments()] if logged_constants(log) else []
-        if gains and np.ptp(np.array(gains), axis=0).any():
-            remedy = "split it into a log per set of gains"
-            raise LogError("its segments have different gains", where=log.source, remedy=remedy)
-        # The rows without repeated measurements, to compare with, and the indices of the compared
-        # joints
+        if logged_constants(log):
+            gains = np.array([segment.gains for segment in log.segments()])
+            if np.ptp(gains, axis=0).any():
+                remedy = "split it into a log per set of gains"
+                problem = "its segments have different gains"
+                raise LogError(problem, where=log.source, remedy=remedy)
+
+        # measurements to compare with, without repeated ones, and indices of the compared joints
         self.log = drop_repeats(log)
         self.excited = excited_joints(log)
         if not self.excited.size:
-            raise LogError(
-                "no joint is excited", where=log.source, remedy="record with a moving command"
-            )
+            remedy = "record with a moving command"
+            raise LogError("no joint is excited", where=log.source, remedy=remedy)
+
         self._robot = robot
         self._world = cache(
             lambda physics_dt, suspended: World(robot, physics_dt, suspended, COMMAND_PERIOD)
         )
-        self._grids, self._segments = (
-            list(resample(log, COMMAND_PERIOD).segments()),
-            list(self.log.segments()),
-        )
+        self._grids = list(resample(log, COMMAND_PERIOD).segments())
+        self._segments = list(self.log.segments())
         self._suspended = [_is_suspended(segment, robot) for segment in self._segments]
-        # (rows,) mask
+        # (rows,) mask of the rows before a fall
         self.compared = np.concatenate([_before_fall(segment) for segment in self._segments])
 
     def joint_pos(self, actuator: Actuator) -> np.ndarray:
-        """(rows, joints) simulated angles [rad] at the times of the log, within ±2π if the simulation diverges.
+        """(rows, joints) simulated angles [rad] at the times of the log.
 
-        They are at the rotor's encoder for motors with a rotor, else at the joint.
+        They are at the rotor's encoder for motors with a rotor, otherwise at the joint, and within
+        ±2π if the simulation diverges.
         """
         segments = zip(self._grids, self._segments, self._suspended, strict=True)
-        return np.concatenate([self._segment(actuator, *segment) for segment in segments])
+        return np.concatenate([self._replayed(actuator, *segment) for segment in segments])
 
     def error(self, joint_pos: np.ndarray) -> np.ndarray:
-        """(rows compared, excited joints) simulated minus measured [rad]."""
+        """(rows compared, excited joints) replay error, simulated minus measured [rad]."""
         return (joint_pos - self.log.joint_pos)[self.compared][:, self.excited]
 
     def rmse(self, joint_pos: np.ndarray) -> np.ndarray:
-        """(joints,) RMSE [rad], start included; NaN for joints without excitation."""
-        found = np.full(self.log.num_joints, np.nan)
-        found[self.excited] = rms(self.error(joint_pos), axis=0)
-        return found
+        """(joints,) RMSE of the compared rows [rad]; NaN for joints without excitation."""
+        rmse = np.full(self.log.num_joints, np.nan)
+        rmse[self.excited] = rms(self.error(joint_pos), axis=0)
+        return rmse
 
-    def _segment(
-        self, actuator: Actuator, grid: MotorLog, part: MotorLog, suspended: bool
+    def _replayed(
+        self, actuator: Actuator, grid: MotorLog, segment: MotorLog, suspended: bool
     ) -> np.ndarray:
-        rest = initial_targets(part.joint_pos[0], grid.position_target[0], self._robot)
+        """Simulated angles of a segment; ``grid`` has its commands on the simulation's grid."""
+        start = segment.joint_pos[0]
+        rest = initial_targets(start, grid.position_target[0], self._robot)
         lead_in = np.tile(rest, (round(_SETTLING_TIME / COMMAND_PERIOD), 1))
         world = self._world(self._robot.physics_step(actuator.kind.max_step), suspended)
-        recorded = replay(
-            world, actuator, grid.position_target, part.joint_pos[0], lead_in, tolerate_fault=True
-        )
-        measured = np.clip(
-            np.nan_to_num(recorded.measured_joint_pos, nan=np.inf), -2 * np.pi, 2 * np.pi
-        )
-        return np.stack([np.interp(part.time, grid.time, column) for column in measured.T], axis=1)
+        played = replay(world, actuator, grid.position_target, start, lead_in, tolerate_fault=True)
+
+        angles = np.nan_to_num(played.measured_joint_pos, nan=np.inf)
+        angles = np.clip(angles, -2 * np.pi, 2 * np.pi)
+        columns = [np.interp(segment.time, grid.time, column) for column in angles.T]
+        return np.stack(columns, axis=1)
 
 
 def initial_targets(joint_pos: np.ndarray, targets: np.ndarray, robot: Robot) -> np.ndarray:
-    """(joints,) targets before a segment [rad]: the first ones, or a free robot's nominal pose if that is nearer.
+    """(joints,) targets before a segment [rad].
 
-    Some logs start in the nominal pose and jump to the first targets, others held the first targets
-    for long. All angles are (joints,) [rad].
+    They are the first targets, or a free robot's nominal pose if that is nearer to the measured
+    angles ``joint_pos``. Some logs start in the nominal pose and jump to the first targets, others
+    held the first targets for long. All angles are (joints,) [rad].
     """
     pose = np.asarray(robot.nominal_pose)
-    nominal = robot.base == "free" and rms(joint_pos - pose) <= rms(joint_pos - targets)
-    return pose if nominal else targets
+    starts_in_pose = rms(joint_pos - pose) <= rms(joint_pos - targets)
+    return pose if robot.base == "free" and starts_in_pose else targets
 
 
-def _before_fall(part: MotorLog) -> np.ndarray:
+def _before_fall(segment: MotorLog) -> np.ndarray:
     """(rows,) mask of the rows before the first fallen one of a segment."""
-    if part.posture is None:
-        return np.ones(part.num_rows, dtype=bool)
-    return np.cumsum(part.posture == _FALLEN) == 0
+    if segment.posture is None:
+        return np.ones(segment.num_rows, dtype=bool)
+    return np.cumsum(segment.posture == _FALLEN) == 0
 
 
-def _is_suspended(part: MotorLog, robot: Robot) -> bool:
-    if part.posture is None or robot.base == "fixed":
+def _is_suspended(segment: MotorLog, robot: Robot) -> bool:
+    if segment.posture is None or robot.base == "fixed":
         return False
-    postures = [POSTURES[code] for code in np.unique(part.posture[_before_fall(part)])]
+
+    codes = np.unique(segment.posture[_before_fall(segment)])
+    postures = [POSTURES[code] for code in codes]
     if not postures:
-        raise LogError(
-            "a segment starts with a fallen robot", where=part.source, remedy="exclude the segment"
-        )
+        problem = "a segment starts with a fallen robot"
+        raise LogError(problem, where=segment.source, remedy="exclude the segment")
     if "standing" in postures and len(postures) > 1:
+        problem = f"a segment with the postures {postures}"
         remedy = "split it at the change of posture"
-        raise LogError(f"a segment with the postures {postures}", where=part.source, remedy=remedy)
+        raise LogError(problem, where=segment.source, remedy=remedy)
     return "standing" not in postures
 
 
@@ -181,46 +189,49 @@ def replayers_of(
     if posture != "auto" and robot.base == "fixed":
         problem = f"posture {posture!r}, but the base of {robot.name!r} is fixed"
         raise ConfigError(problem, remedy="leave it out", argument="posture")
+
     center = fleet.center(robot.num_joints)
-    found = {}
+    replayers = {}
     for name, log in logs.items():
         if posture == "auto":
-            posed, evidence = with_found_posture(log, robot, center)
+            posed, evidence = with_inferred_posture(log, robot, center)
         else:
             posed = with_posture(log, posture)
             evidence = f"{posture}, as given"
-        found[name] = Replayer(posed, robot)
-        excluded = int((~found[name].compared).sum())
-        note(
-            f"log {name}: {evidence}"
-            + (f"; {excluded} rows after a fall are excluded" if excluded else "")
-        )
+        replayer = Replayer(posed, robot)
+        replayers[name] = replayer
+
+        excluded_rows = int((~replayer.compared).sum())
+        if excluded_rows:
+            evidence += f"; {excluded_rows} rows after a fall are excluded"
+        note(f"log {name}: {evidence}")
         if gains := " and ".join(gain_texts(log)):
-            used = "motors use these instead of the fleet's"
-            unused = "in firmware units: motors use the fleet's gains"
-            note(
-                f"log {name}: logged gains {gains}"
-                + (f": {used}" if logged_constants(log) else f", {unused}")
-            )
-    return found
+            use = ", in firmware units: motors use the fleet's gains"
+            if logged_constants(log):
+                use = ": motors use these instead of the fleet's"
+            note(f"log {name}: logged gains {gains}{use}")
+    return replayers
 
 
-def with_found_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple[MotorLog, str]:
-    """The log with its posture, see `replayers_of`, and the evidence; ``motors`` are similar to those of the log."""
+def with_inferred_posture(log: MotorLog, robot: Robot, motors: TrueMotors) -> tuple[MotorLog, str]:
+    """The log with its posture, see `replayers_of`, and the evidence.
+
+    ``motors`` are similar to the motors of the log.
+    """
     if log.posture is not None:
-        return log, f"{' and '.join(POSTURES[code] for code in np.unique(log.posture))}, as logged"
+        postures = [POSTURES[code] for code in np.unique(log.posture)]
+        return log, f"{' and '.join(postures)}, as logged"
     if robot.base == "fixed":
         return with_posture(log, "fixed"), "fixed base"
-    both = {name: Replayer(with_posture(log, name), robot) for name in ("standing", "suspended")}
-    both["suspended"].compared = both["standing"].compared  # the same rows, up to a fall
+
+    standing = Replayer(with_posture(log, "standing"), robot)
+    suspended = Replayer(with_posture(log, "suspended"), robot)
+    suspended.compared = standing.compared  # the same rows, up to a fall
     actuator = motors_with_logged_gains(motors, log).actuator()
-    errors = {
-        name: float(np.nanmean(each.rmse(each.joint_pos(actuator)))) for name, each in both.items()
-    }
-    name = (
-        "suspended"
-        if errors["suspended"] < SUSPENDED_ERROR_RATIO * errors["standing"]
-        else "standing"
-    )
-    texts = ", ".join(f"{1e3 * error:.1f} mrad {name}" for name, error in errors.items())
-    return with_posture(log, name), f"{name}, from replay errors: {texts}"
+    standing_error = float(np.nanmean(standing.rmse(standing.joint_pos(actuator))))
+    suspended_error = float(np.nanmean(suspended.rmse(suspended.joint_pos(actuator))))
+
+    is_suspended = suspended_error < SUSPENDED_ERROR_RATIO * standing_error
+    name = "suspended" if is_suspended else "standing"
+    errors = f"{1e3 * standing_error:.1f} mrad standing, {1e3 * suspended_error:.1f} mrad suspended"
+    return with_posture(log, name), f"{name}, from replay errors: {errors}"
