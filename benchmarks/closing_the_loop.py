@@ -1,16 +1,16 @@
-"""Benefit of adaptation to a robot's motors: record, adapt, continue training and walk, on held-out virtual robots.
+r"""Benefit of adaptation to a robot's motors, on held-out virtual robots.
 
     python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop
-    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors --out runs/loop_wear
-    \
-        --robots 2 --wear none weak worn damaged --max-speed 0.75 --iterations 150 --further 50
-        --walks 2
+    python benchmarks/closing_the_loop.py --prior runs/prior/prior.safetensors \
+        --out runs/loop_wear --robots 2 --wear none weak worn damaged --max-speed 0.75 \
+        --iterations 150 --further 50 --walks 2
 
 Virtual Puppers in simulated time (`simulated_port.py`), with the host code and commands of
 docs/hardware.md. For each robot: 60 s of recording in the air, `logs import --suspended`, `adapt`.
 For each seed of the training, policies:
     before    trained on samples of the prior (`walk`), the same for all robots
-    longer    the control: `before`, trained further on the prior (`walk --start`) for as long as `adapted`
+    longer    the control: `before`, trained further on the prior (`walk --start`) as long as
+              `adapted`
     adapted   `before`, trained further on the posterior of this robot's motors
     current   the same with torque limits that follow the gains (the option limit_follows_gain)
     advised   current if `adapt` reports weak motors, otherwise adapted
@@ -38,6 +38,7 @@ from motorprior.exceptions import RobotFault
 from motorprior.excitation.robot_targets import hardware_targets, joints_of
 from motorprior.hardware import runs
 from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import advice_on_weak_motors
@@ -47,12 +48,7 @@ from motorprior.simulation.training import POLICY
 from simulated_port import SimulatedPort, on_its_clock
 
 ROBOT = mp.load_robot(DEFAULT_ROBOT)
-# of a walk, and of the recording [s]
-SECONDS = 10.0
-RECORDED = 60.0
-# of training: control steps per episode, duration of a command [s]
-EPISODE_STEPS = 500
-HOLD = 1.25
+HOLD = 1.25  # duration of a command in training [s]
 CONTROL = "longer"
 _STREAM = 0x3EA
 
@@ -68,6 +64,10 @@ class Settings:
     walks: int = 5  # walks of each policy on each robot
     iterations: int = 200  # iterations of the first training
     further: int = 100  # additional iterations
+    episode_steps: int = 500  # control steps per episode of a training
+    directions: int = 16  # directions per iteration
+    walk_seconds: float = 10.0  # duration of a walk [s]
+    record_seconds: float = 60.0  # duration of a recording [s]
     max_speed: float = 0.5  # maximum commanded speed [m/s]
     wear: tuple[Literal["none", "weak", "worn", "damaged"], ...] = ("none",)  # wear of the motors
 
@@ -89,19 +89,19 @@ class RobotCase:
     """A virtual robot."""
 
     number: int
-    wear: str  # of the motors
-    folder: Path  # of its recordings and policies
-    posterior: Path  # of its motors
-    is_weak: bool  # `adapt` reports weak motors
+    wear: str  # wear of the motors
+    folder: Path  # folder of its recordings and policies
+    posterior: Path  # file of the posterior of its motors
+    is_weak: bool  # whether `adapt` reports weak motors
 
 
-def record(folder: Path, number: int, wear: str) -> mp.MotorLog:
+def record(folder: Path, number: int, wear: str, seconds: float) -> mp.MotorLog:
     """Recording of the suspended robot, with loads."""
     log = folder / "log" / "run.parquet"
     if not log.is_file():
         port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=partial(with_wear, wear))
         with on_its_clock(port):
-            settings = RecordSettings(folder / "recorded", seconds=RECORDED, yes=True)
+            settings = RecordSettings(folder / "recorded", seconds=seconds, yes=True)
             recorded = runs.record(ROBOT, port.port, settings, targets_of(settings), lambda _: None)
         mp.write_log(log, mp.load_log(recorded, robot=ROBOT, suspended=True, progress=PROGRESS))
     return read_parquet(log)
@@ -122,23 +122,26 @@ def targets_of(settings: RecordSettings) -> np.ndarray:
 
 
 def deploy(
-    robot: RobotCase, policy: Path, noise_seed: int, speed: float
+    settings: Settings, robot: RobotCase, policy: Path, noise_seed: int
 ) -> tuple[float, float, bool]:
-    """Path length [m], displacement [m] and fault of a walk on the ground, straight at this speed [m/s]."""
+    """Path length [m], displacement [m] and fault of a straight walk on the ground."""
     port = SimulatedPort(ROBOT, robot.number, noise_seed, wear=partial(with_wear, robot.wear))
     fault = False
     start = port.body.position()
     with TemporaryDirectory() as out, on_its_clock(port):
         try:
-            settings = DeploySettings(Path(out), seconds=SECONDS, forward=speed, yes=True)
-            runs.deploy(ROBOT, policy, port.port, settings, lambda _: None)
+            walk = DeploySettings(
+                Path(out), seconds=settings.walk_seconds, forward=settings.max_speed, yes=True
+            )
+            runs.deploy(ROBOT, policy, port.port, walk, lambda _: None)
         except RobotFault:
             fault = True
-    return port.path, float(np.hypot(*(port.body.position() - start))), fault
+    forward, left = port.body.position() - start
+    return port.path, float(np.hypot(forward, left)), fault
 
 
 def train(settings: Settings, seed: int, out: Path, motors: str, start: Path | None = None) -> Path:
-    """File of a policy in the folder ``out``, trained on motors of the registry, from scratch or from ``start``."""
+    """File of a policy in the folder ``out``, trained on these motors, maybe from ``start`` on."""
     iterations = settings.iterations if start is None else settings.further
     speeds = Commands(forward=(0.0, settings.max_speed), hold=HOLD)
     mp.train_policy(
@@ -147,9 +150,13 @@ def train(settings: Settings, seed: int, out: Path, motors: str, start: Path | N
         start=start,
         out=out,
         iterations=iterations,
-        episode_steps=EPISODE_STEPS,
+        episode_steps=settings.episode_steps,
         commands=speeds,
-        seed=seed,
+        search=ArsConfig(
+            num_directions=settings.directions,
+            num_top_directions=min(settings.directions, ArsConfig.num_top_directions),
+            seed=seed,
+        ),
         name=out.name,
         progress=PROGRESS,
     )
@@ -161,23 +168,15 @@ def policies_of(settings: Settings, seed: int, robot: RobotCase) -> dict[str, Pa
     prior = motor_text("prior", file=settings.prior)
     posterior = partial(motor_text, "posterior", file=robot.posterior, prior=settings.prior)
     before = train(settings, seed, settings.out / f"before_{seed}", prior)
+
+    def continued(out: Path, motors: str) -> Path:
+        return train(settings, seed, out, motors, before)
+
     return {
         "before": before,
-        CONTROL: train(settings, seed, settings.out / f"{CONTROL}_{seed}", prior, before),
-        "adapted": train(
-            settings,
-            seed,
-            robot.folder / f"adapted_{seed}",
-            posterior(limit_follows_gain=False),
-            before,
-        ),
-        "current": train(
-            settings,
-            seed,
-            robot.folder / f"current_{seed}",
-            posterior(limit_follows_gain=True),
-            before,
-        ),
+        CONTROL: continued(settings.out / f"{CONTROL}_{seed}", prior),
+        "adapted": continued(robot.folder / f"adapted_{seed}", posterior(limit_follows_gain=False)),
+        "current": continued(robot.folder / f"current_{seed}", posterior(limit_follows_gain=True)),
     }
 
 
@@ -185,54 +184,57 @@ def adapted_robot(settings: Settings, number: int, wear: str) -> RobotCase:
     """Record a robot, and adapt the prior to its motors."""
     folder = settings.out / f"robot_{number}_{wear}"
     prior = load_prior(settings.prior, ROBOT)
-    found = mp.adapt(prior, record(folder, number, wear), allow_outliers=True, progress=PROGRESS)
-    posterior = folder / "posterior" / "posterior.safetensors"
-    found.save(posterior)
-    is_weak = bool(advice_on_weak_motors(prior, found.joint_names, found.mean))
-    return RobotCase(number, wear, folder, posterior, is_weak)
+    log = record(folder, number, wear, settings.record_seconds)
+    posterior = mp.adapt(prior, log, allow_outliers=True, progress=PROGRESS)
+    path = folder / "posterior" / "posterior.safetensors"
+    posterior.save(path)
+    is_weak = bool(advice_on_weak_motors(prior, posterior.joint_names, posterior.mean))
+    return RobotCase(number, wear, folder, path, is_weak)
 
 
 def compared(pairs: Sequence[Mapping[str, np.ndarray]]) -> dict[str, float]:
-    """Figures of every policy over pairs of robot and seed, and its gain over the control on the same pair.
+    """Figures of every policy over pairs of robot and seed, and its gain over the control.
 
-    A pair has (walks, 3) results of `deploy` by policy.
+    The gain is over the control on the same pair. A pair has (walks, 3) results of `deploy` by
+    policy.
     """
     figures = {"pairs": float(len(pairs))}
     for name in pairs[0]:
         figures[f"{name}/fault_share"] = float(np.mean([walks[name][:, 2] for walks in pairs]))
         for column, key in enumerate(("path_m", "displacement_m")):
-            own, control = (
-                np.array([np.median(walks[of][:, column]) for walks in pairs])
-                for of in (name, CONTROL)
-            )
-            figures[f"{name}/{key}"] = float(np.median(own))
-            if name != CONTROL:
-                for share in (25, 50, 75):
-                    figures[f"{name}/gain_{key}/p{share}"] = float(
-                        np.percentile(own - control, share)
-                    )
-                figures[f"{name}/gain_{key}/pairs_better"] = float(np.count_nonzero(own > control))
+            lengths = np.array([np.median(walks[name][:, column]) for walks in pairs])
+            control = np.array([np.median(walks[CONTROL][:, column]) for walks in pairs])
+            figures[f"{name}/{key}"] = float(np.median(lengths))
+            if name == CONTROL:
+                continue
+            for share in (25, 50, 75):
+                gain = float(np.percentile(lengths - control, share))
+                figures[f"{name}/gain_{key}/p{share}"] = gain
+            pairs_better = float(np.count_nonzero(lengths > control))
+            figures[f"{name}/gain_{key}/pairs_better"] = pairs_better
     return figures
 
 
-def measure(given: Settings) -> dict[str, float]:
+def compute(settings: Settings) -> dict[str, float]:
     """Figures of all robots and seeds."""
-    robots = [
-        adapted_robot(given, number, wear) for wear in given.wear for number in range(given.robots)
-    ]
+    robots = []
+    for wear in settings.wear:
+        for number in range(settings.robots):
+            robots.append(adapted_robot(settings, number, wear))
+
     pairs = []
-    for seed in range(given.seeds):
+    for seed in range(settings.seeds):
         for robot in robots:
-            found = {
-                name: np.array(
-                    [deploy(robot, policy, walk, given.max_speed) for walk in range(given.walks)]
-                )
-                for name, policy in policies_of(given, seed, robot).items()
-            }
-            found["advised"] = found["current" if robot.is_weak else "adapted"]
-            pairs.append(found)
+            results: dict[str, np.ndarray] = {}
+            for name, policy in policies_of(settings, seed, robot).items():
+                walks = [
+                    deploy(settings, robot, policy, number) for number in range(settings.walks)
+                ]
+                results[name] = np.array(walks)
+            results["advised"] = results["current" if robot.is_weak else "adapted"]
+            pairs.append(results)
     return compared(pairs)
 
 
 if __name__ == "__main__":
-    run_benchmark(Settings, measure, __doc__)
+    run_benchmark(Settings, compute, __doc__)

@@ -1,7 +1,8 @@
-"""A virtual robot at a serial port with a simulated clock, which advances when the host waits: fast and reproducible.
+"""A virtual robot at a serial port with a simulated clock, fast and reproducible.
 
-Host code, firmware and twin are the real ones. The operating system (port, priorities, watchdog
-process) and its delays are not simulated. Frames can be lost and damaged.
+The clock advances when the host waits. Host code, firmware and twin are the real ones. The
+operating system (port, priorities, watchdog process) and its delays are not simulated. Frames can
+be lost and damaged.
 """
 
 import math
@@ -25,7 +26,10 @@ _ROUNDING = 1e-6  # [ms]
 
 
 class NoisyLine:
-    """A line that loses frames and changes bytes with the probabilities ``drop`` and ``corrupt``; ``delay`` is in s."""
+    """A line that loses frames with the probability ``drop``, and changes bytes with ``corrupt``.
+
+    Each frame arrives after ``delay`` [s].
+    """
 
     def __init__(self, drop: float, corrupt: float, delay: float, rng: np.random.Generator):
         self._drop = drop
@@ -40,8 +44,10 @@ class NoisyLine:
         if not frame or rng.random() < self._drop:
             return
         if rng.random() < self._corrupt:
-            at = int(rng.integers(len(frame)))
-            frame = frame[:at] + bytes([frame[at] ^ int(rng.integers(1, 256))]) + frame[at + 1 :]
+            position = int(rng.integers(len(frame)))
+            damaged = bytearray(frame)
+            damaged[position] ^= int(rng.integers(1, 256))
+            frame = bytes(damaged)
         rng.random()  # keeps the random stream of published figures
         self._waiting.append((now + self._delay, frame))
 
@@ -66,7 +72,7 @@ class SimulatedPort(SerialLink):
         path: distance walked [m], in straight segments of a second.
 
     Args:
-        robot: kind of robot; its motors are sampled from its first fleet.
+        robot: description of the robot; its motors are sampled from its first fleet.
         number: seed of the motors.
         noise_seed: seed of the sensor noise and of the line.
         suspended: the robot hangs in the air.
@@ -91,19 +97,23 @@ class SimulatedPort(SerialLink):
         self.port = f"simulated robot {number}"
         self.now = 0.0
         self._joints = robot.num_joints
+
         motors = draw_motors(robot, mp.load_fleet(robot.fleets[0][0]), number)
-        self.body = SimulatedRobot(
-            robot, motors if wear is None else wear(motors, number), suspended, noise_seed
-        )
+        if wear is not None:
+            motors = wear(motors, number)
+        self.body = SimulatedRobot(robot, motors, suspended, noise_seed)
         self._period = period
         self.firmware = Firmware(robot, self.body, period)
-        self._to_host, self._to_robot = (
-            NoisyLine(drop, corrupt, delay, np.random.default_rng([number, noise_seed, way]))
-            for way, delay in enumerate((0.0, DELAY))
-        )
+
+        host_rng = np.random.default_rng([number, noise_seed, 0])
+        robot_rng = np.random.default_rng([number, noise_seed, 1])
+        self._to_host = NoisyLine(drop, corrupt, 0.0, host_rng)
+        self._to_robot = NoisyLine(drop, corrupt, DELAY, robot_rng)
         self.reader = FrameReader(Telemetry, self._joints)
         self.unsent = bytearray()
-        self.path, self._last_position = 0.0, self.body.position()
+
+        self.path = 0.0
+        self._last_position = self.body.position()
 
     def fileno(self) -> int:
         """No file: the watchdog is replaced, too."""
@@ -111,12 +121,15 @@ class SimulatedPort(SerialLink):
 
     def wait(self, until: float) -> list[tuple[float, Telemetry | str]]:
         """See `SerialLink.wait`."""
-        next_frame = (
-            1e-3 * (self.firmware.now + self._period - self.firmware.now % self._period) + DELAY
-        )
+        next_frame = 1e-3 * self._next_telemetry() + DELAY
         self.now = max(self.now, min(until, next_frame))
         self._advance()
         return [(self.now, message) for message in self.reader.feed(self._to_host.take(self.now))]
+
+    def _next_telemetry(self) -> int:
+        """Time of the next telemetry frame [ms]."""
+        now = self.firmware.now
+        return now + self._period - now % self._period
 
     def send(self, command: Command) -> float:
         """See `SerialLink.send`."""
@@ -135,7 +148,10 @@ class SimulatedPort(SerialLink):
         self.now += seconds
 
     def _advance(self) -> None:
-        """Advance the robot to the current time; each millisecond it first reads the frames that have arrived."""
+        """Advance the robot to the current time.
+
+        Each millisecond it first reads the frames that have arrived.
+        """
         end = int(1e3 * (self.now - DELAY) + _ROUNDING)
         while (due := 1e3 * self._to_robot.due() - _ROUNDING) <= end:
             self._advance_to(math.ceil(due))
@@ -143,10 +159,9 @@ class SimulatedPort(SerialLink):
         self._advance_to(end)
 
     def _advance_to(self, milliseconds: int) -> None:
-        while (now := self.firmware.now) < milliseconds:  # a telemetry period at a time
-            frame = self.firmware.advance(
-                min(milliseconds, now + self._period - now % self._period) - now
-            )
+        while self.firmware.now < milliseconds:  # a telemetry period at a time
+            end = min(milliseconds, self._next_telemetry())
+            frame = self.firmware.advance(end - self.firmware.now)
             self._to_host.put(frame, self.now)
             if self.firmware.now % 1000 == 0:
                 position = self.body.position()
@@ -156,7 +171,7 @@ class SimulatedPort(SerialLink):
 
 @contextmanager
 def on_its_clock(port: SimulatedPort) -> Iterator[None]:
-    """Within this context the host uses the clock of the port, and `deploy` and `record` open it as any port."""
+    """Make the host use the clock of the port; `deploy` and `record` open it as any port."""
     with (
         mock.patch.object(runs, "SerialLink", lambda *_: port),
         mock.patch.object(time, "monotonic", lambda: port.now),

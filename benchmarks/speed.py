@@ -115,7 +115,7 @@ def engine_path(robot: mp.Robot, actuator: Actuator, steps: int) -> TimedPath:
     return TimedPath(steps, run)
 
 
-def measure(settings: Settings) -> dict[str, float]:
+def compute(settings: Settings) -> dict[str, float]:
     """Figures of all paths."""
     robot = mp.load_robot(DEFAULT_ROBOT)
     fleet = load_robot_fleet(robot)
@@ -147,4 +147,4 @@ def measure(settings: Settings) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    report(measure(tyro.cli(Settings, description=__doc__)), None)
+    report(compute(tyro.cli(Settings, description=__doc__)), None)

@@ -1,13 +1,15 @@
-"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls. See docs/training.md.
+"""How well policies walk on sampled motors and on twins: speed, straightness, feet, falls.
+
+See docs/training.md.
 
     python benchmarks/walking.py --out runs/walking
 
 figures.json contains
-    PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s, at all three speeds and at one.
-                                           PLACE is sampled (samples of the prior, as in training),
-                                           twin (physical motors, noisy sensors) or hard (a twin
-                                           with other friction, masses, slope, delayed sensors and
-                                           pushes)
+    PLACE/QUANTITY, PLACE/QUANTITY/SPEED   means over five seeds of 24 samples of 20 s, at all three
+                                           speeds and at one. PLACE is sampled (samples of the
+                                           prior, as in training), twin (physical motors, noisy
+                                           sensors) or hard (a twin with other friction, masses,
+                                           slope, delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
     PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward and stand (COMMANDS)
 
@@ -19,7 +21,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -56,12 +57,16 @@ class Settings:
     out: Path  # run folder
     robot: str = DEFAULT_ROBOT  # robot
     fleet: str | None = None  # population of motors; the robot's own if not given
+    motors: int = 32  # motors on the bench
+    bench_steps: int = 10_000  # samples of each motor's log
+    preset: str = "rollout"  # recipe of the prior
     # commanded speeds, as shares of the robot's fastest
     speeds: tuple[float, ...] = (0.3, 0.55, 0.8)
     seeds: int = 5  # policies
-    iterations: int = 150  # of training
+    iterations: int = 150  # iterations of a training
+    episode_steps: int = 1000  # control steps of a training episode
     draws: int = 24  # walks per environment and speed
-    seconds: float = 20.0  # of a walk [s]
+    seconds: float = 20.0  # duration of a walk [s]
     workers: int = 2  # threads
 
 
@@ -73,7 +78,7 @@ class Environments:
     robot: mp.Robot
     fleet: mp.Fleet
     prior: mp.MotorPrior
-    steps: int  # of a walk
+    steps: int  # control steps of a walk
 
     def episodes(
         self, place: str, policy: PolicyArrays, forward: float, yaw_rate: float = 0.0
@@ -100,14 +105,15 @@ class Environments:
         """
         for share in self.settings.speeds:
             forward = share * self.robot.require_gait().forward[1]
-            episodes = self.episodes(place, policy, forward)
-            walks = [gait_quality(self.robot, each, forward, 0.0, self.steps) for each in episodes]
-            for quantity in dict.fromkeys(name for walk in walks for name in walk):
-                values = [
-                    walk[quantity] for walk in walks if math.isfinite(walk.get(quantity, math.nan))
-                ]
-                if values:
-                    yield quantity, f"{forward:.3g}", float(np.mean(values))
+            qualities: defaultdict[str, list[float]] = defaultdict(list)
+            for episode in self.episodes(place, policy, forward):
+                quality = gait_quality(self.robot, episode, forward, 0.0, self.steps)
+                for quantity, value in quality.items():
+                    qualities[quantity].append(value)
+            for quantity, values in qualities.items():
+                finite = [value for value in values if math.isfinite(value)]
+                if finite:
+                    yield quantity, f"{forward:.3g}", float(np.mean(finite))
 
     def commanded(self, place: str, policy: PolicyArrays) -> Rows:
         """Fraction of walks without a fall at each of COMMANDS, and means over these walks.
@@ -123,49 +129,54 @@ class Environments:
             yaw_rate = turn * gait.yaw_rate
             name = f"commands {forward:.3g} m/s {yaw_rate:.3g} rad/s"
             episodes = self.episodes(place, policy, forward, yaw_rate)
-            whole = [each for each in episodes if completed(each, self.steps)]
-            yield f"{TURNS}upright", name, len(whole) / len(episodes)
-            if whole:
-                walks = [
-                    gait_quality(self.robot, each, forward, yaw_rate, self.steps) for each in whole
-                ]
-                yaws = [headings(each.trace[round(WARM_UP / dt) :]) for each in whole]
-                rates = [(yaw[-1] - yaw[0]) / (dt * (len(yaw) - 1)) for yaw in yaws]
-                yield (
-                    f"{TURNS}speed_off",
-                    name,
-                    float(np.mean([each.speed_error for each in whole])),
-                )
-                yield f"{TURNS}speed", name, float(np.mean([walk["speed"] for walk in walks]))
-                yield f"{TURNS}yaw_rate", name, float(np.mean(rates))
+            walks = [episode for episode in episodes if completed(episode, self.steps)]
+            yield f"{TURNS}upright", name, len(walks) / len(episodes)
+            if not walks:
+                continue
+
+            speeds = []
+            yaw_rates = []
+            for walk in walks:
+                quality = gait_quality(self.robot, walk, forward, yaw_rate, self.steps)
+                speeds.append(quality["speed"])
+                yaw = headings(walk.trace[round(WARM_UP / dt) :])
+                yaw_rates.append((yaw[-1] - yaw[0]) / (dt * (len(yaw) - 1)))
+            speed_error = float(np.mean([walk.speed_error for walk in walks]))
+            yield f"{TURNS}speed_off", name, speed_error
+            yield f"{TURNS}speed", name, float(np.mean(speeds))
+            yield f"{TURNS}yaw_rate", name, float(np.mean(yaw_rates))
 
 
-def measure(settings: Settings) -> dict[str, float]:
-    """All figures; those straight ahead also over speeds, for all seeds and for each."""
+def compute(settings: Settings) -> dict[str, float]:
+    """All figures; the figures straight ahead also over speeds, for all seeds and for each."""
     robot = mp.load_robot(settings.robot)
     folder = settings.out / "prior"
     log = mp.record_bench(
-        settings.robot, settings.fleet, out=settings.out / "bench", progress=PROGRESS
+        settings.robot,
+        settings.fleet,
+        motors=settings.motors,
+        steps=settings.bench_steps,
+        out=settings.out / "bench",
+        progress=PROGRESS,
     )
-    prior = mp.fit_prior(log, out=folder, progress=PROGRESS)
+    prior = mp.fit_prior(log, settings.preset, out=folder, progress=PROGRESS)
     fleet = load_robot_fleet(robot, settings.fleet)
     steps = round(settings.seconds / robot.control_dt)
     environments = Environments(settings, robot, fleet, prior, steps)
-    found: defaultdict[str, list[float]] = defaultdict(list)
+    values_by_name: defaultdict[str, list[float]] = defaultdict(list)
 
     def add(place: str, rows: Rows, seed: int) -> None:
         for quantity, command, value in rows:
             name = f"{place}/{quantity}"
-            names = (name, f"{name}/seed_{seed}", f"{name}/{command}")
-            for key in names[2:] if quantity.startswith(TURNS) else names:
-                found[key].append(value)
+            names = [f"{name}/{command}"]
+            if not quantity.startswith(TURNS):
+                names = [name, f"{name}/seed_{seed}", *names]
+            for key in names:
+                values_by_name[key].append(value)
 
     for place in PLACES:
-        add(
-            f"untrained_{place}",
-            environments.straight(place, PolicyShape(robot.num_joints).untrained()),
-            0,
-        )
+        untrained = PolicyShape(robot.num_joints).untrained()
+        add(f"untrained_{place}", environments.straight(place, untrained), 0)
     for seed in range(settings.seeds):
         policy = mp.train_policy(
             settings.robot,
@@ -173,15 +184,16 @@ def measure(settings: Settings) -> dict[str, float]:
             out=settings.out / f"seed_{seed}",
             seed=seed,
             iterations=settings.iterations,
+            episode_steps=settings.episode_steps,
             workers=settings.workers,
             name=f"seed {seed}",
             progress=PROGRESS,
         ).arrays
         for place in PLACES:
-            rows = environments.straight(place, policy), environments.commanded(place, policy)
-            add(place, chain(*rows), seed)
-    return {name: float(np.mean(values)) for name, values in found.items()}
+            add(place, environments.straight(place, policy), seed)
+            add(place, environments.commanded(place, policy), seed)
+    return {name: float(np.mean(values)) for name, values in values_by_name.items()}
 
 
 if __name__ == "__main__":
-    run_benchmark(Settings, measure, __doc__)
+    run_benchmark(Settings, compute, __doc__)

@@ -1,4 +1,6 @@
-"""Why torque regression oscillates, and the effect of single changes: docs/why-the-paper-oscillates.md.
+"""Why torque regression oscillates, and the effect of single changes.
+
+See docs/why-the-paper-oscillates.md.
 
     python benchmarks/why_oscillation.py --out runs/why
 
@@ -9,6 +11,7 @@ history is the growth of disturbances per step; above 1 the legs oscillate up to
 """
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -39,12 +42,12 @@ from motorprior.signals import high_frequency_rms
 from virtual_fleets.held_out_trials import HELD_OUT_SEED
 from virtual_fleets.robot_fidelity import CUTOFF, robot_fidelity
 
-STEPS = 10_000
-MOTORS = 32
-LOADS = np.geomspace(3e-4, 3e-2, 13)  # load inertias of the sweep [kg·m²]
+# range of load inertias [kg·m²]
+MIN_LOAD = 3e-4
+MAX_LOAD = 3e-2
 # apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
 LEG = (2e-4, 1.7e-3)
-# [s]
+# periods of a bench [s]
 FAST = 0.002
 SLOW = 0.01
 WIDE = bench_schedule("rollout")
@@ -68,7 +71,9 @@ class Variant:
 # closed-loop training
 VARIANTS = {
     "the paper's recipe": Variant(SINUSOIDS, "paper", model_color("paper")),
-    "paper + 2 ms clock": Variant(replace(SINUSOIDS, period=FAST), "paper", model_color("paper"), {"period": FAST}),
+    "paper + 2 ms clock": Variant(
+        replace(SINUSOIDS, period=FAST), "paper", model_color("paper"), {"period": FAST}
+    ),
     "paper + loads and impacts": Variant(
         replace(WIDE, period=SLOW, segment_steps=200, hold_steps=1), "paper", model_color("paper")
     ),
@@ -79,7 +84,7 @@ VARIANTS = {
     "closed loop": Variant(WIDE, "latent_network", OTHER_COLOR, {"has_armature": False}),
     "closed loop + armature": Variant(WIDE, "latent_network", model_color("one_network")),
     "closed loop + physics": Variant(WIDE, "rollout", model_color("rollout")),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,15 @@ class Settings:
     out: Path  # folder for why.json, why.png and table.md
     fleet: str = "pupper_v2"  # population of motors
     seed: int = 0  # seed of bench and training
-    adam_steps: int | None = None  # Adam steps; those of the presets if not given
+    adam_steps: int | None = None  # Adam steps; the steps of the presets if not given
+    motors: int = 32  # training motors, at least one per joint of the robot
+    steps: int = 10_000  # samples of each motor's log
+    loads: int = 13  # load inertias of the sweep
+    variants: tuple[str, ...] = tuple(VARIANTS)  # names of the variants
+
+    def load_inertias(self) -> np.ndarray:
+        """(loads,) load inertias of the sweep [kg·m²]."""
+        return np.geomspace(MIN_LOAD, MAX_LOAD, self.loads)
 
 
 @dataclass(frozen=True)
@@ -110,20 +123,19 @@ class EngineAssisted(NetworkActuator):
 
 @dataclass(frozen=True)
 class Learned:
-    """A trained variant: the decoder, and z, armature and damping of the training motors in the engine."""
+    """A trained variant."""
 
     model: Decoder
-    mean: np.ndarray
-    armature: np.ndarray
-    damping: np.ndarray
+    mean: np.ndarray  # (n, Z) latents z of the training motors
+    armature: np.ndarray  # (n,) armature of the training motors in the engine [kg·m²]
+    damping: np.ndarray  # (n,) damping of the training motors in the engine [N·m·s/rad]
 
     def motors(self, index: np.ndarray) -> GreyBoxActuator | EngineAssisted:
         """The training motors at ``index``."""
         if not isinstance(self.model, LatentNetwork):
             return self.model.motors(self.mean[index])
-        return EngineAssisted(
-            self.model, self.mean[index], np.stack([self.armature, self.damping])[:, index]
-        )
+        in_engine = np.stack([self.armature, self.damping])[:, index]
+        return EngineAssisted(self.model, self.mean[index], in_engine)
 
 
 def residual_log(log: mp.MotorLog, armature: np.ndarray, damping: np.ndarray) -> mp.MotorLog:
@@ -148,7 +160,9 @@ def train(
     """The learned motors of a variant, and their log."""
     preset = replace(identification_preset(variant.preset), **variant.changes)
     preset = replace(preset, steps=settings.adam_steps or preset.steps)
-    log = record(motors, variant.bench, STEPS, settings.seed, mp.load_fleet(settings.fleet))
+    log = record(
+        motors, variant.bench, settings.steps, settings.seed, mp.load_fleet(settings.fleet)
+    )
     armature = variant.armature * motors.armature
     damping = variant.damping * motors.kd
     found = identify(
@@ -160,7 +174,9 @@ def train(
 
 
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """(M, N, 2T) derivatives of the torque by errors [N·m/rad] and velocities [N·m·s/rad] of all taps.
+    """(M, N, 2T) derivatives of the torque by the inputs of all taps.
+
+    The inputs are errors, with derivatives in N·m/rad, and velocities, in N·m·s/rad.
 
     ``mean`` (M, Z) are latents, ``states`` (M, N, 2T) scaled inputs from the logs.
     """
@@ -182,7 +198,7 @@ def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) 
 def growth(
     network: LatentNetwork, learned: Learned, slopes: np.ndarray, load: float
 ) -> tuple[float, float]:
-    """Median over motors and states of the largest |eigenvalue| per 2 ms, and its median frequency [Hz].
+    """Largest |eigenvalue| per 2 ms and its frequency [Hz], medians over motors and states.
 
     State: errors and velocities of the last taps[-1] + 1 steps. With inertia J = load + armature,
     dq' = (dq + period·torque/J) / (1 + period·damping/J),  error' = error - period·dq'.
@@ -236,35 +252,39 @@ def chatter(actuator, load: float, seed: int) -> float:
     return float(np.median(high_frequency_rms(response.joint_torque, 0.002, CUTOFF)))
 
 
-def measure(settings: Settings) -> dict[str, Any]:
+def compute(settings: Settings) -> dict[str, Any]:
     """Closed loops, chatter over load, and torque above 20 Hz in the robot."""
-    motors = require_geared(training_motors(mp.load_fleet(settings.fleet), MOTORS, settings.seed))
-    found: dict[str, Learned] = {}
+    fleet = mp.load_fleet(settings.fleet)
+    motors = require_geared(training_motors(fleet, settings.motors, settings.seed))
+    loads = settings.load_inertias()
+
+    models: dict[str, Callable[[np.ndarray], GreyBoxActuator | EngineAssisted]] = {}
     variants: dict[str, dict[str, Any]] = {}
-    for name, variant in VARIANTS.items():
-        learned, log = train(settings, variant, motors)
-        own = learned.motors(np.arange(MOTORS))
-        chatters = [chatter(own, load, settings.seed) for load in LOADS]
-        found[name] = learned
-        variants[name] = {"armature_in_engine": float(own.armature.mean()), "chatter": chatters}
+    for name in settings.variants:
+        learned, log = train(settings, VARIANTS[name], motors)
+        models[name] = learned.motors
+        learned_motors = learned.motors(np.arange(settings.motors))
+        variants[name] = {
+            "armature_in_engine": float(learned_motors.armature.mean()),
+            "chatter": [chatter(learned_motors, load, settings.seed) for load in loads],
+        }
         if isinstance(learned.model, LatentNetwork):  # a grey box has other state than its inputs
-            slopes = sensitivities(learned.model, learned.mean, recorded_inputs(learned.model, log))
-            loops = [growth(learned.model, learned, slopes, load) for load in LOADS]
-            variants[name] |= {
-                "growth": [size for size, _ in loops],
-                "frequency": [at for _, at in loops],
-            }
+            inputs = recorded_inputs(learned.model, log)
+            slopes = sensitivities(learned.model, learned.mean, inputs)
+            loops = [growth(learned.model, learned, slopes, load) for load in loads]
+            variants[name]["growth"] = [size for size, _ in loops]
+            variants[name]["frequency"] = [frequency for _, frequency in loops]
         print(f"trained: {name}", flush=True)
-    true = mp.PhysicalActuator(motors)
-    physical: dict[str, Any] = {"chatter": [chatter(true, load, settings.seed) for load in LOADS]}
-    models = {name: learned.motors for name, learned in found.items()}
+
+    truth = mp.PhysicalActuator(motors)
+    physical: dict[str, Any] = {"chatter": [chatter(truth, load, settings.seed) for load in loads]}
     for place, suspended in (("standing", False), ("suspended", True)):
         fidelity = robot_fidelity(PUPPER_V2, motors, models, suspended, settings.seed)
         for name in models:
             variants[name][f"{place}_rmse"] = float(np.median(fidelity[name][0]))
             variants[name][f"{place}_torque_hf"] = float(np.median(fidelity[name][1]))
         physical[f"{place}_torque_hf"] = float(np.median(fidelity["physical"][1]))
-    return {"loads": LOADS.tolist(), "variants": variants, "physical": physical}
+    return {"loads": loads.tolist(), "variants": variants, "physical": physical}
 
 
 def picture(results: dict[str, Any]) -> bytes:
@@ -274,18 +294,14 @@ def picture(results: dict[str, Any]) -> bytes:
     left.set(xscale="log", ylabel="growth of a disturbance in 2 ms,\nlargest eigenvalue, median")
     left.axhline(1.0, color="k", lw=1)
     middle.set(xscale="log", yscale="log", ylabel="torque above 20 Hz [N·m], one joint")
-    middle.plot(LOADS, results["physical"]["chatter"], "k--", label="physical")
+    loads = results["loads"]
+    middle.plot(loads, results["physical"]["chatter"], "k--", label="physical")
     for axes, key in ((left, "growth"), (middle, "chatter")):
-        for name, variant in VARIANTS.items():  # the paper's recipe diverges on a bare leg
-            if variant.preset != "paper" and key in results["variants"][name]:
-                axes.plot(
-                    LOADS,
-                    results["variants"][name][key],
-                    "o-",
-                    color=variant.color,
-                    label=name,
-                    ms=3,
-                )
+        for name, values in results["variants"].items():
+            variant = VARIANTS[name]
+            # the paper's recipe diverges on a bare leg
+            if variant.preset != "paper" and key in values:
+                axes.plot(loads, values[key], "o-", color=variant.color, label=name, ms=3)
         axes.axvspan(*LEG, color="0.9", zorder=0)
         axes.set_xlabel("load inertia [kg·m²]\n(grey: a Pupper's leg joints)")
         axes.legend(frameon=False, fontsize=7)
@@ -295,37 +311,37 @@ def picture(results: dict[str, Any]) -> bytes:
 
 def _bars(axes: Axes, results: dict[str, Any]) -> None:
     """Ratios of all variants, first on top."""
-    place = np.arange(len(VARIANTS))
     variants = results["variants"]
+    place = np.arange(len(variants))
     for offset, where, alpha in ((-0.2, "standing", 1.0), (0.2, "suspended", 0.5)):
-        own = results["physical"][f"{where}_torque_hf"]
-        values = [variants[name][f"{where}_torque_hf"] / own for name in VARIANTS]
-        colors = [variant.color for variant in VARIANTS.values()]
+        physical = results["physical"][f"{where}_torque_hf"]
+        values = [variant[f"{where}_torque_hf"] / physical for variant in variants.values()]
+        colors = [VARIANTS[name].color for name in variants]
         axes.barh(place + offset, values, 0.38, color=colors, alpha=alpha, label=where)
-    labels = [f"{name}  ({1e3 * variants[name]['standing_rmse']:.0f} mrad)" for name in VARIANTS]
+    labels = [f"{name}  ({1e3 * variants[name]['standing_rmse']:.0f} mrad)" for name in variants]
     axes.set_yticks(place, labels, fontsize=8)
     axes.invert_yaxis()
     axes.axvline(1.0, color="k", lw=1)
-    label = "torque above 20 Hz in the robot, ratio to the physical\nmotors' (in brackets: joint RMSE, standing)"
+    label = "torque above 20 Hz in the robot, ratio to the physical\n"
+    label += "motors' (in brackets: joint RMSE, standing)"
     axes.set(xscale="log", xlabel=label)
     axes.legend(frameon=False, fontsize=8)
 
 
 def table(results: dict[str, Any]) -> str:
     """Markdown: one row per variant."""
-    head = ["variant", f"growth in 2 ms, load {1e3 * LOADS[0]:.1f} g·m²"]
+    head = ["variant", f"growth in 2 ms, load {1e3 * results['loads'][0]:.1f} g·m²"]
     rows = []
     for where in ("standing", "suspended"):
         head += [f"{where}: RMSE [mrad]", "torque > 20 Hz"]
-    for name, found in results["variants"].items():
-        cells = [
-            f"{found['growth'][0]:.2f} at {found['frequency'][0]:.0f} Hz"
-            if "growth" in found
-            else ""
-        ]
+    for name, values in results["variants"].items():
+        loop = ""
+        if "growth" in values:
+            loop = f"{values['growth'][0]:.2f} at {values['frequency'][0]:.0f} Hz"
+        cells = [loop]
         for where in ("standing", "suspended"):
-            ratio = found[f"{where}_torque_hf"] / results["physical"][f"{where}_torque_hf"]
-            cells += [f"{1e3 * found[f'{where}_rmse']:.1f}", f"{ratio:.2f} ×"]
+            ratio = values[f"{where}_torque_hf"] / results["physical"][f"{where}_torque_hf"]
+            cells += [f"{1e3 * values[f'{where}_rmse']:.1f}", f"{ratio:.2f} ×"]
         rows.append([name, *cells])
     return markdown(head, rows)
 
@@ -334,7 +350,7 @@ def main() -> None:
     """Measure; write why.json, why.png and table.md; print the table."""
     settings = tyro.cli(Settings, description=__doc__)
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
-    results = measure(settings)
+    results = compute(settings)
     write_json(settings.out / "why.json", results)
     write_text(settings.out / "table.md", table(results) + "\n")
     (settings.out / "why.png").write_bytes(picture(results))

@@ -191,7 +191,7 @@ class FleetProblem:
         return float(np.mean(rms(self.error(name, x, offsets), axis=0)))
 
     def with_residual_deviation(self, x: np.ndarray) -> "FleetProblem":
-        """The same problem with the RMS error at a centre, over all joints and logs, as deviation."""
+        """The same problem, with the RMS error of all joints and logs at a centre as deviation."""
         errors = [self.error(name, x) for name in self.replayers]
         variances = np.concatenate([np.mean(error**2, axis=0) for error in errors])
         deviation = max(float(np.sqrt(np.mean(variances))), _MIN_DEVIATION)
