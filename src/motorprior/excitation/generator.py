@@ -108,11 +108,12 @@ def generator(
     hidden = xp.concatenate([embedding, noise], axis=2)
     for layer, dilation in enumerate(DILATIONS):
         output = convolved(hidden, weights[f"w{layer}"], dilation) + weights[f"b{layer}"]
+        signal = output[..., :NUM_HIDDEN]
         gate = 0.5 + 0.5 * xp.tanh(0.5 * output[..., NUM_HIDDEN:])
-        output = output[..., :NUM_HIDDEN] * gate
+        gated = signal * gate
 
         reach = dilation * (TAPS - 1) // 2
-        hidden = output + hidden[:, reach:-reach] if layer else output
+        hidden = gated + hidden[:, reach:-reach] if layer else gated
 
     mean = embedding[:, EDGE:-EDGE] @ weights["w_skip"] + weights["b_out"]
     oscillation_factors = xp.array([TARGET_NOISE] + SUB * [1.0])

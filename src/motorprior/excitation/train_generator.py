@@ -270,8 +270,12 @@ def _scores(critic: Weights, inputs: Any) -> tuple[Any, list[Any]]:
 
 def _pooled(values: Any) -> Any:
     """(B, 4 C) mean, standard deviation, maximum and minimum of ``values`` (B, frames, C)."""
-    deviation = jnp.sqrt(values.var(axis=1) + _TINY)
-    statistics = [values.mean(axis=1), deviation, values.max(axis=1), values.min(axis=1)]
+    statistics = [
+        values.mean(axis=1),
+        jnp.sqrt(values.var(axis=1) + _TINY),
+        values.max(axis=1),
+        values.min(axis=1),
+    ]
     return jnp.concatenate(statistics, axis=1)
 
 
