@@ -242,7 +242,7 @@ def _compiled(recipe: Recipe, scales: tuple[float, ...], has_torque: bool) -> tu
 
     (parameters, windows, z (L, Z), motors (L,)) -> (L, N, R) residuals.
     """
-    named_scales = dict(zip(NETWORK_SCALES, scales, strict=True))
+    named_scales: dict[str, float] = dict(zip(NETWORK_SCALES, scales, strict=True))
     objective = objective_of(recipe, named_scales, has_torque)
 
     def residuals_of_motor(
