@@ -118,7 +118,7 @@ def fleet_prior(motors: GreyBoxActuator) -> MotorPrior:
     slope = SPREAD * np.eye(motors.z.shape[1])
     model = replace(motors.model, center=center, slope=slope)
     zeros = np.zeros_like(motors.z)
-    return MotorPrior(model, zeros, zeros, "rollout", "pupper_v2", "", {}, {})
+    return MotorPrior(model, zeros, zeros, "rollout", "pupper_v2", "", {})
 
 
 # Closed loops.

@@ -23,6 +23,7 @@ from motorprior.stage import FIGURES, MARKER
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
 )  # fmt: skip
+POSITION_ONLY = "position_only"  # the prior of preset rollout without torques
 RMSE = ("bench_impact_rmse", "bench_chirp_rmse", "standing_rmse", "suspended_rmse")
 TORQUE = ("standing_torque_hf", "suspended_torque_hf")
 HEAD = (
@@ -45,7 +46,10 @@ class Settings:
 
 
 def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
-    """The prior of one preset, without torques in the log the position-only one; made if the file does not exist."""
+    """The file of the prior of one preset; it is made if it does not exist.
+
+    Without ``torque`` the prior is identified from positions only.
+    """
     bench = settings.out / "bench" / ("paper" if preset == "paper" else "rollout")
     record_bench(
         fleet=settings.fleet,
@@ -58,8 +62,10 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
     )
     log, recorded = read_bench(bench)
     provenance = provenance_of([log], bench=recorded.as_json())
-    log = log if torque else replace(log, joint_torque=None)
-    folder = settings.out / "priors" / (preset if torque else "position_only")
+    if not torque:
+        log = replace(log, joint_torque=None)
+
+    folder = settings.out / "priors" / (preset if torque else POSITION_ONLY)
     recipe = identification_preset(preset, network_steps(preset, settings.adam_steps))
     fit_recipe(log, preset, recipe, settings.seed, folder, PROGRESS, provenance)
     return folder / PRIOR
@@ -72,39 +78,55 @@ def measure(settings: Settings) -> Results:
     results = validate_on_bench(
         tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS
     )
-    paths["position_only"] = alone = identify(settings, "rollout", torque=False)
-    found = validate_on_bench(
-        [alone], folder / "position_only", seed=settings.seed, progress=PROGRESS
+
+    # the position-only prior has the preset of another one, so it is validated alone
+    paths[POSITION_ONLY] = identify(settings, "rollout", torque=False)
+    of_position_only = validate_on_bench(
+        [paths[POSITION_ONLY]], folder / POSITION_ONLY, seed=settings.seed, progress=PROGRESS
     )
-    seconds = {model: read_json(path.parent / MARKER)["seconds"] for model, path in paths.items()}
-    times = (Result("identify_seconds", "s", value, model) for model, value in seconds.items())
-    renamed = (replace(row, model="position_only") for row in found.where(model="rollout"))
-    return results + Results([*renamed, *times])
+    rows = []
+    for row in of_position_only.where(model="rollout"):
+        rows.append(replace(row, model=POSITION_ONLY))
+    for model, path in paths.items():
+        seconds = read_json(path.parent / MARKER)["seconds"]
+        rows.append(Result("identify_seconds", "s", seconds, model))
+    return results + Results(rows)
 
 
 def table(results: Results, motors: str) -> str:
-    """Markdown: one row per model; RMSE [mrad] and torque above 20 Hz, medians, and means in brackets."""
-    here = results.where(motors=motors)
+    """Markdown: one row per model; RMSE [mrad] and torque above 20 Hz.
+
+    Cells are medians, and means in brackets.
+    """
+    of_motors = results.where(motors=motors)
+    errors = of_motors.where(quantity="bench_impact_rmse", statistic="median")
+    models = sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model))
     rows = []
-    errors = here.where(quantity="bench_impact_rmse", statistic="median")
-    for model in sorted(errors.distinct("model"), key=lambda model: -errors.value(model=model)):
-        cells = [cell(here, quantity, model, ".1f", 1e3) for quantity in RMSE]
-        cells += [cell(here, quantity, model, ".2f", 1.0, over="physical") for quantity in TORQUE]
+    for model in models:
+        cells = [model]
+        cells += [cell(of_motors, quantity, model, ".1f", 1e3) for quantity in RMSE]
+        for quantity in TORQUE:
+            cells.append(cell(of_motors, quantity, model, ".2f", 1.0, over="physical"))
         seconds = results.where(quantity="identify_seconds", model=model)
-        rows.append([model, *cells, "".join(f"{row.value:.0f}" for row in seconds)])
+        cells.append("".join(f"{row.value:.0f}" for row in seconds))
+        rows.append(cells)
     return markdown(HEAD, rows)
 
 
 def cell(
     results: Results, quantity: str, model: str, form: str, factor: float, over: str | None = None
 ) -> str:
-    """Median and, in brackets, mean of a quantity; divided by that of the model ``over``, if given."""
-    found = results.where(quantity=quantity)
+    """Median and, in brackets, mean of a quantity; relative to the model ``over``, if given."""
+    of_quantity = results.where(quantity=quantity)
     values = []
     for statistic in ("median", "mean"):
-        reference = 1.0 if over is None else found.value(model=over, statistic=statistic)
-        values.append(factor * found.value(model=model, statistic=statistic) / reference)
-    return f"{values[0]:{form}} ({values[1]:{form}})"
+        denominator = 1.0
+        if over is not None:
+            denominator = of_quantity.value(model=over, statistic=statistic)
+        value = of_quantity.value(model=model, statistic=statistic)
+        values.append(factor * value / denominator)
+    median, mean = values
+    return f"{median:{form}} ({mean:{form}})"
 
 
 def main() -> None:
@@ -112,11 +134,15 @@ def main() -> None:
     settings = tyro.cli(Settings, description=__doc__)
     results = measure(settings)
     write_results(settings.out, results)
+
     arms = simulated_arms.figures(
         simulated_arms.Settings(settings.out / "arms", settings.arms, seed=settings.seed)
     )
-    write_json(settings.out / FIGURES, read_json(settings.out / FIGURES) | arms)
-    text = f"train motors\n\n{table(results, 'train')}\n\nheld-out motors\n\n{table(results, 'held_out')}"
+    path = settings.out / FIGURES
+    write_json(path, read_json(path) | arms)
+
+    text = f"train motors\n\n{table(results, 'train')}\n\n"
+    text += f"held-out motors\n\n{table(results, 'held_out')}"
     write_text(settings.out / "tables.md", text + "\n")
     print(text)
 

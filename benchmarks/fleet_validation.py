@@ -1,4 +1,4 @@
-"""Closed-loop fidelity of the priors of a bench, compared with the physical motors that they learned from.
+"""Closed-loop fidelity of the priors of a bench, compared with the bench's physical motors.
 
     python benchmarks/fleet_validation.py runs/prior/prior.safetensors --out runs/fleet_validation
 
@@ -6,7 +6,8 @@ All priors are from benches of the same motors and of different presets. They ar
 motors of the bench (train) and with held-out motors of its fleet (held_out), to whose logs they are
 adapted. figures.json has the medians and means of `robot_fidelity.FIDELITY_METRICS` and, for the
 prior of preset rollout (or the first with physics), errors, false alarms and coverage after
-adaptation, and the AUC of a classifier that separates samples of the prior from motors of the fleet.
+adaptation, and the AUC of a classifier that separates samples of the prior from motors of the
+fleet.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,8 +46,8 @@ from virtual_fleets.robot_fidelity import DIVERGED, FIDELITY_METRICS, fidelity
 
 ADAPT_SECONDS = (2.0, 5.0, 10.0, 30.0)
 TITLES = {
-    "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical: the "
-    "true motors, started 4 mrad off",
+    "train": "Closed-loop joint RMSE [rad] and torque above 20 Hz (hf) [N·m], medians; physical: "
+    "the true motors, started 4 mrad off",
     "held_out": "The same on held-out motors, adapted to 10 s of log each",
 }
 # quantities of the prior with physics on held-out motors
@@ -84,7 +85,7 @@ def validate_on_bench(
     robot: str = DEFAULT_ROBOT,
     progress: Progress = SILENT,
 ) -> Results:
-    """Compare priors with the physical motors of their bench, and with held-out motors of its fleet.
+    """Compare priors with the physical motors of their bench, and with held-out motors.
 
     Args:
         priors: prior files of different presets, all from benches of the same motors.
@@ -201,7 +202,7 @@ def _baselines(robot: Robot, bench: BenchSettings, progress: Progress) -> dict[s
 
 
 def _name_of_physics(priors: Mapping[str, MotorPrior], adapted: Mapping[str, object]) -> str | None:
-    """Preset of the prior whose adaptation and distribution are measured, None if none has physics."""
+    """Preset of the prior whose adaptation is measured; None if none has physics."""
     names = [
         name
         for name, prior in priors.items()

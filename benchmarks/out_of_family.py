@@ -19,7 +19,9 @@ import numpy as np
 import fidelity
 from figures import PROGRESS, run_benchmark
 from fleet_validation import validate_on_bench
+from motorprior.actuator.families import TrueMotors
 from motorprior.bench.bench_folder import read_bench
+from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from virtual_fleets.held_out_motors import ADAPTED_SECONDS, held_out_motors
@@ -48,42 +50,60 @@ class Settings:
 def measured_family(settings: Settings, family: str) -> dict[str, float]:
     """Errors [rad] on both sets of motors; coverage and AUC of samples of the rollout prior."""
     folder = settings.out / family
-    seed = settings.seed
-    own = fidelity.Settings(
-        folder, family, settings.motors, settings.steps, settings.adam_steps, seed
+    of_fleet = fidelity.Settings(
+        folder, family, settings.motors, settings.steps, settings.adam_steps, settings.seed
     )
-    priors = [fidelity.identify(own, preset) for preset in PRESETS]
-    lengths = (ADAPTED_SECONDS,)
-    out = folder / "validate"
-    results = validate_on_bench(priors, out, seed=seed, adapt_seconds=lengths, progress=PROGRESS)
+    priors = [fidelity.identify(of_fleet, preset) for preset in PRESETS]
+    results = validate_on_bench(
+        priors,
+        folder / "validate",
+        seed=settings.seed,
+        adapt_seconds=(ADAPTED_SECONDS,),
+        progress=PROGRESS,
+    )
+
     bench = read_bench(folder / "bench" / "rollout")[1]
     figures: dict[str, float] = {}
-    for each, motors in (("train", bench.physical_motors()), ("new", held_out_motors(bench))):
-        half_warm = motors.after(MAX_WORK / 2)
-        models = {"floor_warmth": lambda index, known=half_warm: known.take(index).actuator()}
-        warmth = bench_errors(motors, models, seed, HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT)))
-        here = results.where(motors="train" if each == "train" else "held_out", statistic="median")
-        for kind, quantity in EXCITATIONS.items():
-            for model in (*PRESETS, "tuned_pd", "physical"):
-                key = f"{family}/{kind}/{'floor' if model == 'physical' else model}/{each}"
-                figures[key] = here.value(quantity=quantity, model=model)
-            figures[f"{family}/{kind}/floor_warmth/{each}"] = float(
-                np.median(warmth[kind]["floor_warmth"])
-            )
+    figures |= _errors(results, "train", family, "train", bench.physical_motors(), settings.seed)
+    figures |= _errors(results, "held_out", family, "new", held_out_motors(bench), settings.seed)
     figures[f"{family}/coverage90"] = results.value(quantity="coverage90", part=None)
-    figures[f"{family}/two_sample_auc"] = results.value(
-        quantity="two_sample_auc", statistic="median"
-    )
+    auc = results.value(quantity="two_sample_auc", statistic="median")
+    figures[f"{family}/two_sample_auc"] = auc
+    return figures
+
+
+def _errors(
+    results: Results, motor_set: str, family: str, name: str, motors: TrueMotors, seed: int
+) -> dict[str, float]:
+    """Median errors [rad] of the models and of both floors on a set of motors.
+
+    ``motor_set`` is its name in the results, ``name`` its name in the figures.
+    """
+    half_warm = motors.after(MAX_WORK / 2)
+    models = {"floor_warmth": lambda index: half_warm.take(index).actuator()}
+    preset = HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
+    errors_of_warmth = bench_errors(motors, models, seed, preset)
+
+    medians = results.where(motors=motor_set, statistic="median")
+    figures = {}
+    for excitation, quantity in EXCITATIONS.items():
+        prefix = f"{family}/{excitation}"
+        for model in (*PRESETS, "tuned_pd"):
+            error = medians.value(quantity=quantity, model=model)
+            figures[f"{prefix}/{model}/{name}"] = error
+        floor = medians.value(quantity=quantity, model="physical")
+        figures[f"{prefix}/floor/{name}"] = floor
+        warmth = np.median(errors_of_warmth[excitation]["floor_warmth"])
+        figures[f"{prefix}/floor_warmth/{name}"] = float(warmth)
     return figures
 
 
 def measure(settings: Settings) -> dict[str, float]:
     """The figures of all families."""
-    return {
-        key: value
-        for family in settings.families
-        for key, value in measured_family(settings, family).items()
-    }
+    figures = {}
+    for family in settings.families:
+        figures |= measured_family(settings, family)
+    return figures
 
 
 if __name__ == "__main__":

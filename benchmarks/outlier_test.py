@@ -39,18 +39,21 @@ STREAM = 57
 def measure(prior: tyro.conf.Positional[Path]) -> None:
     """Print the table for a prior of preset rollout that was identified from a bench."""
     loaded = load_prior(prior, load_robot(DEFAULT_ROBOT))
-    preset = bench_schedule("adapt")
-    rows = []
     bench = bench_from_json(loaded.provenance.get("bench"), str(prior))
-    own = bench.fleet.sample(MOTORS, np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM]))
+    rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM])
+    unchanged = bench.fleet.sample(MOTORS, rng)
+    preset = bench_schedule("adapt")
+    steps = round(SECONDS / preset.period)
+
+    rows = []
     for name, change in CHANGES.items():
-        motors = own.scaled(change)
-        log = record(
-            motors, preset, round(SECONDS / preset.period), HELD_OUT_SEED + bench.seed, bench.fleet
-        )
-        found = adapt_to(loaded, log)
-        detected = np.mean(outlier_test(loaded, log, found)[0] < FALSE_ALARMS)
-        model = {"model": lambda index, z=found.mean: loaded.model.motors(z[index])}
+        motors = unchanged.scaled(change)
+        log = record(motors, preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
+        posterior = adapt_to(loaded, log)
+        p_values, _ = outlier_test(loaded, log, posterior)
+        detected = np.mean(p_values < FALSE_ALARMS)
+
+        model = {"model": lambda index, z=posterior.mean: loaded.model.motors(z[index])}
         error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
         rows.append([name, f"{detected:.2f}", f"{1e3 * np.median(error):.1f}"])
     print(markdown(["changed constant", "detected", "error [mrad]"], rows))

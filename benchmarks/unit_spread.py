@@ -1,4 +1,4 @@
-"""Spread between units of a class of joints, from priors that were fitted to public logs.
+"""Standard deviation between units of a class of joints, in priors fitted to public logs.
 
     python benchmarks/unit_spread.py runs/real/go2/traj_0/prior/prior.safetensors …
 
@@ -20,20 +20,29 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED
 
 
-def spreads(prior: MotorPrior) -> dict[str, tuple[float, float]]:
-    """Standard deviations between units of a class and between the means of classes (NaN for one), by constant."""
+def deviations(prior: MotorPrior) -> dict[str, tuple[float, float]]:
+    """Standard deviations between units of a class and between the means of classes, by constant.
+
+    Between the means it is NaN for one class.
+    """
     model = prior.model
-    groups = [prior.classes.rows_of(name) for name in prior.classes.names]
     assert isinstance(model, GreyBox)
     names = parameters_of(model.terms)
-    outputs = model.decoder_latents(prior.mean) * [SIGNED.get(name, 1.0) for name in names]
-    means = np.stack([outputs[rows].mean(axis=0) for rows in groups])
-    scatter = sum(
-        np.sum((outputs[rows] - outputs[rows].mean(axis=0)) ** 2, axis=0) for rows in groups
-    )
-    within = np.sqrt(scatter / (len(outputs) - len(groups)))
-    between = means.std(axis=0, ddof=1) if len(groups) > 1 else np.full(len(names), np.nan)
-    return {name: (float(a), float(b)) for name, a, b in zip(names, within, between, strict=True)}
+    signs = [SIGNED.get(name, 1.0) for name in names]
+    outputs = model.decoder_latents(prior.mean) * signs
+
+    rows_of_classes = [prior.classes.rows_of(name) for name in prior.classes.names]
+    means = np.stack([outputs[rows].mean(axis=0) for rows in rows_of_classes])
+    scatter = np.zeros(len(names))
+    for rows, mean in zip(rows_of_classes, means, strict=True):
+        scatter = scatter + np.sum((outputs[rows] - mean) ** 2, axis=0)
+
+    within = np.sqrt(scatter / (len(outputs) - len(rows_of_classes)))
+    between = np.full(len(names), np.nan)
+    if len(rows_of_classes) > 1:
+        between = means.std(axis=0, ddof=1)
+    pairs = zip(within.tolist(), between.tolist(), strict=True)
+    return dict(zip(names, pairs, strict=True))
 
 
 def main() -> None:
@@ -42,7 +51,7 @@ def main() -> None:
         prior = MotorPrior.load(path)
         units = {name: len(prior.classes.rows_of(name)) for name in prior.classes.names}
         print(f"{prior.motor}, {prior.robot}: units per class {units}")
-        for name, (within, between) in spreads(prior).items():
+        for name, (within, between) in deviations(prior).items():
             print(f"  {name:20} between units {within:.3f}  between classes {between:.3f}")
 
 

@@ -59,7 +59,7 @@ for log in logs:
 # the prior
 progress = mp.Lines(sys.stderr)
 prior = mp.fit_prior(logs, args.preset, steps=args.steps, out=args.out, progress=progress)
-loss = prior.metrics["final_loss"]
+loss = prior.metrics.final_loss
 print(f"{len(prior.mean)} motors, latents {prior.model.num_latents}, loss {loss:.4f}")
 
 # five new motors, with a position error of 0.1 rad on fixed joints for 40 ms, longer than any delay

@@ -22,7 +22,7 @@ def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     """The file of a grey box's prior, of twelve motors around a small servo."""
     path = tmp_path_factory.mktemp("prior") / "prior.safetensors"
     motors = np.zeros((12, 3))
-    MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, "servo", {}, {}).save(path)
+    MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, "servo", {}).save(path)
     return path
 
 

@@ -81,9 +81,7 @@ def test_logs_of_the_same_motors_and_of_others_are_joined(log: mp.MotorLog):
         == 6
     )
     again = mp.fit_prior([log, log], "paper", steps=1)
-    assert len(again.mean) == 3 and again.metrics["minutes_of_log"] == pytest.approx(
-        2 * 3 * 2.99 / 60
-    )
+    assert len(again.mean) == 3 and again.metrics.minutes_of_log == pytest.approx(2 * 3 * 2.99 / 60)
     for logs in (
         [],
         [log, replace(log, joint_names=("motor_000", "b", "c"))],

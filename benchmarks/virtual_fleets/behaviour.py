@@ -1,4 +1,4 @@
-"""Behaviour features of motors on a standard bench: the same trials for physical and learned motors.
+"""Behaviour features of motors on a standard bench, the same for physical and learned motors.
 
 Every trial runs on the virtual dynamometer (`dynamometer.run`) with the sample period PERIOD. By
 default the load is LOAD_INERTIA with an external torque of -PRELOAD, which presses the gear to one
@@ -61,10 +61,11 @@ RESOLUTION = {
 
 
 def behaviours(actuator: Actuator) -> np.ndarray:
-    """(n, F) features of n motors, finite multiples of RESOLUTION; see the functions below for formulas and units.
+    """(n, F) features of n motors, finite multiples of RESOLUTION.
 
-    Gains and lags at FREQUENCIES, rise time, overshoot, dead band, breakaway, stall torque, peak
-    speed. Deterministic; 52 s of bench time, 1 to 4 s for 256 physical motors.
+    The functions below state formulas and units. The features are gains and lags at FREQUENCIES,
+    rise time, overshoot, dead band, breakaway, stall torque, peak speed. Deterministic; 52 s of
+    bench time, 1 to 4 s for 256 physical motors.
     """
     gains, lags = zip(
         *(frequency_response(actuator, frequency) for frequency in FREQUENCIES), strict=True
@@ -125,7 +126,10 @@ def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray
 def _step(
     actuator: Actuator, inertia: float, low: float, high: float, duration: float
 ) -> np.ndarray:
-    """(steps, n) joint_pos [rad] for ``duration`` [s] from the last sample before a step from low to high [rad]."""
+    """(steps, n) joint_pos [rad] in a step of the target from low to high [rad].
+
+    It begins with the last sample before the step, and lasts ``duration`` [s].
+    """
     before = _count(STEP_SETTLE)
     target = np.full(before + _count(duration), high)
     target[:before] = low
@@ -133,9 +137,10 @@ def _step(
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:
-    """(n,) time between the first crossings of 10 % and 90 % of the final displacement [s], interpolated.
+    """(n,) time between the first crossings of 10 % and 90 % of the final displacement [s].
 
-    STEP_DURATION if the final displacement is below 10 % of STEP.
+    It is interpolated between samples. It is STEP_DURATION if the final displacement is below 10 %
+    of STEP.
     """
     joint_pos = _step(actuator, LOAD_INERTIA, 0.0, STEP, STEP_DURATION)
     moved = joint_pos[-_count(STEP_FINAL) :].mean(axis=0) - joint_pos[0]
@@ -147,14 +152,20 @@ def rise_time(actuator: Actuator) -> np.ndarray:
 
 
 def overshoot(actuator: Actuator) -> np.ndarray:
-    """(n,) (maximum joint_pos before the last STEP_FINAL - mean over the last STEP_FINAL) / STEP [-], at least 0."""
+    """(n,) overshoot over STEP [-], at least 0.
+
+    It is the maximum joint_pos before the last STEP_FINAL minus the mean over the last STEP_FINAL.
+    """
     joint_pos = _step(actuator, HEAVY_INERTIA, 0.0, STEP, STEP_DURATION)
     late = _count(STEP_FINAL)
     return np.maximum(joint_pos[:-late].max(axis=0) - joint_pos[-late:].mean(axis=0), 0.0) / STEP
 
 
 def _crossing_time(signal: np.ndarray, level: float) -> np.ndarray:
-    """(n,) time at which ``signal`` (steps, n) first reaches ``level`` [s]; its duration if it never does."""
+    """(n,) time at which ``signal`` (steps, n) first reaches ``level`` [s].
+
+    The duration of the signal if it never does.
+    """
     reached = signal >= level
     index = np.argmax(reached, axis=0)
     motors = np.arange(signal.shape[1])
@@ -187,12 +198,12 @@ def dead_band(actuator: Actuator) -> np.ndarray:
 
 
 def breakaway(actuator: Actuator) -> np.ndarray:
-    """(n,) external torque that moves a joint with target 0 by BREAKAWAY_ANGLE [N·m], mean of both directions.
+    """(n,) external torque that moves a joint with target 0 by BREAKAWAY_ANGLE [N·m].
 
-    After RAMP_SETTLE under PRELOAD, which takes up the backlash, the external torque rises from
-    PRELOAD to RAMP_TOP at RAMP_RATE. For a stiff gear the feature is (coulomb + stribeck_torque +
-    kp·BREAKAWAY_ANGLE) / (1 - load_friction). A joint that does not move by BREAKAWAY_ANGLE gets
-    RAMP_TOP.
+    It is the mean of both directions. After RAMP_SETTLE under PRELOAD, which takes up the backlash,
+    the external torque rises from PRELOAD to RAMP_TOP at RAMP_RATE. For a stiff gear the feature is
+    (coulomb + stribeck_torque + kp·BREAKAWAY_ANGLE) / (1 - load_friction). A joint that does not
+    move by BREAKAWAY_ANGLE gets RAMP_TOP.
     """
     still = _count(RAMP_SETTLE)
     read = []

@@ -1,4 +1,4 @@
-"""Priors on held-out motors of a virtual fleet: adaptation, and the distribution of their samples."""
+"""Priors on held-out motors of a virtual fleet: adaptation, and distribution of their samples."""
 
 from collections.abc import Callable, Mapping
 
@@ -41,12 +41,16 @@ def held_out_motors(bench: BenchSettings) -> TrueMotors:
 def _held_out_log(
     robot: Robot, prior: MotorPrior, bench: BenchSettings, seconds: float
 ) -> MotorLog:
-    """A bench log of the held-out motors at the prior's sample period, with a held-out excitation."""
-    presets = (BENCH_SCHEDULES["adapt"], *BENCH_SCHEDULES.values())
-    preset = next(preset for preset in presets if preset.period == prior.model.period)
-    preset = preset.for_robot(robot)
-    steps = round(seconds / preset.period)
-    return record(held_out_motors(bench), preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
+    """A bench log of the held-out motors at the prior's sample period.
+
+    Its excitation is held out, too.
+    """
+    schedules = (BENCH_SCHEDULES["adapt"], *BENCH_SCHEDULES.values())
+    period = prior.model.period
+    schedule = next(schedule for schedule in schedules if schedule.period == period)
+    schedule = schedule.for_robot(robot)
+    steps = round(seconds / schedule.period)
+    return record(held_out_motors(bench), schedule, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
 
 
 def adapt_all(
@@ -127,7 +131,7 @@ def adaptation(
 
 
 def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
-    """POPULATION samples of the prior against as many held-out motors, by their behaviour on a bench.
+    """POPULATION samples of the prior against as many held-out motors, by their behaviour.
 
     Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some
     hundredths.
@@ -144,7 +148,7 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
         physical = behaviours(motors.after(MAX_WORK / 2).actuator())
         areas.append(two_sample_auc(sampled, physical, bench.seed))
 
-    divergence = prior.metrics.get("aggregate_posterior_kl", 0.0)
+    divergence = prior.metrics.aggregate_posterior_kl or 0.0
     return Results(
         [
             Result("two_sample_auc", "1", float(np.median(areas)), statistic="median"),

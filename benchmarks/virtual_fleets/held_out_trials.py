@@ -1,4 +1,4 @@
-"""Models compared with the true motors of a virtual fleet, on the bench, in trials that no model was trained on.
+"""Models compared with the true motors of a virtual fleet, in held-out trials on the bench.
 
 Trials last 1 s, with loads inside the training range. Chirps are in no preset of the bench. The
 motors worked for an unknown time of at most MAX_WORK before each trial. The floor ``physical`` is

@@ -1,8 +1,9 @@
-"""Closed-loop fidelity of models of motors, on the bench and inside the robot, compared with the physical motors.
+"""Closed-loop fidelity of models of motors, on the bench and inside the robot.
 
-Inside the robot all models follow the same trot targets, held at 100 Hz for 2 s, standing and
-suspended. The physical motors run at the twin's physics step. The floor ("physical") is a second
-simulation of the physical motors that starts 4 mrad away.
+The models are compared with the physical motors. Inside the robot all models follow the same trot
+targets, held at 100 Hz for 2 s, standing and suspended. The physical motors run at the twin's
+physics step. The floor ("physical") is a second simulation of the physical motors that starts 4
+mrad away.
 """
 
 from collections.abc import Callable, Mapping

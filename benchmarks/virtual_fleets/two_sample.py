@@ -77,9 +77,9 @@ def _quadratic(features: np.ndarray) -> np.ndarray:
 
 
 def _fit_logistic(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(K,) weights of a ridge logistic regression of labels (N,) on features (N, K), by Newton's method.
+    """(K,) weights of a ridge logistic regression of labels (N,) on features (N, K).
 
-    Column 0 of the features is 1. Each class has half of the total weight.
+    The method is Newton's. Column 0 of the features is 1. Each class has half of the total weight.
     """
     penalty = np.full(features.shape[1], _RIDGE * len(features))
     penalty[0] = 1e-6

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior
@@ -17,7 +18,7 @@ from motorprior.exceptions import ConfigError
 def prior(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     box = grey_box(spread=0.2)
     z = np.zeros((2, 3))
-    metrics = {"identified_kp": 1.0, "identified_coulomb": 0.0, "replay_rmse": 0.004}
+    metrics = FitMetrics(identified={"kp": True, "coulomb": False}, replay_rmse=0.004)
     return MotorPrior(box, z, z, "rollout", "pendulum", "a servo", {"text": "x" * 20_000}, metrics)
 
 

@@ -16,7 +16,7 @@ from motorprior.exceptions import ConfigError
 
 def made_prior() -> MotorPrior:
     box = GreyBox(np.zeros(len(PARAMETERS)), np.ones((2, len(PARAMETERS))), 0.002)
-    return MotorPrior(box, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {}, {})
+    return MotorPrior(box, np.zeros((3, 2)), np.zeros((3, 2)), "rollout", "pupper_v2", "m", {})
 
 
 PRIOR = made_prior()
@@ -81,7 +81,7 @@ def test_frozen_constants_are_those_of_the_mean_motor():
 
 def test_limits_that_follow_the_gains_are_the_central_limit_times_the_gains_share(grey_box):
     box = grey_box(spread=0.2, kp=9.0, torque_limit=1.26)
-    prior = MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+    prior = MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {})
     known = MotorPosterior(
         prior, np.eye(3), np.tile(1e-6 * np.eye(3), (3, 1, 1)), ("a", "b", "c"), 10.0, (0.5,) * 3
     )

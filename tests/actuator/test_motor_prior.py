@@ -14,6 +14,7 @@ from networks import network
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import named_constants
 from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
@@ -33,7 +34,7 @@ def prior(request: pytest.FixtureRequest, grey_box: Callable[..., GreyBox]) -> M
     mean = rng.standard_normal((5, 3))
     log_var = rng.uniform(-4, 0, (5, 3))
     return MotorPrior(
-        model, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, {"final_loss": 0.5}
+        model, mean, log_var, "rollout", "pupper_v2", "m", {"seed": 3}, FitMetrics(final_loss=0.5)
     )
 
 
@@ -51,7 +52,7 @@ def gain_scaled(grey_box: Callable[..., GreyBox]) -> MotorPrior:
     mean = np.random.default_rng(1).standard_normal((3, 3))
     gains = np.array([[20.0, 20.0, 40.0], [1.0, 1.5, 2.0]])
     return MotorPrior(
-        box, mean, mean, "rollout", "go2", "m", {}, {}, ("hip", "thigh", "calf"), gains
+        box, mean, mean, "rollout", "go2", "m", {}, FitMetrics(), ("hip", "thigh", "calf"), gains
     )
 
 
@@ -173,6 +174,9 @@ def test_what_is_saved_is_loaded(prior: MotorPrior, saved: Path):
         ({"motor_center": np.full(14, np.nan)}, {}, ()),
         ({}, {"network": {"taps": [0, 2]}}, ()),
         ({}, {"schema_version": 1}, ()),
+        ({}, {"metrics": {"final_los": 0.5}}, ()),
+        ({}, {"metrics": {"residual_percentiles": [[0.1]]}}, ()),
+        ({}, {"metrics": {"losses": {"mean": 0.5}}}, ()),
     ],
 )
 def test_a_file_that_is_no_prior_is_rejected_by_name(

@@ -81,7 +81,7 @@ def test_bands_of_each_class_hold_its_motors(grey_box: Callable[..., GreyBox]):
     names = ("hip", "calf") * 6
     z = means[[0, 1] * 6] + rng.standard_normal((12, 3))
     classes = ClassLatents(("hip", "calf"), names, means, np.full(3, 6.0))
-    prior = MotorPrior(box, z, np.zeros_like(z), "rollout", "r", "m", {}, {}, given_classes=classes)
+    prior = MotorPrior(box, z, np.zeros_like(z), "rollout", "r", "m", {}, given_classes=classes)
     hip, calf = class_behaviours(prior)
     assert (hip.name, calf.name) == ("hip", "calf") and set(hip.sampled) == {
         "step",

@@ -1,4 +1,4 @@
-"""Behaviour features against closed forms: second-order response, friction, saturation; and no NaN, ever."""
+"""Behaviour features against closed forms: second-order response, friction, saturation; no NaN."""
 
 from dataclasses import replace
 

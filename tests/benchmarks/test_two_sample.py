@@ -15,7 +15,10 @@ COUNT = 64
 
 
 def auc_spread(n: int, m: int) -> float:
-    """Standard deviation of the AUC of a fixed score, n against m motors of one distribution (Mann & Whitney 1947)."""
+    """Standard deviation of the AUC of a fixed score, n against m motors of one distribution.
+
+    Mann & Whitney (1947).
+    """
     return float(np.sqrt((n + m + 1) / (12 * n * m)))
 
 

@@ -122,6 +122,6 @@ def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
     motors = np.zeros((12, 3))
     provenance = {"bench": settings.as_json()}
     MotorPrior(
-        grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance, {}
+        grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance
     ).save(path)
     return path

@@ -131,7 +131,7 @@ def test_every_command_on_logs_runs(folder: Path, page: str):
             "--logs so101 --columns so101_sage --robot so101.toml",
             ("rigid bodies of so101", "prior"),
         ),
-        ("--logs xl330", ("loads: from the logs", "pendulum")),
+        ("--logs xl330", ("loads: from the log", "pendulum")),
     ],
 )
 def test_a_demo_begins_with_the_logs(folder: Path, line: str, words: tuple[str, ...]):

@@ -52,7 +52,7 @@ def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path)
         )
         assert prior < 0.4 * pd
     assert {"kp", "armature"} <= {row[0] for row in notes["constants"][1]}
-    assert {"loads: from the logs", "train: first; test: second"} <= set(notes["lines"])
+    assert {"loads: from the log", "train: first; test: second"} <= set(notes["lines"])
     html = page("t", [models_of_logs(out, "Your motors", WHOLE_RUN_RMSE)], {}, "c")
     assert "Your motors" in html and html.count("<img") == 2
     before = (out / "traces.png").stat().st_mtime_ns
@@ -97,8 +97,8 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(
         codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
         write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))
     config = QuickReport(tmp_path / "logs", tmp_path / "out")
-    loads, _ = loads_of(config, read_logs_of(config).logs, robot)
-    assert (loads is not None) == (set(postures) == {"suspended"})
+    source = loads_of(config, read_logs_of(config))
+    assert (source.name == "model") == (set(postures) == {"suspended"})
 
 
 def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, tmp_path: Path):

@@ -11,7 +11,6 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.ars import ArsConfig
-from motorprior.priors.prior_file import unidentified_limits
 from motorprior.progress import Lines
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
@@ -26,11 +25,12 @@ def test_a_torque_limit_that_the_logs_do_not_identify_is_noted_and_noted_again_i
 ):
     notes = io.StringIO()
     prior = fitted("narrow", notes)
-    found = unidentified_limits(prior.metrics)
+    found = prior.metrics.unidentified_limits
     assert found.keys() == {"torque_limit"} and found["torque_limit"] > 5.0
     assert f"{found['torque_limit']:.3g} N·m" in notes.getvalue()
     prior.save(tmp_path / "prior.safetensors")
-    assert unidentified_limits(MotorPrior.load(tmp_path / "prior.safetensors").metrics) == found
+    loaded = MotorPrior.load(tmp_path / "prior.safetensors")
+    assert loaded.metrics.unidentified_limits == found
     motors = f"prior:{tmp_path / 'prior.safetensors'}"
     notes = io.StringIO()
     search = ArsConfig(num_directions=2, num_top_directions=1)
@@ -54,10 +54,10 @@ def torque_limits(prior: MotorPrior) -> np.ndarray:
 def test_impacts_identify_limits_unless_the_log_is_too_short():
     short, long = (fitted("rollout", io.StringIO(), steps) for steps in (750, 1500))
     limits = torque_limits(short)
-    noted = unidentified_limits(short.metrics)
+    noted = short.metrics.unidentified_limits
     assert limits.max() > 5.0 and noted["torque_limit"] == pytest.approx(limits.max(), rel=0.2)
     limits = torque_limits(long)
-    noted = unidentified_limits(long.metrics)
+    noted = long.metrics.unidentified_limits
     assert np.median(limits) == pytest.approx(1.26, rel=0.1)
     # the search finds another optimum for one of the motors on some processors
     assert noted.get("torque_limit", 0.0) == (

@@ -29,7 +29,7 @@ def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
     center = np.array([0.0 if name in SIGNED else np.log(CENTRAL[name]) for name in names])
     model = GreyBox(center, 0.15 * np.eye(len(names)), bench.DT, terms)
     zeros = np.zeros((2, len(names)))
-    return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {}, {})
+    return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {})
 
 
 def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:

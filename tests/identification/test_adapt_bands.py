@@ -6,18 +6,26 @@ from dataclasses import asdict
 import numpy as np
 from motor_logs import log_of
 
+from motorprior.actuator.fit_metrics import (
+    RESIDUAL_LEVELS,
+    SPEED_POOLS,
+    FitMetrics,
+    LossStatistics,
+)
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.evaluation.reference import LEVELS, SPEEDS, residual_scale
+from motorprior.evaluation.reference import residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.operations import moved
 from motorprior.priors.adapt import adapt_to
 
-METRICS = {
-    f"residual_p{level:02d}_{speed}": 1e-3 * (level - 50) / 45
-    for level in LEVELS
-    for speed in SPEEDS
-}
+PERCENTILES = tuple(1e-3 * (level - 50) / 45 for level in RESIDUAL_LEVELS)
+METRICS = FitMetrics(
+    losses=LossStatistics(
+        mean=1.0, log_mean=0.0, log_std=0.1, motors=4, blocks=3.0, block_variance=0.1
+    ),
+    residual_percentiles=(PERCENTILES,) * len(SPEED_POOLS),
+)
 
 
 def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyBox]):
@@ -34,9 +42,8 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyB
     np.testing.assert_array_equal(moved(log), [True, False])
     z = np.random.default_rng(0).standard_normal((4, 3))
     provenance = {"recipe": asdict(PRESETS["pace"])}
-    metrics = METRICS | {"loss_mean": 1.0}
     misfit = np.full(4, 0.5)
-    prior = MotorPrior(grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, metrics, misfit=misfit)
+    prior = MotorPrior(grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, METRICS, misfit=misfit)
     found, (mean, std, _) = adapt_to(prior, log), prior.predicted(log)
     np.testing.assert_array_equal(found.mean[1], mean[1])
     np.testing.assert_array_equal(found.covariance[1], std[1] ** 2 * np.eye(3))
@@ -47,5 +54,7 @@ def test_misfit_is_the_width_of_a_motors_residuals_over_the_fleets():
     rng = np.random.default_rng(0)
     errors = rng.uniform(-1e-3, 1e-3, (20_000, 3)) * np.array([1.0, 3.0, 0.5])
     np.testing.assert_allclose(
-        residual_scale(METRICS, errors, np.zeros_like(errors)), [0.9, 2.7, 0.45], rtol=0.03
+        residual_scale(METRICS.residuals, errors, np.zeros_like(errors)),
+        [0.9, 2.7, 0.45],
+        rtol=0.03,
     )

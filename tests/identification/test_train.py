@@ -104,6 +104,6 @@ def test_motors_are_fitted_without_a_term_that_they_do_not_have(
     found = identify(data, MOTORS, 0, selectable_terms=("output_encoder",))
     assert found.recipe.terms == () and isinstance(found.model, GreyBox) and found.model.terms == ()
     assert found.recipe.num_latents == found.model.num_latents == found.mean.shape[1] == 14
-    assert "saved_output_encoder" in found.metrics
+    assert "output_encoder" in found.metrics.saved_loss
     assert np.all(np.isfinite(found.log_var))
     assert found.losses[-1] < 0.05

@@ -19,7 +19,7 @@ def box(grey_box) -> GreyBox:
 
 @pytest.fixture
 def prior(box: GreyBox) -> MotorPrior:
-    return MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {}, {})
+    return MotorPrior(box, np.zeros((3, 3)), np.zeros((3, 3)), "rollout", "pupper_v2", "m", {})
 
 
 def latents(box: GreyBox, *shares: float) -> np.ndarray:

@@ -23,6 +23,7 @@ from motorprior.actuator.constants import (
     plot_response,
 )
 from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import TERMS
@@ -52,9 +53,6 @@ if TYPE_CHECKING:
 _UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "armature": "kg·m²", "time": "s"}
 SIGN = "error = position_target - joint_pos; a positive torque accelerates the joint upwards"
 _REMEDY = "identify it again with this version"
-IDENTIFIED = "identified_"  # prefix of a metric: 1 if the logs identify a constant, else 0
-# prefix of a metric: maximum over the motors of a limit that is not identifiable
-UNIDENTIFIED = "unidentified_"
 # assumed standard deviation of z about the training motor of the same joint: its friction varies by
 # 13 to 17 %
 SAME_JOINT_STD = 0.3
@@ -63,8 +61,6 @@ SAME_JOINT_STD = 0.3
 # (benchmarks/simulated_arms.py)
 MODEL_ERROR = 1.5
 SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
-# metric: number of motors whose logs do not identify the torque scale
-UNKNOWN_TORQUE_SCALE = "unknown_torque_scale"
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
@@ -73,7 +69,7 @@ FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
 }
 _HEADER = Header(
     "motor prior",
-    7,
+    8,
     {
         "units": exactly(_UNITS),
         "sign": exactly(SIGN),
@@ -134,7 +130,7 @@ class MotorPrior(Printable):
     motor: str  # motor model
     # source of the logs (for a bench, its fleet with all distributions), recipe, seed
     provenance: dict[str, Any]
-    metrics: dict[str, float]  # metrics of the training
+    metrics: FitMetrics = field(default_factory=FitMetrics)  # of the fit
     joint_names: tuple[str, ...] = ()  # names of the training motors' joints; none for a bench
     # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     gains: np.ndarray | None = None
@@ -339,11 +335,9 @@ class MotorPrior(Printable):
         mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
-        known = {
-            name: self.metrics.get(f"{IDENTIFIED}{name.removesuffix(PER_LOGGED)}")
-            for name in values
+        identified = {
+            name: self.metrics.identified.get(name.removesuffix(PER_LOGGED)) for name in values
         }
-        identified = {name: None if value is None else value > 0.0 for name, value in known.items()}
         return Constants.of(values, UNITS, identified)
 
     def plot(self) -> Any:
@@ -358,16 +352,19 @@ class MotorPrior(Printable):
         """For people: origin, errors and constants."""
         kinds = ("grey box", "network")
         metrics = self.metrics
-        replayed = f"{1e3 * metrics['replay_rmse']:.1f} mrad" if "replay_rmse" in metrics else ""
+        minutes = ""
+        if metrics.minutes_of_log is not None:
+            minutes = f"{metrics.minutes_of_log:.3g} minutes of motors"
+        replayed = ""
+        if metrics.replay_rmse is not None:
+            replayed = f"{1e3 * metrics.replay_rmse:.1f} mrad"
         facts = {
             "robot": self.robot or "none stated",
             "motor": self.motor,
             "preset": self.preset,
             "model": f"{kinds[not isinstance(self.model, GreyBox)]}, {self.model.num_latents} latents, "
             f"physics steps up to {1e3 * self.model.period:g} ms",
-            "logs": f"{metrics['minutes_of_log']:.3g} minutes of motors"
-            if "minutes_of_log" in metrics
-            else "",
+            "logs": minutes,
             "joints": listed(self.joint_names, 8),
             **dict(line.split(": ", 1) for line in self.spread_notes()),
             "replayed logs, median error": replayed,
@@ -435,7 +432,7 @@ class MotorPrior(Printable):
             robot=self.robot,
             motor=self.motor,
             provenance=self.provenance,
-            metrics=self.metrics,
+            metrics=self.metrics.as_json(),
             joint_names=list(self.joint_names),
             gain_unit=model.gain_unit,
             classes=list(self.classes.names),
@@ -470,9 +467,7 @@ class MotorPrior(Printable):
             from motorprior.actuator.latent import LatentNetwork  # here: few priors are networks
 
             model = LatentNetwork.of(tensors, network, period, copula)
-        texts = {
-            name: header[name] for name in ("preset", "robot", "motor", "provenance", "metrics")
-        }
+        texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance")}
         names = tuple(header["joint_names"])
         gains = tensors.get("gains")
         classes = tuple(header["classes"]), tuple(header["joint_classes"])
@@ -481,6 +476,7 @@ class MotorPrior(Printable):
             tensors["mean"],
             tensors["log_var"],
             **texts,
+            metrics=FitMetrics.from_json(header["metrics"], path),
             joint_names=names,
             gains=gains,
             given_classes=ClassLatents(*classes, tensors["class_mean"], tensors["unseen_std"]),

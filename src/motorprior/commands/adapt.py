@@ -19,7 +19,8 @@ class Adapt:
     """Adapt a prior to a log: the posterior of its motors."""
 
     prior: Path
-    """Prior that `motorprior identify` wrote, of the robot that the log names, or a shipped motor card by name."""
+    """Prior that `motorprior identify` wrote, of the robot that the log names, or a shipped motor
+    card by name."""
     log: Path
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
@@ -29,15 +30,20 @@ class Adapt:
 
 
 def run_adapt(config: Adapt, progress: Progress = SILENT) -> MotorPosterior:
-    """Adapt, unless the folder already contains this posterior, and return it; errors as `adapt`."""
+    """Adapt, unless the folder already contains this posterior, and return it.
+
+    Raises errors as `adapt`.
+    """
     log = replace(read_parquet(config.log), source=str(config.log))
     prior = load_prior(config.prior, log)
-    wanted = description("adapt", asdict(config), [prior_path(config.prior), config.log])
-    if is_finished(config.out, wanted):
+
+    stage = description("adapt", asdict(config), [prior_path(config.prior), config.log])
+    if is_finished(config.out, stage):
         progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
         return MotorPosterior.load(config.out / POSTERIOR, prior)
+
     with locked(config.out):
         posterior = adapt(prior, log, allow_outliers=config.allow_outliers, progress=progress)
-        with working(config.out, wanted):  # only now: an error above leaves the earlier posterior
+        with working(config.out, stage):  # only now: an error above leaves the earlier posterior
             posterior.save(config.out / POSTERIOR)
     return posterior

@@ -1,37 +1,26 @@
-"""Quick report of real logs: models of their motors, fitted in a minute and evaluated on held-out logs."""
+"""Quick report of real logs: models fitted in a minute and evaluated on held-out rows."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
-
-from motorprior.evaluation.splits import excited_in_any, long_segments, split
+from motorprior.evaluation.splits import evenly_spread
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.doctor.signs import gravity_signs
-from motorprior.logs.loads import load_source, require_posture, with_loads
+from motorprior.logs.loads import LoadSource, load_source
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.operations import drop_repeats, resample, smooth_on_grid
-from motorprior.logs.prepare_log import PERIOD, cleaned
-from motorprior.logs.read_log import LogFolder, read_log_folder, reader_of
-from motorprior.progress import SILENT, Progress
+from motorprior.logs.prepare_log import cleaned, prepare_log
+from motorprior.logs.read_log import LogFolder, Recording, read_log_folder, reader_of
+from motorprior.priors.quick_report import report_on_motors, report_on_responses
+from motorprior.progress import SILENT, Note, Progress
 from motorprior.results import Results, read_results
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, working
 
-# training log of all joints for motors, for responses, and maximum per joint [s]; the fit takes
-# most of the minute
-MOTOR_SECONDS = 144.0
-RESPONSE_SECONDS = 72.0
-MAX_SECONDS = 48.0
-TEST_SECONDS = 120.0
-
 
 @dataclass(frozen=True)
 class QuickReport:
-    """Fit models to the motors of real logs, and evaluate them on held-out logs."""
+    """Fit models to the motors of real logs, and evaluate them on held-out rows."""
 
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
     out: Path  # folder for figures.json and traces.png
@@ -44,13 +33,16 @@ class QuickReport:
 
 
 def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Results:
-    """Fit and evaluate, or read the results of the finished stage; errors for an input that cannot be used."""
+    """Fit and evaluate, or read the results of the finished stage.
+
+    Raises errors for an input that cannot be used.
+    """
     robot = load_robot(config.robot)
     folder = read_logs_of(config)
     maps = [Path(config.columns)] if config.columns and config.columns.endswith(".toml") else []
-    wanted = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
-    if not is_finished(config.out, wanted):
-        with working(config.out, wanted):
+    stage = description("real_motors", asdict(config), [*folder.files, *maps, *robot.files])
+    if not is_finished(config.out, stage):
+        with working(config.out, stage):
             _write_report(config, folder, robot, progress)
     return read_results(config.out)
 
@@ -59,89 +51,88 @@ def read_logs_of(config: QuickReport) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given."""
     robot = load_robot(config.robot)
     if config.suspended and robot.base == "fixed":
-        raise ConfigError(
-            f"the base of {robot.name!r} is fixed", remedy="omit suspended", argument="suspended"
-        )
-    unnamed = config.columns is not None and config.robot == DEFAULT_ROBOT
-    found = read_log_folder(config.logs, None if unnamed else robot, config.columns)
-    first = next(iter(found.logs.values())).joint_names
-    for path, (name, log) in zip(found.paths, found.logs.items(), strict=True):
-        if log.joint_names != first:
-            problem = (
-                f"log {name} has joints {', '.join(log.joint_names)}; others {', '.join(first)}"
-            )
+        problem = f"the base of {robot.name!r} is fixed"
+        raise ConfigError(problem, remedy="omit suspended", argument="suspended")
+
+    has_own_joints = config.columns is not None and config.robot == DEFAULT_ROBOT
+    folder = read_log_folder(config.logs, None if has_own_joints else robot, config.columns)
+    first_joints = next(iter(folder.logs.values())).joint_names
+    for name, log in folder.logs.items():
+        if log.joint_names != first_joints:
+            joints = ", ".join(log.joint_names)
+            problem = f"log {name} has joints {joints}; others {', '.join(first_joints)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
-        if config.suspended or (robot.base == "fixed" and first == robot.joint_names):
-            require_posture(log, robot, path)
-    if not excited_in_any(found.logs):
-        problem = f"{', '.join(found.logs)}: no joint is excited"
-        raise LogError(problem, where=config.logs, remedy="record with a moving command")
-    return found
+    return folder
+
+
+def loads_of(config: QuickReport, folder: LogFolder) -> LoadSource:
+    """Where the loads of all logs come from; unknown if they are unknown for one log."""
+    robot = _robot_of(folder, load_robot(config.robot))
+    logs = zip(folder.paths, folder.logs.values(), strict=True)
+    sources = [load_source(log, robot, config.suspended, path) for path, log in logs]
+    for source in sources:
+        if source.name == "unknown":
+            return source
+    if len({source.name for source in sources}) > 1:
+        return LoadSource("unknown", "unknown, only some of the logs contain them")
+    return sources[0]
+
+
+def _robot_of(folder: LogFolder, robot: Robot) -> Robot | None:
+    """The robot if the logs are of its joints, else None."""
+    first = next(iter(folder.logs.values()))
+    return robot if first.joint_names == robot.joint_names else None
 
 
 def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress: Progress) -> None:
-    from motorprior.priors.quick_report import report_with_loads, report_without_loads
     from motorprior.report.sections import write_validation  # here: it imports matplotlib
 
-    first = next(iter(folder.logs.values()))
-    described = robot if first.joint_names == robot.joint_names else None
-    whole, lines = _cleaned(config, folder)
-    prepare, loads = loads_of(config, folder.logs, described)
-    if described is not None:
-        lines += [
-            f"{name}: {each}"
-            for name, log in whole.items()
-            for each in gravity_signs(log, described)
-        ]
-    together = RESPONSE_SECONDS if prepare is None else MOTOR_SECONDS
-    seconds = min(MAX_SECONDS, together / max(1, len(excited_in_any(whole))))
-    logs = split(whole, seconds, TEST_SECONDS).map(prepare or _on_grid)
-    joints = excited_in_any(logs.train)
-    logs = logs.map(lambda log: log.with_joints(joints))
-    if prepare is None:
-        found = report_without_loads(logs, config.seed, progress)
+    recorded_robot = _robot_of(folder, robot)
+    source = loads_of(config, folder)
+    logs, lines = _prepared(config, folder, recorded_robot, source)
+    if source.name == "unknown":
+        lines.append(f"{source}; only responses are fitted, not motors")
+        validation, rule = report_on_responses(logs, config.seed, progress)
     else:
-        found = report_with_loads(logs, described, config.seed, config.out / "prior", progress)
-    write_validation(config.out, found, [*lines, loads, logs.rule])
+        lines.append(str(source))
+        out = config.out / "prior"
+        validation, rule = report_on_motors(logs, recorded_robot, config.seed, out, progress)
+    write_validation(config.out, validation, [*lines, rule])
 
 
-def _cleaned(config: QuickReport, folder: LogFolder) -> tuple[dict[str, MotorLog], list[str]]:
-    """The logs with a new segment after each gap, and lines about what was omitted or assumed."""
-    logs = {}
+def _prepared(
+    config: QuickReport, folder: LogFolder, robot: Robot | None, source: LoadSource
+) -> tuple[dict[str, MotorLog], list[str]]:
+    """The logs that can be used, and lines about what was omitted or assumed.
+
+    With loads they are prepared for a fit of motors, otherwise only cleaned.
+    """
     lines = [f"left out {line}" for line in folder.unreadable]
-    unsteady = None
+    used = evenly_spread(list(folder.logs))
+    if len(used) < len(folder.logs):
+        lines.append(f"{len(used)} of {len(folder.logs)} logs are used")
+
+    logs = {}
+    unusable = None
     for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
+        if name not in used:
+            continue
+        assumption = "" if config.columns else reader_of(path).assumption
+        notes: list[Note] = []
         try:
-            logs[name], notes = cleaned(log, name)
-            texts = [note.text for note in notes]
+            if source.name == "unknown":
+                logs[name], notes = cleaned(log, name)
+            else:
+                recording = Recording(log, Path(name), assumption=assumption)
+                collecting = Progress(notes.append)
+                logs[name] = prepare_log(recording, robot, config.suspended, progress=collecting)
         except LogError as error:
-            unsteady = error
-            texts = [f"{name}: left out {error}"]
-        assumed = "" if config.columns else reader_of(path).assumption
-        lines += [f"{name}: {assumed}"] * bool(assumed) + texts
-    if unsteady and not logs:
-        raise unsteady
+            unusable = error
+            lines.append(f"{name}: left out {error}")
+        if assumption and source.name == "unknown":
+            lines.append(f"{name}: {assumption}")
+        # the source of the loads is stated once, not for every log
+        lines += [note.text for note in notes if note.text != f"{name}: {source}"]
+    if unusable is not None and not logs:
+        raise unusable
     return logs, lines
-
-
-def loads_of(
-    config: QuickReport, logs: dict[str, MotorLog], robot: Robot | None
-) -> tuple[Callable[[MotorLog], MotorLog] | None, str]:
-    """A function that adds loads to a log and resamples it, or None if loads are unknown; and the reason."""
-    sources = [load_source(log, robot, config.suspended, config.logs) for log in logs.values()]
-    names = {source.name for source in sources}
-    if names == {"log"}:
-        return lambda log: resample(log, PERIOD), "loads: from the logs"
-    if names == {"model"} and robot is not None:
-        return lambda log: with_loads(smooth_on_grid(log, PERIOD), robot), str(sources[0])
-    unknown = next((source for source in sources if source.name == "unknown"), sources[0])
-    return None, f"{unknown}; only responses are fitted, not motors"
-
-
-def _on_grid(log: MotorLog) -> MotorLog:
-    """Without segments in which nothing moves, repeated rows and short segments."""
-    keep = np.zeros(log.num_rows, dtype=bool)
-    for part in log.segment_slices():
-        keep[part] = np.ptp(log.joint_pos[part], axis=0).any()
-    kept = long_segments(drop_repeats(log.rows(keep) if keep.any() else log))
-    return resample(log if kept is None else kept, PERIOD)

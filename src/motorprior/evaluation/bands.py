@@ -4,13 +4,13 @@ A sample of a band is a motor with z from the posterior, simulated in closed loo
 of the prior (`sample_residuals`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from motorprior.actuator.fit_metrics import RESIDUAL_LEVELS, FitMetrics
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.evaluation.reference import GROWTH, GROWTH_STD, SPEEDS, percentile_names, speed_pool
-from motorprior.evaluation.reference import LEVELS as PERCENTILES
+from motorprior.evaluation.reference import speed_pool
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.windows import VEL
@@ -29,10 +29,10 @@ def zero_shot(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
 
 
 def band(samples: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper edge (...,) of the central ``level`` % prediction interval of samples (D, ...).
+    """Lower and upper edge (...,) of a central prediction interval of samples (D, ...).
 
-    Weibull's plotting positions p·(D + 1) make it exact. The usual positions p·(D - 1) + 1 cover 86
-    %, not 90 %.
+    The interval covers ``level`` % of new samples. Weibull's plotting positions p·(D + 1) make this
+    exact. The usual positions p·(D - 1) + 1 cover 86 %, not 90 %.
     """
     low, high = np.percentile(samples, [50 - level / 2, 50 + level / 2], axis=0, method="weibull")
     return low, high
@@ -56,32 +56,34 @@ def latent_samples(posterior: LatentPosterior, rng: np.random.Generator) -> Iter
 
 
 def sample_residual_scale(
-    metrics: Mapping[str, float], misfit: np.ndarray, rng: np.random.Generator
+    metrics: FitMetrics, misfit: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """(M,) sampled factors on the residuals of motors with this ``misfit`` (M,) or (1,) on other rows."""
-    std = metrics.get(GROWTH_STD, 0.0)
-    return misfit * metrics.get(GROWTH, 1.0) * np.exp(std * rng.standard_normal(len(misfit)))
+    """(M,) sampled factors on the residuals of motors on rows that they were not fitted to.
+
+    ``misfit``, (M,) or (1,), are the factors on the rows of the fit.
+    """
+    log_scale = metrics.residual_growth_std * rng.standard_normal(len(misfit))
+    return misfit * metrics.residual_growth * np.exp(log_scale)
 
 
 def sample_residuals(
-    metrics: Mapping[str, float], rng: np.random.Generator, joint_vel: np.ndarray
+    metrics: FitMetrics, rng: np.random.Generator, joint_vel: np.ndarray
 ) -> np.ndarray:
-    """Sample residuals [rad] for simulated velocities [rad/s] of any shape, from the percentiles of their pools.
+    """Sample residuals [rad] for simulated velocities [rad/s] of any shape.
 
-    The quantile function is linear between percentiles, and extrapolated by one interval at both
-    ends.
+    They have the percentiles of the speed pool of their velocity. The quantile function is linear
+    between percentiles, and extrapolated by one interval at both ends.
     """
     pool = speed_pool(joint_vel)
     quantile = rng.uniform(0, 100, joint_vel.shape)
     residuals = np.zeros(joint_vel.shape)
-    for index, name in enumerate(SPEEDS):
-        values = np.array([metrics[percentile] for percentile in percentile_names(name)])
+    for index, values in enumerate(metrics.residuals):
         low = 2 * values[0] - values[1]
         high = 2 * values[-1] - values[-2]
 
         in_pool = pool == index
         residuals[in_pool] = np.interp(
-            quantile[in_pool], [0, *PERCENTILES, 100], [low, *values, high]
+            quantile[in_pool], [0, *RESIDUAL_LEVELS, 100], [low, *values, high]
         )
     return residuals
 

@@ -4,9 +4,9 @@ All models simulate the joints from recorded commands and loads, without feedbac
 motion. Errors are simulated minus recorded angles, the latter smoothed where readings are noisy
 (`smoothing`); no mean is removed.
 
-    free run    starts from the recorded joint and from the hidden state of a simulation that followed the recording
-                until then (`window_runs`): over 1 s, or over a whole segment after the warm-up at
-                its beginning
+    free run    starts from the recorded joint and from the hidden state of a simulation that
+                followed the recording until then (`window_runs`): over 1 s, or over a whole segment
+                after the warm-up at its beginning
     replay      starts from the first row of a segment with a static rotor (`dynamometer.run`)
 """
 
@@ -60,56 +60,66 @@ def capped(errors: np.ndarray, limit: np.ndarray | float = MAX_ERROR) -> np.ndar
 
 
 def summary(errors: Mapping[str, float]) -> tuple[str, str, str]:
-    """Median, mean and maximum [mrad]."""
+    """Median, mean and maximum of errors [rad] as texts [mrad]; the maximum with its name."""
     values = np.array(list(errors.values()))
-    statistics = (np.median(values), np.mean(values), np.max(values))
-    median, mean, maximum = (
-        f"{1e3 * each:.1f}" if each < MAX_ERROR else "diverged" for each in statistics
-    )
-    return median, mean, f"{maximum} ({list(errors)[int(values.argmax())]})"
+    name_of_maximum = list(errors)[int(values.argmax())]
+    maximum = _milli(np.max(values))
+    return _milli(np.median(values)), _milli(np.mean(values)), f"{maximum} ({name_of_maximum})"
+
+
+def _milli(error: np.floating) -> str:
+    """An error [rad] in mrad."""
+    return f"{1e3 * error:.1f}" if error < MAX_ERROR else "diverged"
 
 
 def replay_errors(
     motors: MotorsOnLoads, log: MotorLog, nominal: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Replay at most _MAX_SEGMENTS segments of a log with known loads, at their gains and under their conditions.
+    """Replay at most _MAX_SEGMENTS segments of a log with known loads.
 
-    ``nominal`` are the conditions of the motors' recipe. Returns recorded - simulated angles [rad],
-    both read by the same encoder, and velocities of the simulated joints [rad/s], each (steps of
-    all segments, M).
+    The motors have the gains and the operating conditions of each segment; ``nominal`` are the
+    operating conditions of their recipe.
+
+    Returns:
+        Recorded minus simulated angles [rad], both read by the same encoder, and velocities of the
+        simulated joints [rad/s], each (steps of all segments, M).
     """
-    parts = log.segment_slices()
+    segments = log.segment_slices()
     work = seconds_since_cold(log)
-    chosen = np.linspace(0, len(parts) - 1, min(_MAX_SEGMENTS, len(parts))).round().astype(int)
+    count = min(_MAX_SEGMENTS, len(segments))
+    replayed = np.linspace(0, len(segments) - 1, count).round().astype(int)
+
     errors = []
     velocities = []
-    for rows in (parts[index] for index in chosen):
-        part = log.rows(rows)
-        case = trial_of(part)
-        recorded = part.joint_pos
-        simulated = run(_at_segment(motors, part, nominal, float(np.median(work[rows]))), case)
-        errors.append(
-            recorded - (simulated.encoder_pos if log.encoder == "rotor" else simulated.joint_pos)
-        )
-        velocities.append(simulated.joint_vel)
+    for index in replayed:
+        rows = segments[index]
+        segment = log.rows(rows)
+        actuator = _at_segment(motors, segment, nominal, float(np.median(work[rows])))
+        response = run(actuator, trial_of(segment))
+        simulated = response.encoder_pos if log.encoder == "rotor" else response.joint_pos
+        errors.append(segment.joint_pos - simulated)
+        velocities.append(response.joint_vel)
     return np.concatenate(errors), np.concatenate(velocities)
 
 
 def _at_segment(
-    motors: MotorsOnLoads, part: MotorLog, nominal: Mapping[str, float], seconds: float
+    motors: MotorsOnLoads, segment: MotorLog, nominal: Mapping[str, float], seconds: float
 ) -> Actuator:
-    """The motors at the gains and under the conditions of a segment, ``seconds`` after a cold start."""
-    gains = part.gains
+    """The motors at the gains and operating conditions of a segment.
+
+    The segment was recorded ``seconds`` after a cold start.
+    """
+    gains = segment.gains
     if isinstance(motors, GainScaledPd):
         return motors.pd if gains is None else motors.at(gains)
     if not isinstance(motors, GreyBoxActuator):
         return motors
-    conditions = OperatingConditions(
-        motors.model.warmth(motors.z, seconds), *relative_operating_conditions(part, nominal)
-    )
-    return replace(
-        motors, conditions=conditions, gains=gains if motors.model.gain_unit else motors.gains
-    )
+
+    warmth = motors.model.warmth(motors.z, seconds)
+    conditions = OperatingConditions(warmth, *relative_operating_conditions(segment, nominal))
+    if not motors.model.gain_unit:
+        gains = motors.gains
+    return replace(motors, conditions=conditions, gains=gains)
 
 
 @dataclass(frozen=True)
@@ -122,35 +132,45 @@ class LogErrors:
 
     def unexplained(self, model: str) -> np.ndarray:
         """(J,) √(max(e² - ENCODER_ERROR², 0)) / e_PD with the mean errors e over the logs [-]."""
-        errors = (self.models[name] for name in (model, TUNED_PD))
-        with np.errstate(invalid="ignore"):  # NaN for joints that are not excited in any log
-            error, baseline = (
-                np.nansum(each, axis=0) / np.isfinite(each).sum(axis=0) for each in errors
-            )
-        return np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0)) / np.maximum(baseline, 1e-9)
+        error = self._mean_over_logs(model)
+        pd_error = self._mean_over_logs(TUNED_PD)
+        remaining = np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0))
+        return remaining / np.maximum(pd_error, 1e-9)
+
+    def _mean_over_logs(self, model: str) -> np.ndarray:
+        """(J,) mean error [rad]; NaN for joints that are not excited in any log."""
+        errors = self.models[model]
+        with np.errstate(invalid="ignore"):
+            return np.nansum(errors, axis=0) / np.isfinite(errors).sum(axis=0)
 
     def warnings(self, model: str) -> list[str]:
-        """Warnings of simpler models with less error, and of joints where too much of the tuned PD's error remains."""
+        """Warnings of simpler models with less error, and of joints with a large remaining error.
+
+        The error of the model remains if it is a large share of the tuned PD's.
+        """
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
         remedy = "try preset long_runs, another seed or longer logs"
-        lines = [
-            f"{name} replays {logs} better than {model}: {mean[name]:.2f} instead of {mean[model]:.2f} mrad "
-            f"-> do not use this model; {remedy}"
-            for name in SIMPLER
-            if mean.get(name, np.inf) < mean[model]
-        ]
+        warnings = []
+        for name in SIMPLER:
+            if mean.get(name, np.inf) < mean[model]:
+                errors = f"{mean[name]:.2f} instead of {mean[model]:.2f} mrad"
+                warnings.append(
+                    f"{name} replays {logs} better than {model}: {errors} -> do not use this "
+                    f"model; {remedy}"
+                )
+
         share = self.unexplained(model)
-        if (large := np.flatnonzero(share > MAX_UNEXPLAINED)).size:
-            named = listed(
-                [f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large], 10
+        large = np.flatnonzero(share > MAX_UNEXPLAINED)
+        if large.size:
+            joints = [f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large]
+            warnings.append(
+                f"more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
+                f"{logs}: {listed(joints, 10)}. The model lacks physics of these motors, they "
+                "differ from the prior's, or the fit did not converge -> do not interpret their "
+                f"constants; {remedy}"
             )
-            lines.append(
-                f"more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on {logs}: {named}. "
-                "The model lacks physics of these motors, they differ from the prior's, or the fit did not converge -> "
-                f"do not interpret their constants; {remedy}"
-            )
-        return lines
+        return warnings
 
 
 def evaluate_replay(
@@ -160,25 +180,23 @@ def evaluate_replay(
     recipe: Recipe,
     progress: Progress,
 ) -> LogErrors:
-    """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to; notes state them.
+    """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to.
 
-    ``tuned`` is a PD that was tuned to the log; it is tuned here if not given.
+    The errors and their warnings are reported. ``tuned`` is a PD that was tuned to the log; it is
+    tuned here if not given.
     """
     models = {PRIOR: motors, TUNED_PD: tuned or fitted_tuned_pd(log, progress)}
-    errors = {
-        name: capped(rms(replay_errors(model, log, recipe.nominal_conditions)[0], axis=0))[None]
-        for name, model in models.items()
-    }
+    errors = {}
+    texts = []
+    for name, model in models.items():
+        differences, _ = replay_errors(model, log, recipe.nominal_conditions)
+        by_joint = capped(rms(differences, axis=0))
+        errors[name] = by_joint[None]
+        median, mean, maximum = summary(dict(zip(log.joint_names, by_joint, strict=True)))
+        texts.append(f"{name} median {median}, mean {mean}, max {maximum}")
+
+    progress.note(f"replayed log, joint RMSE [mrad]: {'; '.join(texts)}")
     replayed = LogErrors((log.source,), log.joint_names, errors)
-    found = (
-        (name, *summary(dict(zip(log.joint_names, values[0], strict=True))))
-        for name, values in errors.items()
-    )
-    lines = [
-        f"{name} median {median}, mean {mean}, max {maximum}"
-        for name, median, mean, maximum in found
-    ]
-    progress.note(f"replayed log, joint RMSE [mrad]: {'; '.join(lines)}")
     for warning in replayed.warnings(PRIOR):
         progress.warn(warning)
     return replayed
@@ -187,11 +205,13 @@ def evaluate_replay(
 def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
     """Notes on static joints, and on operating conditions that the recipe was not fitted to."""
     notes = []
-    if static := static_joints(log):
+    static = static_joints(log)
+    if static:
         remedy = "exclude these joints, or record them in motion"
         names = ", ".join(static)
         text = f"did not move: {names}; their constants are not identifiable -> {remedy}"
         notes.append(Note("warning", text))
+
     for name, lowest, nominal, highest in recipe.operating_conditions:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:

@@ -1,4 +1,4 @@
-"""Evaluation of models in free runs over logs: errors with their tables, warnings, and traces of two joints."""
+"""Evaluation of models in free runs over logs: errors, warnings, and traces of two joints."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,39 +31,47 @@ MEAN: Statistics = MappingProxyType({None: np.nanmean})
 MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": np.nanmean})
 FREE_RUN = "free_run"
 WHOLE_RUN = "whole_run"
-DURATION = 1.0  # of a FREE_RUN [s]
+DURATION = 1.0  # of a free run of FREE_RUN [s]
 # models of a log's motors: on its loads, or responses that need no loads
 MotorModel: TypeAlias = MotorsOnLoads | ResponseMotors
 
 
-def free_runs(log: MotorLog, preset: Recipe) -> dict[str, list[WindowRuns]]:
-    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN); raises as `training_data`."""
-    window = round(DURATION / preset.period)
-    short = replace(window_runs.with_gains_of(preset, log), objective="rollout", window=window)
+def free_runs(log: MotorLog, recipe: Recipe) -> dict[str, list[WindowRuns]]:
+    """A log as free runs of DURATION (FREE_RUN) and of whole segments (WHOLE_RUN).
+
+    Raises errors as `training_data`.
+    """
+    window = round(DURATION / recipe.period)
+    recipe_of_gains = window_runs.with_gains_of(recipe, log)
+    short = replace(recipe_of_gains, objective="rollout", window=window)
     return {
         FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
-        WHOLE_RUN: whole_runs(log, preset),
+        WHOLE_RUN: whole_runs(log, recipe),
     }
 
 
 def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
     """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
-    return (
-        motors.errors(runs)
-        if isinstance(motors, ResponseMotors)
-        else POSITION_SCALE * runs.errors(motors)[:, :, 0]
-    )
+    if isinstance(motors, ResponseMotors):
+        return motors.errors(runs)
+    return POSITION_SCALE * runs.errors(motors)[:, :, 0]
 
 
 def free_run_errors(
     runs: Sequence[WindowRuns], models: Mapping[str, MotorModel]
 ) -> dict[str, np.ndarray]:
-    """(M,) root mean square error [rad] of each model of the log's M motors over all samples, `capped`."""
-    found = {}
+    """(M,) root-mean-square error [rad] of each model of the log's M motors, `capped`.
+
+    The mean is over all samples of the runs.
+    """
+    errors = {}
     for name, motors in models.items():
-        parts = [angle_errors(one, motors).reshape(one.num_motors, -1) for one in runs]
-        found[name] = capped(rms(np.concatenate(parts, axis=1, dtype=np.float64), axis=1))
-    return found
+        samples = []
+        for windows in runs:
+            samples.append(angle_errors(windows, motors).reshape(windows.num_motors, -1))
+        all_samples = np.concatenate(samples, axis=1, dtype=np.float64)
+        errors[name] = capped(rms(all_samples, axis=1))
+    return errors
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ class Trace:
 
 @dataclass(frozen=True, repr=False)
 class Validation(Printable):
-    """Errors, and traces of two joints."""
+    """Errors of models on logs, and traces of two joints."""
 
     results: Results
     traces: list[Trace]
@@ -89,29 +97,44 @@ class Validation(Printable):
 
     def overview(self) -> Overview:
         """Errors of every model over the joints."""
-        by_joint = [row.quantity for row in self.results if row.part is not None]
-        titles = {quantity: quantity.removesuffix("_rmse") for quantity in by_joint}
-        facts = {"warnings": f"{len(self.warnings)}, see `warnings`" if self.warnings else ""}
-        return Overview("joint RMSE [mrad] of free runs", facts, *error_table(self.results, titles))
+        titles = {}
+        for row in self.results:
+            if row.part is not None:
+                titles[row.quantity] = row.quantity.removesuffix("_rmse")
+        facts = {}
+        if self.warnings:
+            facts["warnings"] = f"{len(self.warnings)}, see `warnings`"
+        columns, rows = error_table(self.results, titles)
+        return Overview("joint RMSE [mrad] of free runs", facts, columns, rows)
 
 
 def log_errors(
     logs: Mapping[str, MotorLog], errors: Sequence[Mapping[str, np.ndarray]]
 ) -> LogErrors:
     """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
-    tables = {name: np.stack([found[name] for found in errors]) for name in errors[0]}
+    tables = {}
+    for model in errors[0]:
+        tables[model] = np.stack([of_log[model] for of_log in errors])
+
     for row, log in enumerate(logs.values()):
         static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
         for table in tables.values():
             table[row, static] = np.nan
-    return LogErrors(tuple(logs), next(iter(logs.values())).joint_names, tables)
+    joint_names = next(iter(logs.values())).joint_names
+    return LogErrors(tuple(logs), joint_names, tables)
 
 
 def median_and_max(values: np.ndarray) -> list[tuple[int, int]]:
-    """Log and joint of the median and of the maximum of errors (L, J); once if they are the same."""
-    order = np.argsort(values, axis=None)[: int(np.isfinite(values).sum())]  # NaN is last
-    places = [np.unravel_index(order[rank], values.shape) for rank in (len(order) // 2, -1)]
-    return list(dict.fromkeys((int(log), int(joint)) for log, joint in places))
+    """Log and joint of the median and the maximum of errors (L, J), once if they are the same."""
+    num_finite = int(np.isfinite(values).sum())
+    order = np.argsort(values, axis=None)[:num_finite]  # NaN is last
+    places = []
+    for index in (order[len(order) // 2], order[-1]):
+        log, joint = np.unravel_index(index, values.shape)
+        place = (int(log), int(joint))
+        if place not in places:
+            places.append(place)
+    return places
 
 
 def validation_of(
@@ -123,36 +146,54 @@ def validation_of(
     statistics: Statistics = MEAN,
     failed: Collection[str] = (),
 ) -> Validation:
-    """Errors of models of the motors of some joints in free runs over their test logs.
+    """Free-run errors of several models on test logs.
 
-    ``runs`` are by quantity and log; the last quantity is that of whole segments. Warnings are
-    about ``main_model``, if there is a tuned PD; traces are of the ``plotted`` models, in the
-    longest runs of the joints with its median and maximum error. The ``statistics`` are over joints
-    and logs. The errors of ``failed`` models, which were not fitted, are MAX_ERROR.
+    Args:
+        logs: the test logs, by name, all of the same joints.
+        runs: quantity -> log -> its free runs. The last quantity is that of whole segments.
+        models: by name, of the motors of the logs' joints.
+        main_model: the warnings are about this model, if there is a tuned PD. The traces are of the
+            joints with its median and maximum error, in the longest run.
+        plotted: names of the models in the traces.
+        statistics: over joints and logs.
+        failed: names of models that could not be fitted; their errors are MAX_ERROR.
     """
+    num_joints = next(iter(logs.values())).num_joints
+    failures = dict.fromkeys(failed, np.full(num_joints, MAX_ERROR))
     errors = {}
-    for quantity, of_logs in runs.items():
-        found = [free_run_errors(of_logs[name], models) for name in logs]
-        failures = dict.fromkeys(failed, np.full(next(iter(logs.values())).num_joints, MAX_ERROR))
-        errors[quantity] = log_errors(logs, [each | failures for each in found])
-    whole = list(errors.values())[-1]
-    whole_runs_of = list(runs.values())[-1]
-    results = sum(
-        (error_results(each, quantity, statistics) for quantity, each in errors.items()), Results()
-    )
+    results = Results()
+    for quantity, runs_of_logs in runs.items():
+        of_logs = [free_run_errors(runs_of_logs[name], models) | failures for name in logs]
+        errors[quantity] = log_errors(logs, of_logs)
+        results += error_results(errors[quantity], quantity, statistics)
+
+    last_quantity = list(runs)[-1]
+    whole = errors[last_quantity]
     warnings = whole.warnings(main_model) if TUNED_PD in models else []
     traces = []
     for log, joint in median_and_max(whole.models[main_model]):
         name = whole.logs[log]
-        longest_run = max(whole_runs_of[name], key=lambda run: run.recipe.window)
-        time, target, measured = (
-            longest_run.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS)
-        )
-        simulated = {
-            key: measured + angle_errors(longest_run, models[key])[joint, 0] for key in plotted
-        }
-        traces.append(Trace(name, whole.joints[joint], time, target, measured, simulated))
+        longest_run = max(runs[last_quantity][name], key=lambda windows: windows.recipe.window)
+        traces.append(_trace(name, whole.joints[joint], longest_run, joint, models, plotted))
     return Validation(results, traces, warnings)
+
+
+def _trace(
+    log_name: str,
+    joint_name: str,
+    runs: WindowRuns,
+    joint: int,
+    models: Mapping[str, MotorModel],
+    plotted: Collection[str],
+) -> Trace:
+    """Trace of one joint in the first window of the runs."""
+    time, target, measured = (
+        runs.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS)
+    )
+    simulated = {}
+    for model in plotted:
+        simulated[model] = measured + angle_errors(runs, models[model])[joint, 0]
+    return Trace(log_name, joint_name, time, target, measured, simulated)
 
 
 def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEAN) -> Results:
@@ -160,23 +201,21 @@ def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEA
     rows = []
     for model, values in errors.models.items():
         for statistic, function in statistics.items():
-            rows.append(
-                Result(quantity, "rad", float(function(values)), model, statistic=statistic)
-            )
-        for column, names, table in (
-            ("part", errors.joints, values.T),
-            ("log", errors.logs, values),
-        ):
-            rows += [
-                replace(Result(quantity, "rad", float(np.nanmean(row)), model), **{column: name})
-                for name, row in zip(names, table, strict=True)
-                if np.isfinite(row).any()
-            ]
+            value = float(function(values))
+            rows.append(Result(quantity, "rad", value, model, statistic=statistic))
+        for joint, of_logs in zip(errors.joints, values.T, strict=True):
+            if np.isfinite(of_logs).any():
+                value = float(np.nanmean(of_logs))
+                rows.append(Result(quantity, "rad", value, model, part=joint))
+        for log, of_joints in zip(errors.logs, values, strict=True):
+            if np.isfinite(of_joints).any():
+                value = float(np.nanmean(of_joints))
+                rows.append(Result(quantity, "rad", value, model, log=log))
     return Results(rows)
 
 
 def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, float]]:
-    """Model -> joint -> RMSE [rad]."""
+    """Model -> joint -> root-mean-square error [rad]."""
     errors: dict[str, dict[str, float]] = {}
     for row in results.where(quantity=quantity, log=None):
         if row.model is not None and row.part is not None:
@@ -187,12 +226,15 @@ def errors_by_joint(results: Results, quantity: str) -> dict[str, dict[str, floa
 def error_table(
     results: Results, quantities: Mapping[str, str]
 ) -> tuple[list[str], list[list[str]]]:
-    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity, by its title."""
-    columns = [
-        f"{title}, {name}" for title in quantities.values() for name in ("median", "mean", "max")
-    ]
+    """Columns and a row per model: median, mean and maximum over joints [mrad] of each quantity.
+
+    ``quantities`` are their titles by name.
+    """
+    columns = ["model"]
+    for title in quantities.values():
+        columns += [f"{title}, {statistic}" for statistic in ("median", "mean", "max")]
     rows: dict[str, list[str]] = {}
     for quantity in quantities:
         for model, errors in errors_by_joint(results, quantity).items():
             rows.setdefault(model, [model]).extend(summary(errors))
-    return ["model", *columns], list(rows.values())
+    return columns, list(rows.values())

@@ -17,7 +17,7 @@ from motorprior.exports.exporter import Exporter, Request
 
 PAGE = "README.md"
 PICTURE = "behaviour.png"
-_SHOWN_METRICS = ("replay_rmse", "minutes_of_log")  # metrics of the fit in the front matter
+_SHOWN_METRICS = ("minutes_of_log", "replay_rmse")  # metrics of the fit in the front matter
 
 FrontMatter = Mapping[str, str | float]
 
@@ -89,8 +89,9 @@ def _front_matter(prior: MotorPrior, about: FrontMatter) -> dict[str, str | floa
         "gains": f"multiples of the logged gains [{gain_unit}]" if gain_unit else "absolute",
         "period_s": prior.model.period,
     }
-    for name, value in prior.metrics.items():
-        if name in _SHOWN_METRICS:
+    for name in _SHOWN_METRICS:
+        value = getattr(prior.metrics, name)
+        if value is not None:
             front_matter[name] = value
     return front_matter | dict(about)
 

@@ -2,14 +2,10 @@
 
 import numpy as np
 
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import (
-    IDENTIFIED,
-    UNIDENTIFIED,
-    UNKNOWN_TORQUE_SCALE,
-    limit_text,
-)
+from motorprior.actuator.motor_prior import limit_text
 from motorprior.actuator.optional_terms import SIGNED
 from motorprior.exceptions import listed
 from motorprior.identification.physics import motor_problem
@@ -44,17 +40,13 @@ def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
     return notes
 
 
-def notes_on_identifiability(
-    model: GreyBox,
-    z: np.ndarray,
-    runs: WindowRuns,
-    joint_names: tuple[str, ...],
-    metrics: dict[str, float],
-) -> list[Note]:
-    """Warnings of constants, limits and a scale of torques that the logs do not identify.
+def identifiability(
+    model: GreyBox, z: np.ndarray, runs: WindowRuns, joint_names: tuple[str, ...]
+) -> tuple[FitMetrics, list[Note]]:
+    """What the logs identify, and warnings of what they do not.
 
-    The same is added to ``metrics``. ``z`` (M, Z) are the latents of the motors, and ``runs`` their
-    logs.
+    They are about constants, limits and the scale of torques. ``z`` (M, Z) are the latents of the
+    motors, and ``runs`` their logs.
     """
 
     def warning(is_hidden: np.ndarray, unidentified: str) -> Note:
@@ -70,8 +62,7 @@ def notes_on_identifiability(
     constants = parameters_of(model.terms)
     positive = [name for name in constants if name not in SIGNED]
     identifiable = motor_problem.identifiable_constants(model, runs, z, positive)
-    for name in positive:
-        metrics[f"{IDENTIFIED}{name}"] = float(name in identifiable)
+    identified = {name: name in identifiable for name in positive}
 
     notes = []
     is_free = ~motor_problem.fixed_constants(model.terms, runs)
@@ -81,18 +72,23 @@ def notes_on_identifiability(
             text = f"{name}: it is at the bound of the search -> do not interpret it"
             notes.append(warning(is_hidden, text))
 
+    limits = {}
     for name, is_hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
-        value = float(model.constants(z)[name][is_hidden].max())
-        metrics[f"{UNIDENTIFIED}{name}"] = value
-        text = f"the fitted {limit_text(name, value)}; policies may over-rely on it"
+        limits[name] = float(model.constants(z)[name][is_hidden].max())
+        text = f"the fitted {limit_text(name, limits[name])}; policies may over-rely on it"
         notes.append(warning(is_hidden, text))
 
     is_hidden = motor_problem.unknown_torque_scale(model, runs, z)
     if is_hidden.any():
-        metrics[UNKNOWN_TORQUE_SCALE] = float(is_hidden.sum())
         text = (
             "the scale of torques; only ratios of kp, torque limit, armature and friction are "
             "physical -> log kp in N·m/rad, or motions under larger loads"
         )
         notes.append(warning(is_hidden, text))
-    return notes
+
+    metrics = FitMetrics(
+        identified=identified,
+        unidentified_limits=limits,
+        unknown_torque_scales=int(is_hidden.sum()),
+    )
+    return metrics, notes

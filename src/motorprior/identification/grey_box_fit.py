@@ -12,11 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from motorprior.actuator.geared_motor_step import parameters_of
-from motorprior.actuator.motor_prior import IDENTIFIED
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.checkpoint import Arrays, Checkpoint
-from motorprior.identification.fit_notes import notes_on_identifiability, notes_on_terms
+from motorprior.identification.fit_notes import identifiability, notes_on_terms
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
 from motorprior.identification.physics.motor_fit import MotorFits
@@ -60,10 +59,11 @@ def fit_grey_boxes(
         z = refinement.refined(model, z, longer, recipe.grey_boxes == "together")
     z = refinement.with_stiff_gears(model, z, longer)
 
-    metrics = {f"saved_{name}": share for name, share in selection.saved.items()}
     tried = bool(selection.saved)
     notes = notes_on_terms(recipe, tried)
-    notes += notes_on_identifiability(model, z, longer, data.joint_names, metrics)
+    metrics, warnings = identifiability(model, z, longer, data.joint_names)
+    metrics = replace(metrics, saved_loss=selection.saved)
+    notes += warnings
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
     result = TrainingResult(model, z, np.zeros_like(z), recipe, losses, metrics, tuple(notes))
 
@@ -72,7 +72,7 @@ def fit_grey_boxes(
     is_hidden_limit = []
     for name in parameters_of(fits.terms):
         is_limit = name in motor_problem.LIMITS
-        is_hidden_limit.append(is_limit and not metrics[f"{IDENTIFIED}{name}"])
+        is_hidden_limit.append(is_limit and not metrics.identified[name])
     min_std = np.where((assumed > 0.0) & is_hidden_limit, UNIDENTIFIED_LIMIT_STD, 0.0)
     return result, assumed, min_std
 

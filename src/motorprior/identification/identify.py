@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.identification.checkpoint import Checkpoint, unsaved
 from motorprior.identification.grey_box_fit import WORK, fit_grey_boxes
@@ -53,7 +54,7 @@ def identify(
         from motorprior.identification.networks.descent import train_network  # here: it imports JAX
 
         model, mean, log_var, losses = train_network(data, recipe, seed, report)
-        result = TrainingResult(model, mean, log_var, recipe, losses, {}, ())
+        result = TrainingResult(model, mean, log_var, recipe, losses, FitMetrics(), ())
     if not recipe.standardise:
         return result
 

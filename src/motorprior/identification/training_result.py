@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.class_latents import ClassLatents
+from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.presets import Recipe
 from motorprior.progress import Note
@@ -24,9 +25,8 @@ class TrainingResult:
     recipe: Recipe
     # means of every `descent.CHUNK` steps, or of the finished fits on the recipe's own windows
     losses: np.ndarray
-    # ``saved_TERM``: share of the held-out loss that a term saved; ``unidentified_LIMIT``,
-    # ``unknown_torque_scale``: see `motor_prior`
-    metrics: dict[str, float]
+    # of grey boxes: what their logs identify, and the loss that tried terms save
+    metrics: FitMetrics
     notes: tuple[Note, ...]
     # joint classes of the prior; None: one class
     classes: ClassLatents | None = None

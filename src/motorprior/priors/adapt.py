@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from motorprior.actuator.fit_metrics import LossStatistics
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior, kp_ratio
@@ -11,7 +12,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.evaluation.errors import evaluate_replay, notes_on_log, replay_errors
 from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
-from motorprior.evaluation.reference import WITHOUT_TORQUE, residual_scale, windows_per_block
+from motorprior.evaluation.reference import residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import Recipe, recipe_of
@@ -61,128 +62,181 @@ def adapt(
     log = checked(log, where=log.source)
     require_adaptable(prior, log)
     note_training_log(prior, log, progress)
+
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
-        found = adapt_to(prior, log)
-        p_values, reasons = outlier_test(prior, log, found)
+        posterior = adapt_to(prior, log)
+        p_values, reasons = outlier_test(prior, log, posterior)
         task.advance()
-    if named := [
-        f"{name}: {reason}" for name, reason in zip(log.joint_names, reasons, strict=True) if reason
-    ]:
-        problem = f"outliers of the prior's fleet (p < {FALSE_ALARMS / log.num_joints:.2g}): {listed(named, 5)}"
-        if not allow_outliers:
-            remedy = "check the log with `motorprior logs check`, train a prior on such motors, or set allow_outliers"
-            raise LogError(problem, where=log.source, argument="allow_outliers", remedy=remedy)
-        progress.warn(problem)
+
+    _report_outliers(log, reasons, allow_outliers, progress)
     if progress is not SILENT:  # tuning a PD to compare with takes time
-        recipe = recipe_of(prior)
-        for note in notes_on_log(log, recipe):
-            progress.report(note)
-        if isinstance(prior.model, GreyBox):
-            evaluate_replay(prior.model.motors(found.mean), None, log, recipe, progress)
-        if advice := advice_on_weak_motors(prior, log.joint_names, found.mean):
-            progress.note(advice)
+        _report_fit(prior, log, posterior, progress)
+
     gains = log.gains if prior.model.gain_unit else None
-    p_value = tuple(p_values.tolist())
     return MotorPosterior(
-        prior, found.mean, found.covariance, log.joint_names, log.duration, p_value, gains
+        prior,
+        posterior.mean,
+        posterior.covariance,
+        log.joint_names,
+        log.duration,
+        tuple(p_values.tolist()),
+        gains,
     )
+
+
+def _report_outliers(
+    log: MotorLog, reasons: list[str], allow_outliers: bool, progress: Progress
+) -> None:
+    """Warn about outliers, with the reason of each; LogError unless they are allowed."""
+    by_joint = zip(log.joint_names, reasons, strict=True)
+    outlying = [f"{name}: {reason}" for name, reason in by_joint if reason]
+    if not outlying:
+        return
+    level = FALSE_ALARMS / log.num_joints
+    problem = f"outliers of the prior's fleet (p < {level:.2g}): {listed(outlying, 5)}"
+    if not allow_outliers:
+        remedy = (
+            "check the log with `motorprior logs check`, train a prior on such motors, or set "
+            "allow_outliers"
+        )
+        raise LogError(problem, where=log.source, argument="allow_outliers", remedy=remedy)
+    progress.warn(problem)
+
+
+def _report_fit(
+    prior: MotorPrior, log: MotorLog, posterior: LatentPosterior, progress: Progress
+) -> None:
+    """Report doubts about the log, the motors' errors on it, and weak motors."""
+    recipe = recipe_of(prior)
+    for note in notes_on_log(log, recipe):
+        progress.report(note)
+    if isinstance(prior.model, GreyBox):
+        evaluate_replay(prior.model.motors(posterior.mean), None, log, recipe, progress)
+    advice = advice_on_weak_motors(prior, log.joint_names, posterior.mean)
+    if advice:
+        progress.note(advice)
 
 
 def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
-    """Posterior of every motor of the log; that of one that did not move is the prior. Raises `LogError` as `adapt`."""
-    preset, data, temperature, _ = _prepared(prior, log)
+    """Posterior of every motor of the log; a motor that did not move keeps its prior.
+
+    Raises `LogError` as `adapt`.
+    """
+    recipe, data, losses = _prepared(prior, log)
     mean, std, misfit = prior.predicted(log)
-    found = fit_posterior(prior.model, data, preset, temperature, prior=(mean, std))
-    still = ~moved(log)
-    found.mean[still] = mean[still]
-    found.covariance[still] = std[still, :, None] ** 2 * np.eye(mean.shape[1])
+    posterior = fit_posterior(prior.model, data, recipe, losses.mean, prior=(mean, std))
+
+    static = ~moved(log)
+    posterior.mean[static] = mean[static]
+    posterior.covariance[static] = std[static, :, None] ** 2 * np.eye(mean.shape[1])
     if not isinstance(prior.model, GreyBox):
-        return found
-    motors = prior.model.motors(found.mean)
-    nominal = recipe_of(prior).nominal_conditions
-    own = residual_scale(prior.metrics, *replay_errors(motors, log, nominal))
-    return replace(found, misfit=np.where(still, misfit, own))
+        return posterior
+
+    motors = prior.model.motors(posterior.mean)
+    errors, velocity = replay_errors(motors, log, recipe_of(prior).nominal_conditions)
+    scale = residual_scale(prior.metrics.residuals, errors, velocity)
+    return replace(posterior, misfit=np.where(static, misfit, scale))
 
 
 def outlier_test(
-    prior: MotorPrior, log: MotorLog, found: LatentPosterior
+    prior: MotorPrior, log: MotorLog, posterior: LatentPosterior
 ) -> tuple[np.ndarray, list[str]]:
     """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
 
-    Returns (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of
-    the constants (`outliers.outliers`), and the largest deviation of each outlier, "" of the
-    others.
+    Returns:
+        (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of the
+        constants (`outliers.outliers`); and the largest deviation of each outlier, "" for motors
+        that are not outliers.
     """
-    preset, data, temperature, which = _prepared(prior, log)
-    p_fit = loss_p_value(
-        prior.metrics, found.loss, found.windows / windows_per_block(preset), which
-    )
-    reason = ["large error on its log"] * len(p_fit)
-    p_value = p_fit
+    recipe, data, losses = _prepared(prior, log)
+    blocks = posterior.windows / windows_per_block(recipe)
+    fit_p_value = loss_p_value(losses, posterior.loss, blocks)
+    reasons = ["large error on its log"] * len(fit_p_value)
+    p_value = fit_p_value
+
+    # the distance from a class needs two units of one class
     if len(prior.mean) > len(prior.classes.names):
-        classes = prior.joint_classes(log)
-        far = outliers(
-            prior.model, prior.mean, found.mean, data, preset, temperature, prior.classes, classes
-        )
-        # the distance of a class that was never recorded is unknown
-        is_known = np.isin(classes, prior.classes.names) | (len(prior.classes.names) == 1)
-        far = replace(far, p_value=np.where(is_known, far.p_value, 1.0))
-        p_value = np.where(moved(log), np.minimum(1.0, 2.0 * np.minimum(p_fit, far.p_value)), 1.0)
-        for motor in np.flatnonzero(far.p_value < p_fit):
-            reason[motor] = _distance_text(classes[motor], far, int(motor))
-    return p_value, np.where(p_value < FALSE_ALARMS / len(p_value), reason, "").tolist()
+        joint_classes = prior.joint_classes(log)
+        tested = outliers(prior, posterior.mean, data, recipe, losses.mean, joint_classes)
+        # the distance from a class that was never recorded is unknown
+        has_one_class = len(prior.classes.names) == 1
+        is_recorded = np.isin(joint_classes, prior.classes.names) | has_one_class
+        distance_p_value = np.where(is_recorded, tested.p_value, 1.0)
+
+        both = np.minimum(1.0, 2.0 * np.minimum(fit_p_value, distance_p_value))
+        p_value = np.where(moved(log), both, 1.0)
+        for motor in np.flatnonzero(distance_p_value < fit_p_value):
+            reasons[motor] = _distance_text(joint_classes[motor], tested, int(motor))
+
+    is_outlier = p_value < FALSE_ALARMS / len(p_value)
+    return p_value, np.where(is_outlier, reasons, "").tolist()
 
 
-def _distance_text(joint_class: str, far: Outliers, motor: int) -> str:
+def _distance_text(joint_class: str, tested: Outliers, motor: int) -> str:
     """For example "coulomb 2.1 times that of the class calf (+5.3 standard deviations)"."""
-    name = far.latent[motor]
-    of = f"the class {joint_class}" if joint_class else "the fleet"
+    name = tested.latent[motor]
+    population = f"the class {joint_class}" if joint_class else "the fleet"
+    distance = float(tested.distance[motor])
+
     is_factor = name in parameters_of(tuple(TERMS)) and name not in SIGNED
-    distance = float(far.distance[motor])
-    text = f"{np.exp(distance):.2g} times that of {of}" if is_factor else f"far from that of {of}"
-    return f"{name} {text} ({far.deviation[motor]:+.1f} standard deviations)"
+    text = f"far from that of {population}"
+    if is_factor:
+        text = f"{np.exp(distance):.2g} times that of {population}"
+    return f"{name} {text} ({tested.deviation[motor]:+.1f} standard deviations)"
 
 
-def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Recipe, TrainingData, float, str]:
-    """Recipe, data, temperature, and suffix of the names of the metrics for the outlier test."""
-    preset = with_window_that_fits(recipe_of(prior), log)
-    data = training_data(log, preset, log.source)
+def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Recipe, TrainingData, LossStatistics]:
+    """Recipe and data of an adaptation, and the losses of the training motors on such data."""
+    recipe = with_window_that_fits(recipe_of(prior), log)
+    data = training_data(log, recipe, log.source)
+
     # A prior that was trained without torques uses positions only, even if the log has torques.
-    knows_torque = f"loss_mean{WITHOUT_TORQUE}" in prior.metrics or preset.objective == "torque"
-    data = replace(data, has_torque=data.has_torque and knows_torque)
-    which = WITHOUT_TORQUE if knows_torque and not data.has_torque else ""
-    return preset, data, prior.metrics[f"loss_mean{which}"], which
+    was_torque_used = (
+        prior.metrics.losses_without_torque is not None or recipe.objective == "torque"
+    )
+    data = replace(data, has_torque=data.has_torque and was_torque_used)
+    losses = prior.metrics.losses_for(has_torque=data.has_torque or not was_torque_used)
+    return recipe, data, losses
 
 
 def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
-    """A warning if the prior was trained on this log."""
+    """Warn if the prior was trained on this log."""
     if trained_on(prior, log):
         text = "errors, losses and p-values on it do not validate the prior"
         progress.warn(f"the prior was trained on {log.source}: {text}")
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:
-    """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor, else ""."""
+    """Advice if some of the motors (M, Z) have a much smaller kp than the prior's central motor.
+
+    Otherwise "".
+    """
     if not isinstance(prior.model, GreyBox):
         return ""
     central = prior.classes.mean_and_std(prior.joint_classes(names))[0]
-    share, (motor_bound, robot_bound) = (
-        kp_ratio(prior.model, latents, central),
-        weak_below(prior.model),
-    )
-    weak = np.flatnonzero(share < (1.0 if np.median(share) < robot_bound else motor_bound))
+    share = kp_ratio(prior.model, latents, central)
+    motor_bound, robot_bound = weak_below(prior.model)
+
+    # in a weak robot, every motor below the central one is named
+    bound = 1.0 if np.median(share) < robot_bound else motor_bound
+    weak = np.flatnonzero(share < bound)
     if not weak.size:
         return ""
-    named = listed([f"{names[motor]} {share[motor]:.2f}" for motor in weak], 10)
+    motors = listed([f"{names[motor]} {share[motor]:.2f}" for motor in weak], 10)
     return (
-        f"weak motors, as shares of the central motor's kp: {named}. If they give less torque per ampere, their torque "
-        "limits are also lower, which in-air logs barely identify -> train on this posterior with limit_follows_gain"
+        f"weak motors, as shares of the central motor's kp: {motors}. If they give less torque per "
+        "ampere, their torque limits are also lower, which in-air logs barely identify -> train on "
+        "this posterior with limit_follows_gain"
     )
 
 
 def weak_below(model: GreyBox) -> tuple[float, float]:
-    """Shares of the central motor's kp below which a motor, and the median of a robot's motors, is weak [-]."""
+    """Bounds of the kp of a weak motor, and of the median kp of a weak robot [-].
+
+    They are shares of the kp of the central motor.
+    """
     samples = np.random.default_rng(0).standard_normal((1000, model.num_latents))
     deviation = float(np.std(np.log(kp_ratio(model, samples))))
-    bounds = np.exp(-_FAR_MOTOR * deviation), np.exp(-_FAR_ROBOT * deviation)
-    return min(WEAK_MOTOR, float(bounds[0])), min(WEAK_ROBOT, float(bounds[1]))
+    motor_bound = float(np.exp(-_FAR_MOTOR * deviation))
+    robot_bound = float(np.exp(-_FAR_ROBOT * deviation))
+    return min(WEAK_MOTOR, motor_bound), min(WEAK_ROBOT, robot_bound)

@@ -21,6 +21,9 @@ from motorprior.evaluation.errors import (
     notes_on_log,
     replay_errors,
 )
+from motorprior.evaluation.errors import (
+    PRIOR as PRIOR_MODEL,
+)
 from motorprior.identification.checkpoint import Arrays, Checkpoint, unsaved
 from motorprior.identification.identify import identify, work_of
 from motorprior.identification.latents.standardise import (
@@ -89,12 +92,11 @@ def fit_prior(
     """
     require_seed(seed)
     recipe = identification_preset(preset, steps)
-    parts = [checked(log, where=log.source) for log in motor_logs(logs)]
-    log = joined(parts)
-    provenance = provenance_of(parts, log=log.source)
-    return fit_recipe(
-        log, preset, recipe, seed, None if out is None else Path(out), progress, provenance
-    )
+    checked_logs = [checked(log, where=log.source) for log in motor_logs(logs)]
+    log = joined(checked_logs)
+    provenance = provenance_of(checked_logs, log=log.source)
+    folder = None if out is None else Path(out)
+    return fit_recipe(log, preset, recipe, seed, folder, progress, provenance)
 
 
 def fit_recipe(
@@ -109,42 +111,52 @@ def fit_recipe(
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
-    ``provenance`` is that of the log, `provenance_of` it if not given; ``tuned`` a PD that was
-    tuned to the log, to compare with; it is tuned here if not given.
+    Args:
+        log: all logs, joined.
+        preset: name of the recipe.
+        recipe: of the fit.
+        seed: of weights, windows and noise.
+        out: folder, as for `fit_prior`.
+        progress: where to report to.
+        provenance: of the log; `provenance_of` the log if not given.
+        tuned: a PD that was tuned to the log, to compare with; it is tuned here if not given.
     """
     recipe = with_logged_settings(recipe, log)
     provenance = provenance or provenance_of([log], log=log.source)
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
-    wanted = description("identify", settings, [], recipe.as_json()) | {
-        "inputs": [log_digest(replace(log, source=""))]
-    }
-    if out is not None and is_finished(out, wanted):
+    stage = description("identify", settings, [], recipe.as_json())
+    stage["inputs"] = [log_digest(replace(log, source=""))]
+    if out is not None and is_finished(out, stage):
         progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
         return MotorPrior.load(out / PRIOR)
+
     if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(log.gains, log.source)
+
     # an error in the log leaves an earlier prior in the folder
     data = training_data(log, recipe, log.source)
     fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
     if out is None:
         return fitted(unsaved)
-    with locked(out), working(out, wanted):
-        fitted(partial(_checkpoint, out, wanted)).save(out / PRIOR)
+    with locked(out), working(out, stage):
+        fitted(partial(_checkpoint, out, stage)).save(out / PRIOR)
         for path in out.glob(CHECKPOINT.format("*")):
             path.unlink()
     return MotorPrior.load(out / PRIOR)
 
 
 def _checkpoint(
-    folder: Path, wanted: dict[str, Any], name: str, compute: Callable[[], Arrays]
+    folder: Path, stage: dict[str, Any], name: str, compute: Callable[[], Arrays]
 ) -> Arrays:
-    """Arrays of an earlier interrupted run with the same logs and settings, or else computed and written."""
+    """Arrays that an interrupted run of this stage wrote, else computed and written."""
     path = folder / CHECKPOINT.format(name)
-    if path.exists() and (found := read_tensors(path))[1] == wanted:
-        return found[0]
-    found = compute()
-    write_tensors(path, found, wanted)
-    return found
+    if path.exists():
+        arrays, header = read_tensors(path)
+        if header == stage:
+            return arrays
+    arrays = compute()
+    write_tensors(path, arrays, stage)
+    return arrays
 
 
 def _fitted(
@@ -159,72 +171,90 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
+    _report_data(log, recipe, data, progress)
+    with progress.start(f"identify {preset}", work_of(recipe)) as task:
+        result = identify(data, recipe, seed, task.advance, checkpoint)
+    recipe = result.recipe  # with the selected terms
+    model = result.model
+    mean = result.mean
+    log_var = result.log_var
+    classes = result.classes or ClassLatents.one(log.num_joints, model.num_latents)
+
+    metrics = replace(
+        result.metrics,
+        final_loss=float(result.losses[-1]),
+        minutes_of_log=log.duration / 60 * log.num_joints,
+        aggregate_posterior_kl=reference.aggregate_posterior_kl(mean, log_var),
+    )
+    metrics = reference.with_training_errors(metrics, model, data, recipe, mean, log)
+    for note in result.notes:
+        progress.report(note)
+
+    misfit = np.ones(log.num_joints)
+    if isinstance(model, GreyBox):
+        errors = evaluate_replay(model.motors(mean), tuned, log, recipe, progress)
+        unexplained = float(np.median(errors.unexplained(PRIOR_MODEL)))
+        replay_rmse = float(np.median(errors.models[PRIOR_MODEL]))
+        metrics = replace(metrics, replay_rmse=replay_rmse, unexplained=unexplained)
+
+        replayed, velocity = replay_errors(model.motors(mean), log, recipe.nominal_conditions)
+        misfit = reference.residual_scale(metrics.residuals, replayed, velocity)
+        growth, growth_std = reference.residual_growth(metrics, model, mean, classes, log, recipe)
+        metrics = replace(metrics, residual_growth=growth, residual_growth_std=growth_std)
+
+        factor = _std_factor(unexplained)
+        model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
+        if model.copula is not None and factor > 1.0:
+            progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
+
+    fit = {
+        "recipe": json.loads(json.dumps(recipe.as_json())),
+        "seed": seed,
+        SPREAD: spread_source(model, classes),
+    }
+    is_bench = log.joint_names == bench_names(log.num_joints)
+    return MotorPrior(
+        model=model,
+        mean=mean,
+        log_var=log_var,
+        preset=preset,
+        robot=log.robot,
+        motor=log.motor,
+        provenance={**provenance, **fit},
+        metrics=metrics,
+        joint_names=() if is_bench else log.joint_names,
+        gains=log.gains if model.gain_unit else None,
+        given_classes=classes,
+        misfit=misfit,
+    )
+
+
+def _report_data(log: MotorLog, recipe: Recipe, data: TrainingData, progress: Progress) -> None:
+    """Report few motors, the used seconds of log, and doubts about the log."""
     if recipe.num_latents and log.num_joints < RELIABLE_MOTORS:
-        deviation = "assumed" if recipe.grey_boxes and log.num_joints < MIN_MOTORS else "uncertain"
+        is_assumed = recipe.grey_boxes and log.num_joints < MIN_MOTORS
+        deviation = "assumed" if is_assumed else "uncertain"
+        motors = f"{log.num_joints} motor{'s' if log.num_joints > 1 else ''}"
         progress.note(
-            f"{log.num_joints} motor{'s' if log.num_joints > 1 else ''} cannot define a distribution: the prior "
-            f"reproduces these motors, but the standard deviation of its samples is {deviation} (record "
-            f"{RELIABLE_MOTORS} or more)"
+            f"{motors} cannot define a distribution: the prior reproduces these motors, but the "
+            f"standard deviation of its samples is {deviation} (record {RELIABLE_MOTORS} or more)"
         )
     progress.note(used_seconds_text(data, recipe))
     for note in notes_on_log(log, recipe):
         progress.report(note)
-    with progress.start(f"identify {preset}", work_of(recipe)) as task:
-        found = identify(data, recipe, seed, task.advance, checkpoint)
-    model = found.model
-    mean = found.mean
-    log_var = found.log_var
-    misfit = np.ones(log.num_joints)
-    classes = found.classes or ClassLatents.one(log.num_joints, model.num_latents)
-    metrics = {
-        "final_loss": float(found.losses[-1]),
-        "minutes_of_log": log.duration / 60 * log.num_joints,
-    }
-    metrics |= {
-        "aggregate_posterior_kl": reference.aggregate_posterior_kl(mean, log_var),
-        **found.metrics,
-    }
-    metrics |= reference.reference_metrics(model, data, found.recipe, mean, log)
-    for note in found.notes:
-        progress.report(note)
-    if isinstance(model, GreyBox):
-        errors = evaluate_replay(model.motors(mean), tuned, log, found.recipe, progress)
-        unexplained = float(np.median(errors.unexplained("prior")))
-        metrics |= {
-            "replay_rmse": float(np.median(errors.models["prior"])),
-            "unexplained": unexplained,
-        }
-        # where the model lacks physics, samples vary more: the factor is 1 up to MAX_UNEXPLAINED
-        # and 2 at 1
-        factor = 1.0 + max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED) / (1.0 - MAX_UNEXPLAINED)
-        misfit = reference.residual_scale(
-            metrics, *replay_errors(model.motors(mean), log, found.recipe.nominal_conditions)
-        )
-        metrics |= reference.residual_growth(model, mean, classes, log, found.recipe, metrics)
-        model, mean, log_var, classes = with_scaled_spread(model, mean, log_var, classes, factor)
-        if model.copula is not None and factor > 1.0:
-            progress.note(f"the standard deviation of the prior is scaled by {factor:.2f}")
-    names = () if log.joint_names == bench_names(log.num_joints) else log.joint_names
-    trained = {"recipe": json.loads(json.dumps(found.recipe.as_json())), "seed": seed}
-    trained[SPREAD] = spread_source(model, classes)
-    return MotorPrior(
-        model,
-        mean,
-        log_var,
-        preset,
-        log.robot,
-        log.motor,
-        {**provenance, **trained},
-        metrics,
-        names,
-        log.gains if model.gain_unit else None,
-        classes,
-        misfit,
-    )
+
+
+def _std_factor(unexplained: float) -> float:
+    """Factor on the prior's standard deviation: samples vary more where the model lacks physics.
+
+    It is 1 up to MAX_UNEXPLAINED, and 2 where nothing is explained.
+    """
+    excess = max(0.0, min(1.0, unexplained) - MAX_UNEXPLAINED)
+    return 1.0 + excess / (1.0 - MAX_UNEXPLAINED)
 
 
 def provenance_of(logs: Sequence[MotorLog], **origin: Any) -> dict[str, Any]:
-    """Provenance of a prior that is fitted to these logs, with their ``origin``, such as a file or a bench."""
+    """Provenance of a prior that is fitted to these logs; ``origin`` is a file or a bench."""
     return {**origin, _MOTIONS: [motion_digest(log) for log in logs]}
 
 

@@ -1,5 +1,6 @@
-"""Quick report of models fitted to the training rows of logs: PDs and a prior if loads are known, else responses."""
+"""Quick report of logs: PDs and a prior if loads are known, else responses, on held-out rows."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from motorprior.actuator.constants import Constants
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd, described_pd
-from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
+from motorprior.evaluation.errors import FREE_RUN_RMSE, PRIOR, TUNED_PD, WHOLE_RUN_RMSE
 from motorprior.evaluation.free_runs import (
     FREE_RUN,
     WHOLE_RUN,
@@ -16,11 +17,12 @@ from motorprior.evaluation.free_runs import (
     free_runs,
     validation_of,
 )
-from motorprior.evaluation.splits import Split
-from motorprior.exceptions import listed
+from motorprior.evaluation.splits import Split, excited_in_any, long_segments, split
+from motorprior.exceptions import LogError, listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import (
     RESPONSE_CONSTANTS,
+    ResponseMotors,
     at_bounds,
     fitted_responses,
 )
@@ -28,12 +30,21 @@ from motorprior.identification.physics.window_runs import whole_runs
 from motorprior.identification.presets import identification_preset, recipe_of
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
-from motorprior.logs.operations import joined
-from motorprior.priors.fit_prior import fit_recipe
+from motorprior.logs.operations import drop_repeats, joined, resample
+from motorprior.logs.prepare_log import PERIOD
+from motorprior.priors.fit_prior import fit_prior
 from motorprior.progress import Note, Progress
 from motorprior.robots.robot import Robot
 
 PRESET = "quick"
+# training log of all joints for motors and for responses, and maximum per joint [s]; the fit takes
+# most of the minute
+MOTOR_SECONDS = 144.0
+RESPONSE_SECONDS = 72.0
+MAX_SECONDS = 48.0
+TEST_SECONDS = 120.0
+SECOND_ORDER = "second_order"
+SERVO_LIMITS = "servo_limits"
 # constant of servo_limits, factor to its unit, and unit
 REPORTED = {
     "delay": ("delay", 1.0, "s"),
@@ -46,52 +57,110 @@ REPORTED = {
 }
 
 
-def report_with_loads(
-    logs: Split, robot: Robot | None, seed: int, folder: Path, progress: Progress
-) -> Validation:
-    """Fit a prior, in ``folder``, and a PD to logs with loads, and evaluate them on the test rows."""
-    train = joined(list(logs.train.values()))
-    warnings: list[str] = []
+def report_on_motors(
+    logs: Mapping[str, MotorLog], robot: Robot | None, seed: int, folder: Path, progress: Progress
+) -> tuple[Validation, str]:
+    """Fit a prior and a PD to prepared logs, and evaluate them on the logs' test rows.
+
+    Args:
+        logs: with loads, by name.
+        robot: of the logs, if it is known.
+        seed: of the fit.
+        folder: of the prior.
+        progress: where to report to.
+
+    Returns:
+        Errors, warnings and constants; and the rule by which the logs were split.
+    """
+    parts = _split(logs, MOTOR_SECONDS)
+    train = joined(list(parts.train.values()))
     tuned = fitted_tuned_pd(train, progress)
 
-    def keep_warning(note: Note) -> None:
+    warnings: list[str] = []
+
+    def collect(note: Note) -> None:
+        progress.report(note)
         if note.severity == "warning":
             warnings.append(note.text)
-        progress.report(note)
 
-    kept = Progress(keep_warning, progress.line)
-    prior = fit_recipe(
-        train, PRESET, identification_preset(PRESET), seed, folder, kept, tuned=tuned
-    )
-    models = {
-        "tuned_pd": tuned,
-        **_ideal_pd(train, robot),
-        "prior": prior.model.motors(prior.predicted(train).mean),
-    }
+    collecting = Progress(collect, progress.line)
+    train_logs = list(parts.train.values())
+    prior = fit_prior(train_logs, PRESET, seed, out=folder, progress=collecting)
+
+    models: dict[str, MotorModel] = {TUNED_PD: tuned}
+    ideal_pd = _ideal_pd(train, robot)
+    if ideal_pd is not None:
+        models["ideal_pd"] = ideal_pd
+    models[PRIOR] = prior.model.motors(prior.predicted(train).mean)
     if train.num_joints > 1:
-        models["prior_mean"] = prior.model.motors(
-            prior.classes.mean_and_std(prior.joint_classes(train))[0]
-        )
-    runs = {name: free_runs(log, recipe_of(prior)) for name, log in logs.test.items()}
-    spans = {FREE_RUN_RMSE: FREE_RUN, WHOLE_RUN_RMSE: WHOLE_RUN}
-    of_spans = {
-        quantity: {name: runs[name][span] for name in runs} for quantity, span in spans.items()
+        class_means = prior.classes.mean_and_std(prior.joint_classes(train))[0]
+        models["prior_mean"] = prior.model.motors(class_means)
+
+    recipe = recipe_of(prior)
+    runs = {name: free_runs(log, recipe) for name, log in parts.test.items()}
+    runs_by_quantity = {
+        FREE_RUN_RMSE: {name: of_log[FREE_RUN] for name, of_log in runs.items()},
+        WHOLE_RUN_RMSE: {name: of_log[WHOLE_RUN] for name, of_log in runs.items()},
     }
-    found = validation_of(logs.test, of_spans, models, "prior", ("tuned_pd", "prior"))
-    warnings += found.warnings
-    return replace(found, warnings=warnings, constants=prior.constants())
-
-
-def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validation:
-    """Fit responses, which need no load, and evaluate them on the test rows; arguments as `report_with_loads`."""
-    preset = identification_preset("rollout")
-    train = joined(list(logs.train.values()))
-    models = fitted_responses(train, preset, seed, progress)
-    runs = {name: whole_runs(with_placeholder_load(log), preset) for name, log in logs.test.items()}
-    found = validation_of(
-        logs.test, {WHOLE_RUN_RMSE: runs}, models, "servo_limits", ("second_order", "servo_limits")
+    validation = validation_of(
+        parts.test, runs_by_quantity, models, PRIOR, plotted=(TUNED_PD, PRIOR)
     )
-    responses = models["servo_limits"]
+    warnings += validation.warnings
+    return replace(validation, warnings=warnings, constants=prior.constants()), parts.rule
+
+
+def report_on_responses(
+    logs: Mapping[str, MotorLog], seed: int, progress: Progress
+) -> tuple[Validation, str]:
+    """Fit responses, which need no load, and evaluate them; see `report_on_motors`."""
+    parts = _split(logs, RESPONSE_SECONDS, _on_grid)
+    recipe = identification_preset("rollout")
+    train = joined(list(parts.train.values()))
+    models = fitted_responses(train, recipe, seed, progress)
+    runs = {
+        name: whole_runs(with_placeholder_load(log), recipe) for name, log in parts.test.items()
+    }
+    plotted = (SECOND_ORDER, SERVO_LIMITS)
+    validation = validation_of(parts.test, {WHOLE_RUN_RMSE: runs}, models, SERVO_LIMITS, plotted)
+
+    constants, warnings = _constants_of(models[SERVO_LIMITS], train.joint_names)
+    return replace(validation, warnings=warnings, constants=constants), parts.rule
+
+
+def _split(
+    logs: Mapping[str, MotorLog],
+    seconds: float,
+    change: Callable[[MotorLog], MotorLog] = lambda log: log,
+) -> Split:
+    """Training and test rows of the logs, for the joints that are excited.
+
+    ``seconds`` are those of the training rows of all joints; ``change`` is applied to every row.
+    """
+    excited = excited_in_any(logs)
+    if not excited:
+        remedy = "record with a moving command"
+        raise LogError(f"{', '.join(logs)}: no joint is excited", remedy=remedy)
+
+    parts = split(logs, min(MAX_SECONDS, seconds / len(excited)), TEST_SECONDS)
+    train = {name: change(log) for name, log in parts.train.items()}
+    test = {name: change(log) for name, log in parts.test.items()}
+    return Split(train, test, parts.rule).with_joints(excited_in_any(train))
+
+
+def _on_grid(log: MotorLog) -> MotorLog:
+    """Without segments in which nothing moves, repeated rows and short segments."""
+    moves = np.zeros(log.num_rows, dtype=bool)
+    for segment in log.segment_slices():
+        moves[segment] = np.ptp(log.joint_pos[segment], axis=0).any()
+    moving = drop_repeats(log.rows(moves) if moves.any() else log)
+    long = long_segments(moving)
+    return resample(log if long is None else long, PERIOD)
+
+
+def _constants_of(
+    responses: ResponseMotors, joint_names: tuple[str, ...]
+) -> tuple[Constants, list[str]]:
+    """Constants of responses with limits that a joint needs, and warnings of those at bounds."""
     fitted = dict(zip(RESPONSE_CONSTANTS, responses.constants.T, strict=True))
     bounds = at_bounds(responses)
     values = {}
@@ -102,28 +171,36 @@ def report_without_loads(logs: Split, seed: int, progress: Progress) -> Validati
         # a part that no joint needs
         if np.allclose(fitted[key], RESPONSE_CONSTANTS[key], atol=1e-6):
             continue
-        at_bound = bounds.get(key, np.zeros(train.num_joints, bool))  # an offset has no bounds
+        at_bound = bounds.get(key, np.zeros(len(joint_names), bool))  # an offset has no bounds
         values[name] = factor * fitted[key]
         units[name] = unit
         identified[name] = not at_bound.any()
-        joints = [
-            f"{train.joint_names[i]} {values[name][i]:.3g} {unit}" for i in np.flatnonzero(at_bound)
-        ]
-        warnings += [
-            f"{name} at a bound of the search, so not identifiable: {listed(joints, 6)}"
-        ] * bool(joints)
-    return replace(found, warnings=warnings, constants=Constants.of(values, units, identified))
+        if at_bound.any():
+            joints = []
+            for joint in np.flatnonzero(at_bound):
+                joints.append(f"{joint_names[joint]} {values[name][joint]:.3g} {unit}")
+            problem = f"{name} at a bound of the search, so not identifiable"
+            warnings.append(f"{problem}: {listed(joints, 6)}")
+    return Constants.of(values, units, identified), warnings
 
 
-def _ideal_pd(log: MotorLog, robot: Robot | None) -> dict[str, MotorModel]:
-    """A PD with the logged gains or, without any, those of the robot; none if neither has gains in N·m/rad."""
-    described = None if robot is None else described_pd(robot)
-    joints = [] if robot is None else [robot.joint_names.index(name) for name in log.joint_names]
-    limit = np.full(log.num_joints, 1e9) if described is None else described.torque_limit[joints]
+def _ideal_pd(log: MotorLog, robot: Robot | None) -> MotorModel | None:
+    """A PD with the logged gains or, without any, those of the robot.
+
+    None if neither has gains in N·m/rad.
+    """
+    described = None
+    limit = np.full(log.num_joints, 1e9)
+    joints = []
+    if robot is not None:
+        described = described_pd(robot)
+        joints = [robot.joint_names.index(name) for name in log.joint_names]
+        limit = described.torque_limit[joints]
+
     zero = np.zeros(log.num_joints)
     one = np.ones(log.num_joints)
     if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
-        return {"ideal_pd": GainScaledPd(IdealPd(one, one, limit, zero, zero), np.ones(2))}
+        return GainScaledPd(IdealPd(one, one, limit, zero, zero), np.ones(2))
     if described is None or log.logged_kp is not None:
-        return {}
-    return {"ideal_pd": IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)}
+        return None
+    return IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)

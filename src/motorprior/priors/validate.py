@@ -1,6 +1,6 @@
-"""Validate a prior on a log: errors of its motors and of baselines, fitted to the same rows, on held-out rows."""
+"""Validate a prior on a log: errors of its motors and of baselines on held-out rows."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from motorprior.evaluation.free_runs import (
 )
 from motorprior.evaluation.splits import first_and_rest
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
-from motorprior.identification import presets
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.baselines.response_fit import fitted_responses
-from motorprior.identification.presets import Recipe, recipe_of
+from motorprior.identification.latents.latent_fit import LatentPosterior
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS, Recipe, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined, train_test_halves
@@ -36,7 +37,8 @@ ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
 # baseline -> preset of identification: the physics of each motor fitted alone, and one network for
 # all motors
-BASELINE_PRESETS = {"per_motor": "pace", "pooled_network": "one_network"}
+POOLED_NETWORK = "pooled_network"
+BASELINE_PRESETS = {"per_motor": "pace", POOLED_NETWORK: "one_network"}
 # for a prior of preset long_runs or quick, which are for servos with much friction
 LONG_RUNS = {
     "per_motor": "pace_long_runs",
@@ -92,105 +94,140 @@ def validate(
         require_count("adam_steps", adam_steps)
     require_adaptable(prior, log)
     train, test = _train_and_test(log, fitted_on, seconds)
-    preset = recipe_of(prior)
+    recipe = recipe_of(prior)
     note_training_log(prior, log, progress)
-    for note in notes_on_log(test, preset):
+    for note in notes_on_log(test, recipe):
         progress.report(note)
-    runs = free_runs(test, preset)
-    baseline_recipes(train, preset)  # a log that is too short is an error before anything is fitted
+
+    runs = free_runs(test, recipe)
+    baseline_recipes(train, recipe)  # a log that is too short is an error before anything is fitted
     with progress.start(f"adapt to {train.num_joints} motors", 1) as task:
         posterior = adapt_to(prior, train)
         task.advance()
+
     models: dict[str, MotorModel] = {
         ADAPTED: prior.model.motors(posterior.mean),
         PRIOR: prior.model.motors(prior.predicted(test).mean),
     }
-    baselines = fitted_baselines(train, preset, folder, adam_steps, seed, progress)
-    models |= {name: motors for name, motors in baselines.items() if motors is not None}
-    failed = [name for name, motors in baselines.items() if motors is None]
-    of_spans = {f"{span}_rmse": {test.source: each} for span, each in runs.items()}  # keys of SPANS
-    plotted = (TUNED_PD, PRIOR, ADAPTED)
+    failed = []
+    baselines = fitted_baselines(train, recipe, folder, adam_steps, seed, progress)
+    for name, motors in baselines.items():
+        if motors is None:
+            failed.append(name)
+        else:
+            models[name] = motors
+
     with progress.start("free runs", 1) as task:
-        found = validation_of(
-            {test.source: test}, of_spans, models, ADAPTED, plotted, MEDIAN_AND_MEAN, failed
+        validation = validation_of(
+            logs={test.source: test},
+            runs={f"{span}_rmse": {test.source: windows} for span, windows in runs.items()},
+            models=models,
+            main_model=ADAPTED,
+            plotted=(TUNED_PD, PRIOR, ADAPTED),
+            statistics=MEDIAN_AND_MEAN,
+            failed=failed,
         )
-        coverages = [
-            Result(f"{COVERAGE[f'{span}_rmse']}{level}", "1", share, model)
-            for span, each in runs.items()
-            for model, motors in ((ADAPTED, posterior), (PRIOR, zero_shot(prior, test)))
-            for level, share in log_coverage(prior, motors, each).items()
-        ]
+        coverages = _coverages(prior, {ADAPTED: posterior, PRIOR: zero_shot(prior, test)}, runs)
         task.advance()
-    for warning in found.warnings:
+    for warning in validation.warnings:
         progress.warn(warning)
-    trained = Results([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
-    return replace(found, results=trained + found.results.where(log=None) + Results(coverages))
+
+    is_trained = Results([Result(TRAINED_ON, "1", float(trained_on(prior, log)))])
+    errors = validation.results.where(log=None)
+    return replace(validation, results=is_trained + errors + coverages)
+
+
+def _coverages(
+    prior: MotorPrior,
+    posteriors: Mapping[str, LatentPosterior],
+    runs: Mapping[str, Sequence[WindowRuns]],
+) -> Results:
+    """Coverage of the bands of each posterior in each span of free runs."""
+    rows = []
+    for span, windows in runs.items():
+        quantity = COVERAGE[f"{span}_rmse"]
+        for model, posterior in posteriors.items():
+            for level, share in log_coverage(prior, posterior, windows).items():
+                rows.append(Result(f"{quantity}{level}", "1", share, model))
+    return Results(rows)
 
 
 def _train_and_test(
     log: MotorLog, fitted_on: Sequence[MotorLog], seconds: float | None
 ) -> tuple[MotorLog, MotorLog]:
+    """Rows to adapt to and to fit baselines to, and rows to test on."""
     if seconds is not None and fitted_on:
-        raise ConfigError(
-            "seconds given together with fitted_on", remedy="omit one of them", argument="seconds"
-        )
+        problem = "seconds given together with fitted_on"
+        raise ConfigError(problem, remedy="omit one of them", argument="seconds")
     if not fitted_on:
         return train_test_halves(log) if seconds is None else first_and_rest(log, seconds)
+
     train = joined(fitted_on)
     if train.joint_names != log.joint_names:
-        problem = (
-            f"joints {', '.join(train.joint_names)}; {log.source} has {', '.join(log.joint_names)}"
-        )
-        raise LogError(
-            problem, where=train.source, remedy="give logs of the same joints in the same order"
-        )
-    return replace(train, source=", ".join(dict.fromkeys(each.source for each in fitted_on))), log
+        joints = ", ".join(log.joint_names)
+        problem = f"joints {', '.join(train.joint_names)}; {log.source} has {joints}"
+        remedy = "give logs of the same joints in the same order"
+        raise LogError(problem, where=train.source, remedy=remedy)
+    sources = dict.fromkeys(training_log.source for training_log in fitted_on)
+    return replace(train, source=", ".join(sources)), log
 
 
 def fitted_baselines(
     log: MotorLog,
-    preset: Recipe,
+    recipe: Recipe,
     folder: Path | None,
     adam_steps: int | None = None,
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> dict[str, MotorModel | None]:
-    """All baselines of a prior with this recipe, fitted to a log with known loads; each has the log's motors in order.
+    """All baselines of a prior, fitted to a log with known loads.
 
-    Fits in ``folder``, if it is given, are reused. ``adam_steps`` are those of the pooled network,
-    the preset's own if not given. A baseline that cannot be fitted or read is None, and a warning
-    reports why. Raises LogError for a log that lacks a channel, has another sample period, or is
-    too short.
+    Args:
+        log: of the motors, which the baselines have in the log's order.
+        recipe: of the prior.
+        folder: fits in it are reused.
+        adam_steps: of the pooled network; the preset's own number if not given.
+        seed: of searches and weights.
+        progress: where to report to.
+
+    Returns:
+        The baselines by name. A baseline that cannot be fitted or read is None, and a warning
+        reports why.
+
+    Raises:
+        LogError: the log lacks a channel, has another sample period, or is too short.
     """
-    recipes = baseline_recipes(log, preset)
-    models: dict[str, MotorModel | None] = dict(fitted_responses(log, preset, seed, progress))
+    recipes = baseline_recipes(log, recipe)
+    models: dict[str, MotorModel | None] = dict(fitted_responses(log, recipe, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
-    for name, (named, recipe) in recipes.items():
-        if name == "pooled_network" and adam_steps is not None:
-            recipe = replace(recipe, steps=adam_steps)
+    quiet = Progress(SILENT.report, progress.line)
+    for name, (preset, baseline_recipe) in recipes.items():
+        if name == POOLED_NETWORK and adam_steps is not None:
+            baseline_recipe = replace(baseline_recipe, steps=adam_steps)
+        out = None if folder is None else folder / name
         try:
-            out = None if folder is None else folder / name
-            fitted = fit_recipe(
-                log, named, recipe, seed, out, Progress(SILENT.report, progress.line), tuned=tuned
-            )
+            fitted = fit_recipe(log, preset, baseline_recipe, seed, out, quiet, tuned=tuned)
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None
             progress.warn(f"baseline {name} counts as diverged: {error}")
-    return models | {"tuned_pd": tuned}
+    return models | {TUNED_PD: tuned}
 
 
-def baseline_recipes(log: MotorLog, preset: Recipe) -> dict[str, tuple[str, Recipe]]:
-    """Preset name and recipe of every baseline that has one, with windows that fit the log; LogError if none does."""
-    if preset.period != BASELINE_PERIOD:
+def baseline_recipes(log: MotorLog, recipe: Recipe) -> dict[str, tuple[str, Recipe]]:
+    """Preset name and recipe of every baseline that has one, with windows that fit the log.
+
+    ``recipe`` is that of the prior. Raises LogError if no window fits the log.
+    """
+    if recipe.period != BASELINE_PERIOD:
         return {}
-    names = BASELINE_PRESETS | (
-        LONG_RUNS if preset.window == presets.PRESETS["long_runs"].window else {}
-    )
-    recipes = {
-        name: (preset, with_window_that_fits(presets.PRESETS[preset], log))
-        for name, preset in names.items()
-    }
-    for _, recipe in recipes.values():
-        window_starts(tuple(log.segment_slices()), recipe, log.source)
+    presets_of_baselines = dict(BASELINE_PRESETS)
+    if recipe.window == PRESETS["long_runs"].window:
+        presets_of_baselines |= LONG_RUNS
+
+    recipes = {}
+    for name, preset in presets_of_baselines.items():
+        recipes[name] = (preset, with_window_that_fits(PRESETS[preset], log))
+    for _, baseline_recipe in recipes.values():
+        window_starts(tuple(log.segment_slices()), baseline_recipe, log.source)
     return recipes

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from motorprior.actuator.fit_metrics import RESIDUAL_LEVELS, SPEED_POOLS, FitMetrics
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.evaluation.bands import log_coverage
-from motorprior.evaluation.reference import LEVELS, SPEEDS
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
@@ -26,10 +26,9 @@ def test_bands_on_a_log_have_their_nominal_coverage(
     covariance = np.broadcast_to(0.25 * np.eye(3), (24, 3, 3))
     true = 0.5 * rng.standard_normal((24, 3))
     runs = WindowRuns(decoder_data(box, true, segments=3), PRESET)
-    speeds = {
-        f"residual_p{level:02d}_{speed}": 1e-9 * level for level in LEVELS for speed in SPEEDS
-    }
-    prior: Any = SimpleNamespace(model=box, metrics=speeds)
+    percentiles = tuple(1e-9 * level for level in RESIDUAL_LEVELS)
+    metrics = FitMetrics(residual_percentiles=(percentiles,) * len(SPEED_POOLS))
+    prior: Any = SimpleNamespace(model=box, metrics=metrics)
     central = LatentPosterior(np.zeros((24, 3)), covariance, np.zeros(24), runs.windows)
     found = log_coverage(prior, central, [runs])
     assert 0.35 < found[50] < 0.65 and 0.8 < found[90] <= 0.97

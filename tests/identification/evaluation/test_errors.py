@@ -1,4 +1,4 @@
-"""The motors that made a log replay it and other models do not; warnings about motors and logs that do not fit."""
+"""Motors replay the log that they made, other models do not; warnings about what does not fit."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Training and test rows never overlap, and every joint of the test rows moves in the training rows."""
+"""Training and test rows never overlap; every joint of the test rows moves in the training rows."""
 
 import numpy as np
 import pytest

@@ -7,6 +7,7 @@ import pytest
 
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.evaluation.outliers import Outliers, outliers
 from motorprior.identification.latents import latent_fit
 from motorprior.identification.latents.standardise import standardised
@@ -51,7 +52,8 @@ def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0
     )
     found = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
     found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
-    return outliers(box, z, found, NOTHING, NOTHING, 0.05, classes, ("",) * NEW)
+    prior = MotorPrior(box, z, 0.0 * z, "rollout", "", "", {}, given_classes=classes)
+    return outliers(prior, found, NOTHING, NOTHING, 0.05, ("",) * NEW)
 
 
 def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
