@@ -1,7 +1,6 @@
 """A joint that did not move keeps its prior; bands are as wide as the misfit of the log, and of later rows."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 
 import numpy as np
 from motor_logs import log_of
@@ -41,7 +40,7 @@ def test_a_joint_that_is_not_moved_keeps_its_prior(grey_box: Callable[..., GreyB
     )
     np.testing.assert_array_equal(moved(log), [True, False])
     z = np.random.default_rng(0).standard_normal((4, 3))
-    provenance = {"recipe": asdict(PRESETS["pace"])}
+    provenance = {"recipe": PRESETS["pace"].as_json()}
     misfit = np.full(4, 0.5)
     prior = MotorPrior(grey_box(), z, 0.0 * z, "pace", "r", "m", provenance, METRICS, misfit=misfit)
     found, (mean, std, _) = adapt_to(prior, log), prior.predicted(log)

@@ -1,7 +1,7 @@
 """A prior records its recipe and the logs that it was trained on, and validation on them warns the user."""
 
 import io
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -59,7 +59,7 @@ def test_a_prior_records_its_training_logs(folder: Path):
 
 
 @pytest.mark.parametrize(
-    "recipe", [None, [], {"period": 0.002}, asdict(PRESETS["rollout"]) | {"new": 1}], ids=repr
+    "recipe", [None, [], {"period": 0.002}, PRESETS["rollout"].as_json() | {"new": 1}], ids=repr
 )
 def test_a_recipe_of_another_version_is_rejected(folder: Path, recipe: Any):
     prior = replace(MotorPrior.load(folder / "prior.safetensors"), provenance={"recipe": recipe})
