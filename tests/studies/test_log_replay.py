@@ -1,4 +1,4 @@
-"""Replay of logs: at logged gains, from the right pose and posture, and within the known error on real logs."""
+"""Replay of logs: logged gains, right pose and posture, and the known error on real logs."""
 
 import shutil
 from dataclasses import replace

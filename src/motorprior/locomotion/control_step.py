@@ -201,7 +201,7 @@ def levelling(walker: WalkerArrays, observation: np.ndarray) -> tuple[float, flo
     """Slope of the legs' extension, forward and to the left [m/m].
 
     The slope is levelling_gain · (tilt + LEVEL_RATE · rate of the tilt). Legs on the low side
-    extend further, which stiffens a body on soft motors against tilt.
+    extend further, which stiffens a robot on soft motors against tilt.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]

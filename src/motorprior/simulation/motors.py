@@ -25,7 +25,10 @@ from motorprior.schema import Schema
 from motorprior.stage import digest
 
 MotorSource: TypeAlias = str | MotorPrior | MotorPosterior | Fleet | Actuator | DrawMotors
-"""A text; a prior, posterior or fleet, sampled for every episode; fixed motors; or a function of a generator."""
+"""A text; a prior, posterior or fleet to sample in every episode; fixed motors; or a function.
+
+The function gets a generator and returns the motors of an episode.
+"""
 _PROVENANCE = Schema({"text": TEXT, "files": TABLE}, "train it again", name="its motors")
 _FILE = Schema({"path": TEXT, "sha256": TEXT}, "train it again", name="a file of its motors")
 
