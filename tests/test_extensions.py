@@ -108,7 +108,7 @@ assert 0.1 < played.joint_pos[-1, 0] < 0.4
         ("motorprior/actuator/soft.py", "", ACTUATOR, USE_ACTUATOR),
         ("motorprior/actuator/optional_terms.py", "TERMS = {\n", TERM, USE_TERM),
         ("motorprior/logs/readers/spaced.py", "", READER, USE_READER),
-        ("motorprior/excitation/registry.py", "EXCITATIONS = {\n", EXCITATION, USE_EXCITATION),
+        ("motorprior/excitation/hand_made.py", "EXCITATIONS = {\n", EXCITATION, USE_EXCITATION),
         ("lever.toml", "", ROBOT, USE_ROBOT),
     ],
     ids=["actuator", "servo term", "log format", "excitation", "robot"],

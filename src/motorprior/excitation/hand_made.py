@@ -1,8 +1,13 @@
-"""Hand-made signals: (steps,) position targets [rad], or external torques [N·m] where stated."""
+"""Hand-made excitations by name. To add one, add its signal and an entry to EXCITATIONS.
+
+Signals are (steps,) position targets [rad], or external torques [N·m] where stated.
+"""
+
+from functools import partial
 
 import numpy as np
 
-from motorprior.excitation.excitation import Rng
+from motorprior.excitation.excitation import Excitation, Rng
 
 
 def sine(rng: Rng, steps: int, dt: float) -> np.ndarray:
@@ -116,3 +121,16 @@ def _knots(rng: Rng, duration: float, low: float, high: float) -> list[float]:
     while knots[-1] < duration:
         knots.append(knots[-1] + rng.uniform(low, high))
     return knots
+
+
+EXCITATIONS = {
+    "sine": Excitation(sine),
+    "steps": Excitation(held_steps, jumps=True),
+    "gait": Excitation(gait),
+    "impacts": Excitation(gait, impacts),
+    # Slow motion [rad], dominated by friction and backlash.
+    # The external torque [N·m] reaches from stiction to stall.
+    "creep": Excitation(partial(ramps, reach=0.3), partial(ramps, reach=2.0)),
+    "chirp": Excitation(chirp),
+    "multisine": Excitation(multisine),
+}

@@ -1,31 +1,9 @@
-"""All excitations by name. To add one, add an entry to EXCITATIONS."""
-
-from functools import partial
+"""Find an excitation by its name or file. To add one, see `hand_made.EXCITATIONS`."""
 
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.excitation import Excitation
-from motorprior.excitation.hand_made import (
-    chirp,
-    gait,
-    held_steps,
-    impacts,
-    multisine,
-    ramps,
-    sine,
-)
+from motorprior.excitation.hand_made import EXCITATIONS as EXCITATIONS
 from motorprior.excitation.learned_excitation import LearnedExcitation
-
-EXCITATIONS = {
-    "sine": Excitation(sine),
-    "steps": Excitation(held_steps, jumps=True),
-    "gait": Excitation(gait),
-    "impacts": Excitation(gait, impacts),
-    # Slow motion [rad], dominated by friction and backlash.
-    # The external torque [N·m] reaches from stiction to stall.
-    "creep": Excitation(partial(ramps, reach=0.3), partial(ramps, reach=2.0)),
-    "chirp": Excitation(chirp),
-    "multisine": Excitation(multisine),
-}
 
 
 def excitation_of(name: str, further_names: tuple[str, ...] = ()) -> Excitation | LearnedExcitation:
