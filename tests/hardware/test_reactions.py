@@ -170,7 +170,7 @@ def test_an_error_of_the_firmware_is_reported(walk_into: Callable[..., Incident]
     """12 A, which a host without currents cannot detect; the firmware removes the current by itself."""
     incident = walk_into(inject("surge"))
     assert (
-        getattr(incident.error, "kind", "") == "firmware" and incident.port.firmware.mode == ERROR
+        getattr(incident.error, "name", "") == "firmware" and incident.port.firmware.mode == ERROR
     )
 
 
