@@ -1,7 +1,8 @@
 """Learn the distribution of a robot's motors from logs, and train policies on samples of it.
 
     import motorprior as mp
-    prior = mp.fit_prior(mp.record_bench())    # own log: mp.load_log("log.csv", columns="columns.toml", …)
+    log = mp.record_bench()    # or a recording: mp.load_log("log.csv", columns="columns.toml")
+    prior = mp.fit_prior(log)
     motors = mp.Motors(prior.sample(12, seed=0), dt=0.002, joint_pos=start)
     torque, damping = motors.step(position_target, joint_pos, joint_vel)
 

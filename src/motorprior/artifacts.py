@@ -1,4 +1,7 @@
-"""Files: read with one clear error, written whole or not at all, as JSON or safetensors with a JSON header."""
+"""Files: read with one clear error, written whole or not at all.
+
+Texts are JSON or TOML; arrays are safetensors with a JSON header.
+"""
 
 import gzip
 import json
@@ -30,37 +33,40 @@ def require_file(path: Path, error: type[MotorPriorError] = ArtifactError) -> No
 
 
 def require_size(size: int, path: Path, error: type[MotorPriorError] = ArtifactError) -> None:
-    """Raise an ``error`` if a file, or what is packed in it, has more than MAX_BYTES."""
-    if size > MAX_BYTES:
-        raise error(
-            f"more than {MAX_BYTES} bytes",
-            where=path,
-            remedy="split it, or check that it is the right file",
-        )
+    """Raise an ``error`` if a file, or its unpacked content, has more than MAX_BYTES."""
+    if size <= MAX_BYTES:
+        return
+    remedy = "split it, or check that it is the right file"
+    raise error(f"more than {MAX_BYTES} bytes", where=path, remedy=remedy)
 
 
 def read_bytes(path: Path, error: type[MotorPriorError] = ArtifactError) -> bytes:
-    """Content of a file, unpacked if it is a ``.gz``; an ``error`` if missing, damaged or larger than MAX_BYTES."""
+    """Content of a file, unpacked if it is a ``.gz``.
+
+    Raises an ``error`` if the file is missing, damaged or larger than MAX_BYTES.
+    """
     require_file(path, error)
+    open_file = gzip.open if path.suffix == ".gz" else Path.open
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        with open_file(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as reason:
-        raise error(
-            f"unreadable or damaged ({reason})", where=path, remedy="copy it again from its source"
-        ) from reason
+        problem = f"unreadable or damaged ({reason})"
+        raise error(problem, where=path, remedy="copy it again from its source") from reason
     require_size(len(data), path, error)
     return data
 
 
 def read_text(path: Path, error: type[MotorPriorError] = ArtifactError) -> str:
-    """Text of a UTF-8 file, with or without byte order mark; raises an ``error`` as `read_bytes`, or if not UTF-8."""
+    """Text of a UTF-8 file, with or without byte order mark.
+
+    Raises an ``error`` as `read_bytes`, or if the file is not UTF-8.
+    """
     try:
         return read_bytes(path, error).decode("utf-8-sig")
     except UnicodeDecodeError as reason:
-        raise error(
-            f"not a text file ({reason})", where=path, remedy="save it as UTF-8"
-        ) from reason
+        problem = f"not a text file ({reason})"
+        raise error(problem, where=path, remedy="save it as UTF-8") from reason
 
 
 def read_toml(path: Path, remedy: str) -> dict[str, Any]:
@@ -72,7 +78,10 @@ def read_toml(path: Path, remedy: str) -> dict[str, Any]:
 
 
 def parse_json(text: str) -> Any:
-    """Standard JSON, in which every number is finite, unlike Python's with NaN, Infinity, 1e999; raises ValueError."""
+    """Value of a standard JSON text; raises ValueError.
+
+    Python's own parser also accepts NaN, Infinity and 1e999.
+    """
     return json.loads(text, parse_constant=_finite, parse_float=_finite)
 
 
@@ -84,18 +93,17 @@ def _finite(text: str) -> float:
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON; raises ArtifactError as `read_text`, or if it is not JSON, which has no NaN and infinity."""
+    """Value of a JSON file; raises ArtifactError as `read_text`, or if `parse_json` fails."""
     try:
         return parse_json(read_text(path))
     except (ValueError, RecursionError) as error:
-        raise ArtifactError(
-            f"not valid JSON ({error})", where=path, remedy="write it again"
-        ) from error
+        problem = f"not valid JSON ({error})"
+        raise ArtifactError(problem, where=path, remedy="write it again") from error
 
 
 @contextmanager
 def atomic_path(final: Path) -> Iterator[Path]:
-    """Yield a temporary path next to ``final``; fsync and rename it on success, delete it on failure.
+    """Yield a temporary path next to ``final``, which is renamed on success and deleted on failure.
 
     Raises ArtifactError if the folder cannot be created or written, or the disk is full.
     """
@@ -108,9 +116,8 @@ def atomic_path(final: Path) -> Iterator[Path]:
         temporary.replace(final)
     except OSError as error:
         problem = f"cannot write ({error.strerror or error})"
-        raise ArtifactError(
-            problem, where=final, remedy="choose a writable folder with free space"
-        ) from error
+        remedy = "choose a writable folder with free space"
+        raise ArtifactError(problem, where=final, remedy=remedy) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
@@ -123,8 +130,9 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write ``value`` as sorted, indented JSON, atomically; raises ValueError for NaN and infinity."""
-    write_text(path, json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n")
+    """Write ``value`` as sorted, indented JSON, atomically; raises ValueError if not finite."""
+    text = json.dumps(value, indent=1, sort_keys=True, allow_nan=False)
+    write_text(path, f"{text}\n")
 
 
 def tensors_as_bytes(tensors: Mapping[str, np.ndarray], header: Mapping[str, Any]) -> bytes:
@@ -144,22 +152,29 @@ def write_tensors(path: Path, tensors: Mapping[str, np.ndarray], header: Mapping
 
 
 def read_tensors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and header of `write_tensors`; ArtifactError if missing, damaged, or with a number that is not finite."""
+    """Arrays and header of `write_tensors`.
+
+    Raises ArtifactError if the file is missing or damaged, or has a number that is not finite.
+    """
     from safetensors import SafetensorError, safe_open
 
     require_file(path)
     try:
         with safe_open(path, "numpy") as file:
-            header = parse_json((file.metadata() or {})["motorprior"])
+            metadata = file.metadata() or {}
+            header = parse_json(metadata["motorprior"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError, TypeError, KeyError, ValueError, RecursionError) as error:
-        remedy = "give a .safetensors file that motorprior wrote: `identify` writes a prior, `walk` a policy"
-        raise ArtifactError(
-            f"not a complete safetensors file ({error})", where=path, remedy=remedy
-        ) from error
+        remedy = (
+            "give a .safetensors file that motorprior wrote: "
+            "`identify` writes a prior, `walk` a policy"
+        )
+        problem = f"not a complete safetensors file ({error})"
+        raise ArtifactError(problem, where=path, remedy=remedy) from error
+
     for name, value in tensors.items():
-        if (index := first_not_finite(value)) is not None:
-            raise ArtifactError(
-                f"tensor {name}{index} is not finite", where=path, remedy="train it again"
-            )
+        index = first_not_finite(value)
+        if index is not None:
+            problem = f"tensor {name}{index} is not finite"
+            raise ArtifactError(problem, where=path, remedy="train it again")
     return tensors, header

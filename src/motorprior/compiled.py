@@ -1,7 +1,7 @@
 """Compiled kernels: ``njit`` with this library's own cache folder.
 
-Importing a kernel touches no folder: its cache is opened when it is first compiled. Without numba,
-as on the robot's computer, the functions run as plain Python.
+Importing a kernel writes nothing: its cache is opened when the kernel is first compiled. Without
+numba, as on the robot's computer, the functions run as plain Python.
 """
 
 import hashlib
@@ -44,11 +44,16 @@ class _KernelCache:
 
     def __init__(self, function: Callable):
         self._function = function
+        self._file = Path(function.__code__.co_filename)
+        self._stamp = _stamp(self._file)
+        loaded_sources()
 
     @cached_property
     def _opened(self) -> Any:
-        from numba.core.caching import FunctionCache
+        from numba.core.caching import FunctionCache, NullCache
 
+        if _stamp(self._file) != self._stamp:  # the file was edited after its import
+            return NullCache()
         # Numba reads this global setting when it opens a cache; the user's own functions keep
         # theirs.
         users_folder = numba.config.CACHE_DIR
@@ -60,6 +65,20 @@ class _KernelCache:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._opened, name)
+
+
+def _stamp(file: Path) -> tuple[int, int]:
+    try:
+        status = file.stat()
+    except OSError:  # a function without a file
+        return 0, 0
+    return status.st_mtime_ns, status.st_size
+
+
+@cache
+def loaded_sources() -> str:
+    """`source_digest` of this package when its first kernel was imported."""
+    return source_digest(Path(__file__).parent)
 
 
 def source_digest(package: Path) -> str:
@@ -81,7 +100,7 @@ def kernel_folder() -> str:
     try:
         user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         root = user_cache / "motorprior" / "kernels"
-        folder = root / source_digest(Path(__file__).parent)
+        folder = root / loaded_sources()
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
     except (OSError, RuntimeError):  # RuntimeError: the user has no home folder

@@ -1,4 +1,4 @@
-"""Delay line: a ring buffer of rows, one per step, in the rows of a memory (rows, n) from row ``first`` on.
+"""Delay line: a ring buffer with one row per step, in a memory (rows, n) from row ``first`` on.
 
 Its length must be at least 1 + the maximum age for `row_of_age`, and 2 + the whole steps of the
 maximum age for `interpolated` and `held`.
@@ -37,13 +37,14 @@ def row_of_age(memory: np.ndarray, first: int, newest: int, age: int) -> int:
 @njit(cache=True, nogil=True, inline="always")
 def interpolated(memory: np.ndarray, first: int, newest: int, age: float, column: int) -> float:
     """The value ``age`` >= 0 steps ago, interpolated linearly between two steps."""
-    whole = int(age)
-    newer = memory[row_of_age(memory, first, newest, whole), column]
-    older = memory[row_of_age(memory, first, newest, whole + 1), column]
-    return newer + (age - whole) * (older - newer)
+    whole_steps = int(age)
+    newer = memory[row_of_age(memory, first, newest, whole_steps), column]
+    older = memory[row_of_age(memory, first, newest, whole_steps + 1), column]
+    return newer + (age - whole_steps) * (older - newer)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def held(memory: np.ndarray, first: int, newest: int, age: float, column: int) -> float:
     """The last value written at least ``age`` steps ago, the newest for a negative age."""
-    return memory[row_of_age(memory, first, newest, max(0, math.ceil(age - 1e-9))), column]
+    whole_steps = max(0, math.ceil(age - 1e-9))
+    return memory[row_of_age(memory, first, newest, whole_steps), column]

@@ -1,4 +1,4 @@
-"""Errors that a user can correct. The command line prints them in one line and exits with code 2."""
+"""Errors that a user can correct: the command line prints one line and exits with code 2."""
 
 import re
 from collections.abc import Sequence
@@ -13,21 +13,23 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 40
 
 def cut(text: str, max_letters: int) -> str:
     """The beginning of a text, as one printable line of at most ``max_letters``."""
-    line = "".join(
+    letters = [
         letter if letter.isprintable() else ascii(letter)[1:-1] for letter in " ".join(text.split())
-    )
+    ]
+    line = "".join(letters)
     return line if len(line) <= max_letters else line[: max_letters - 1] + "…"
 
 
 def quoted(value: Any, max_letters: int = 40) -> str:
-    """A value from a file in a message: its ``repr``, cut; containers to a few entries."""
-    return cut(f"{value:.10g}" if isinstance(value, float) else _REPR.repr(value), max_letters)
+    """A value from a file, for a message: its ``repr``, cut; containers to a few entries."""
+    text = f"{value:.10g}" if isinstance(value, float) else _REPR.repr(value)
+    return cut(text, max_letters)
 
 
-def listed(parts: Sequence[str], max_parts: int) -> str:
-    """The first parts, separated by commas, and the number of the others."""
-    more = f" and {len(parts) - max_parts} more" if len(parts) > max_parts else ""
-    return ", ".join(parts[:max_parts]) + more
+def listed(texts: Sequence[str], max_texts: int) -> str:
+    """The first texts, separated by commas, and the number of the others."""
+    more = f" and {len(texts) - max_texts} more" if len(texts) > max_texts else ""
+    return ", ".join(texts[:max_texts]) + more
 
 
 class MotorPriorError(Exception):
@@ -56,14 +58,16 @@ class MotorPriorError(Exception):
 
     def __str__(self) -> str:
         text = f"{self.problem} -> {self.remedy}" if self.remedy else self.problem
-        return (
-            text
-            if self.where is None
-            else f"{cut(str(self.where)[-_MAX_PART:], _MAX_PART)}: {text}"
-        )
+        if self.where is None:
+            return text
+        place = cut(str(self.where)[-_MAX_PART:], _MAX_PART)
+        return f"{place}: {text}"
 
     def on_command_line(self) -> str:
-        """The message with the argument as an option: ``task.max_speed`` becomes ``--task.max-speed``."""
+        """The message with the argument as an option.
+
+        ``task.max_speed`` becomes ``--task.max-speed``.
+        """
         if self.argument is None:
             return str(self)
         place, problem, remedy = str(self).partition(self.problem)

@@ -108,9 +108,9 @@ SHOWN = Progress(_as_python_warning, Lines().line)
 
 def usable_threads(workers: int, progress: Progress) -> int:
     """The smaller of ``workers`` and the number of cores."""
-    cores = (
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    )
+    cores = os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):  # this process may use fewer
+        cores = len(os.sched_getaffinity(0))
     if workers > cores:
         progress.note(f"{workers} workers requested, this machine has {cores} cores: using {cores}")
     return min(workers, cores)
@@ -125,12 +125,14 @@ def in_parallel(
     """
     if threads == 1:
         return [work(progress) for work in works]
+
     pool = ThreadPoolExecutor(threads)
     try:
         futures = [pool.submit(work, progress) for work in works]
-        left = set(futures)
-        while left:  # with a timeout, since Ctrl-C is lost if it comes while Python begins to wait
-            done, left = wait(left, timeout=0.5, return_when=FIRST_EXCEPTION)
+        unfinished = set(futures)
+        while unfinished:
+            # the timeout is for Ctrl-C, which is lost if it comes while Python begins to wait
+            done, unfinished = wait(unfinished, timeout=0.5, return_when=FIRST_EXCEPTION)
             for future in done:
                 future.result()
         return [future.result() for future in futures]

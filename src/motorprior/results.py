@@ -41,36 +41,33 @@ class Results(tuple[Result, ...]):
         return Results((*self, *other))
 
     def __str__(self) -> str:
-        named = [
+        columns = [
             name
             for name in Result.__dataclass_fields__
             if any(getattr(row, name) is not None for row in self)
         ]
-        rows = [[getattr(row, name) for name in named] for row in self]
-        rows = [["" if cell is None else cell for cell in row] for row in rows]
-        cells = [
-            [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
-            for row in rows
-        ]
-        return text_table(named, cells)
+        cells = []
+        for row in self:
+            cells.append([_cell(getattr(row, name)) for name in columns])
+        return text_table(columns, cells)
 
     def where(self, **columns: Any) -> "Results":
         """Rows with these values; a tuple stands for any of its values, None for no value."""
-        wanted = {
+        allowed = {
             name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()
         }
-        return Results(
-            row
-            for row in self
-            if all(getattr(row, name) in any_of for name, any_of in wanted.items())
-        )
+
+        def is_selected(row: Result) -> bool:
+            return all(getattr(row, name) in values for name, values in allowed.items())
+
+        return Results(filter(is_selected, self))
 
     def distinct(self, column: str) -> list[Any]:
         """Distinct values of a column, in the order of the rows."""
         return list(dict.fromkeys(getattr(row, column) for row in self))
 
     def value(self, **columns: Any) -> float:
-        """Value of the only row with these values; raises ValueError unless there is exactly one."""
+        """Value of the only row with these values; ValueError if there are none or several."""
         (row,) = self.where(**columns)
         return row.value
 
@@ -86,30 +83,34 @@ class Results(tuple[Result, ...]):
         over seeds has the name without seed.
         """
         figures: dict[str, float] = {}
-        both = set.intersection(
-            *({row.quantity for row in self.where(motors=name)} for name in ("train", "held_out"))
-        )
+        on_training_motors = set(self.where(motors="train").distinct("quantity"))
+        on_held_out_motors = set(self.where(motors="held_out").distinct("quantity"))
+        on_both = on_training_motors & on_held_out_motors
         for row in self:
             name = _name(row)
-            if row.quantity in both:
+            if row.quantity in on_both:
                 figures[f"{name}/{row.motors}"] = row.value
-            if row.quantity not in both or row.motors == "train":
+            if row.quantity not in on_both or row.motors == "train":
                 figures[name] = row.value
             if row.seed is not None:
-                seeds = {
-                    column: value
-                    for column, value in asdict(row).items()
-                    if column not in ("seed", "value")
-                }
-                figures[_name(replace(row, seed=None))] = self.mean(**seeds)
+                all_seeds = asdict(row)
+                del all_seeds["seed"]
+                del all_seeds["value"]
+                figures[_name(replace(row, seed=None))] = self.mean(**all_seeds)
         return figures
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def write_results(folder: Path, results: Results) -> None:
     """Write results.json (rows) and figures.json (name -> value), each atomically."""
-    rows = [
-        {name: value for name, value in asdict(row).items() if value is not None} for row in results
-    ]
+    rows = []
+    for row in results:
+        rows.append({name: value for name, value in asdict(row).items() if value is not None})
     write_json(folder / RESULTS, {"rows": rows})
     write_json(folder / FIGURES, results.to_figures())
 
@@ -120,22 +121,15 @@ def read_results(folder: Path) -> Results:
     try:
         return Results(Result(**row) for row in read_json(path)["rows"])
     except (KeyError, TypeError) as error:
+        problem = f"not a table of results ({error})"
         remedy = f"delete the folder {folder} and run the same command again"
-        raise ArtifactError(
-            f"not a table of results ({error})", where=path, remedy=remedy
-        ) from error
+        raise ArtifactError(problem, where=path, remedy=remedy) from error
 
 
 def _name(row: Result) -> str:
-    walked = f"{row.motors}_" if row.motors in ("own", "twin") else ""
+    environment = f"{row.motors}_" if row.motors in ("own", "twin") else ""
+    ending = _ENDINGS.get(row.statistic or "", "")
     seconds = None if row.seconds is None else f"{row.seconds:g}"
     seed = None if row.seed is None else f"seed_{row.seed}"
-    parts = (
-        walked + row.quantity + _ENDINGS.get(row.statistic or "", ""),
-        row.log,
-        row.part,
-        row.model,
-        seconds,
-        seed,
-    )
-    return "/".join(part for part in parts if part is not None)
+    words = (f"{environment}{row.quantity}{ending}", row.log, row.part, row.model, seconds, seed)
+    return "/".join(word for word in words if word is not None)

@@ -25,7 +25,7 @@ def roll_pitch_yaw(quaternion: np.ndarray) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def roll_pitch_below(up: np.ndarray, quaternion: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a body relative to gravity; those of `roll_pitch_yaw` if ``up`` is z.
+    """Roll and pitch [rad] of a body relative to gravity; as in `roll_pitch_yaw` if ``up`` is z.
 
     u = rotation_base_to_worldᵀ·up, roll = atan2(u_y, u_z), pitch = -asin(u_x), with the unit vector
     ``up`` (3,) against gravity, in the world frame.

@@ -1,4 +1,4 @@
-"""Declarations of file contents: the keys of a table with their values, and tensors whose shapes share symbols.
+"""Declarations of file contents: keys of tables with their values, and shapes of tensors.
 
 Errors name the file, the key, its value, the allowed values and a remedy.
 """
@@ -17,13 +17,16 @@ from motorprior.exceptions import ArtifactError, quoted
 
 
 def require_keys(
-    given: Iterable[str], wanted: Iterable[str], where: str | Path | None, remedy: str
+    keys: Iterable[str], declared: Iterable[str], where: str | Path | None, remedy: str
 ) -> None:
-    """Raise ArtifactError, with unknown and missing keys, unless a table has exactly the wanted keys."""
-    given = set(given)
-    wanted = set(wanted)
-    kinds = {"unknown": sorted(given - wanted), "missing": sorted(wanted - given)}
-    problems = [f"{kind} keys {quoted(keys, 300)}" for kind, keys in kinds.items() if keys]
+    """Raise ArtifactError, with unknown and missing keys, unless the keys are those declared."""
+    unknown = sorted(set(keys) - set(declared))
+    missing = sorted(set(declared) - set(keys))
+    problems = []
+    if unknown:
+        problems.append(f"unknown keys {quoted(unknown, 300)}")
+    if missing:
+        problems.append(f"missing keys {quoted(missing, 300)}")
     if problems:
         raise ArtifactError(" and ".join(problems), where=where, remedy=remedy)
 
@@ -38,13 +41,16 @@ class Schema:
     name: str = ""  # of the table, if a file has several
 
     def check(self, table: Any, where: str | Path | None) -> None:
-        """Raise ArtifactError for no table, an unknown or missing key, or a value that is not as declared."""
+        """Raise ArtifactError for an unknown or missing key, or a value that is not as declared."""
         where = f"{where}[{self.name}]" if self.name else where
         require("content", table, TABLE, where, self.remedy)
-        keys = f"; the keys are {', '.join(sorted(self.fields))}" if self.optional else ""
-        require_keys(
-            table, self.fields.keys() - (self.optional - table.keys()), where, self.remedy + keys
-        )
+
+        remedy = self.remedy
+        if self.optional:
+            remedy += f"; the keys are {', '.join(sorted(self.fields))}"
+        omitted = self.optional - table.keys()
+        require_keys(table, self.fields.keys() - omitted, where, remedy)
+
         for key in table:
             require(key, table[key], self.fields[key], where, self.remedy)
 
@@ -53,27 +59,33 @@ class Schema:
 class Tensor:
     """Declaration of a float64 array."""
 
-    shape: tuple[str | int, ...]  # sizes; a name stands for the same size wherever it occurs
+    # sizes; a name stands for the same size wherever it occurs
+    shape: tuple[str | int, ...]
     above: float = -inf  # exclusive lower bound of the values
 
 
 def check_tensors(
     tensors: Mapping[str, np.ndarray],
-    wanted: Mapping[str, Tensor],
+    declared: Mapping[str, Tensor],
     where: str | Path | None,
     remedy: str,
     sizes: Mapping[str, int] | None = None,
 ) -> dict[str, int]:
-    """Check arrays and return every named size, taken from ``sizes`` or from the first array that has it."""
-    require_keys(tensors, wanted, where, remedy)
-    known = dict(sizes or {})
-    for name, tensor in wanted.items():
+    """Check arrays and return every named size.
+
+    A size is in ``sizes``, or is that of the first array that has it. Raises ArtifactError for
+    another set of names, another type or shape, or a value that is too small.
+    """
+    require_keys(tensors, declared, where, remedy)
+    size_of_name = dict(sizes or {})
+    for name, tensor in declared.items():
         value = tensors[name]
         for size, length in zip(tensor.shape, value.shape, strict=False):
             if isinstance(size, str):
-                known.setdefault(size, length)
+                size_of_name.setdefault(size, length)
+
         shape = tuple(
-            known.get(size, size) if isinstance(size, str) else size for size in tensor.shape
+            size_of_name.get(size, size) if isinstance(size, str) else size for size in tensor.shape
         )
         if value.dtype != np.float64 or value.shape != shape:
             problem = f"{name} is {value.dtype}{value.shape}, wanted float64{shape}"
@@ -81,7 +93,7 @@ def check_tensors(
         if not np.all(value > tensor.above):
             problem = f"{name} has a value of {value.min():.3g}, not above {tensor.above:g}"
             raise ArtifactError(problem, where=where, remedy=remedy)
-    return known
+    return size_of_name
 
 
 @dataclass(frozen=True)
@@ -100,26 +112,34 @@ class Header:
         return {"kind": self.kind, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Tensors (not checked) and checked header of a file; raises ArtifactError as `read_tensors` and `check`."""
+        """Tensors, which are not checked, and checked header of a file.
+
+        Raises ArtifactError as `read_tensors` and `check`.
+        """
         if path.is_dir():
-            remedy = f"give {path / self.file}" if (path / self.file).is_file() else self._give
+            default_file = path / self.file
+            remedy = f"give {default_file}" if default_file.is_file() else self._give
             raise ArtifactError("a folder, not a file", where=path, remedy=remedy)
         tensors, header = read_tensors(path)
         self.check(header, path)
         return tensors, header
 
     def check(self, header: Any, where: str | Path | None) -> None:
-        """Raise ArtifactError for another kind, a newer version, or an entry that is not as declared."""
+        """Raise ArtifactError for another artefact, a newer version, or an undeclared entry."""
         require("header", header, TABLE, where, self.remedy)
-        found = header.get("kind")
+        artefact = header.get("kind")
+        if artefact != self.kind:
+            problem = f"a {quoted(str(artefact))[1:-1]}, not a {self.kind}"
+            raise ArtifactError(problem, where=where, remedy=self._give)
+
         version = header.get("schema_version")
-        if found != self.kind:
-            raise ArtifactError(
-                f"a {quoted(str(found))[1:-1]}, not a {self.kind}", where=where, remedy=self._give
-            )
         if isinstance(version, int) and version > self.version:
-            problem = f"written by a newer motorprior: schema_version {version}, this one reads {self.version}"
+            problem = (
+                f"written by a newer motorprior: schema_version {version}, "
+                f"this one reads {self.version}"
+            )
             raise ArtifactError(problem, where=where, remedy="update motorprior")
+
         identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
         Schema(identity | dict(self.fields), self.remedy).check(header, where)
 

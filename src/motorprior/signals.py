@@ -15,9 +15,9 @@ def rmse(a: np.ndarray, b: np.ndarray, axis: int | tuple[int, ...] | None = None
 
 def runs_of_true(mask: np.ndarray) -> np.ndarray:
     """(R, 2) first index of each run of True in a mask (T,), and the index after the run."""
-    return np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(
-        -1, 2
-    )
+    padded = np.concatenate([[False], mask, [False]]).astype(int)
+    changes = np.flatnonzero(np.diff(padded))
+    return changes.reshape(-1, 2)
 
 
 def encoder_step(readings: np.ndarray) -> float:
@@ -30,21 +30,29 @@ def encoder_step(readings: np.ndarray) -> float:
 def mean_command(
     time: np.ndarray, command: np.ndarray, grid: np.ndarray, period: float
 ) -> np.ndarray:
-    """(G, J) means of commands (T, J), held from ``time`` (T,) on, from each time of the grid to a period later."""
+    """(G, J) mean command in the period that begins at each time of the grid (G,).
+
+    Commands (T, J) are held from their ``time`` (T,) until the next one.
+    """
     edges = np.append(grid, grid[-1] + period)
     row = np.searchsorted(time, edges + 1e-6 * period, side="right") - 1
-    area = np.concatenate(
-        [np.zeros((1, command.shape[1])), np.cumsum(command[:-1] * np.diff(time)[:, None], axis=0)]
-    )
-    area = area[row] + command[row] * (edges - time[row])[:, None]
-    # row in force at the end
-    last = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1
-    same = (row[:-1] == last)[:, None]
-    return np.where(same, command[row[:-1]], np.diff(area, axis=0) / period)
+
+    # integral of the command from the first time to each edge
+    steps = command[:-1] * np.diff(time)[:, None]
+    area_at_rows = np.concatenate([np.zeros((1, command.shape[1])), np.cumsum(steps, axis=0)])
+    area = area_at_rows[row] + command[row] * (edges - time[row])[:, None]
+
+    # a command that is in force all the time is exact, without the rounding of the integral
+    row_at_end = np.searchsorted(time, edges[1:] - 1e-6 * period, side="right") - 1
+    is_constant = (row[:-1] == row_at_end)[:, None]
+    return np.where(is_constant, command[row[:-1]], np.diff(area, axis=0) / period)
 
 
 def high_frequency_rms(signal: np.ndarray, period: float, cutoff: float) -> np.ndarray:
-    """(...) RMS of the content above ``cutoff`` [Hz] of a signal (time, ...) with a ``period`` [s], by Parseval."""
+    """RMS of the content of a signal above ``cutoff`` [Hz], by Parseval's theorem.
+
+    The signal has the shape (time, ...) and the sample ``period`` [s]; the result has (...).
+    """
     count = signal.shape[0]
     spectrum = np.fft.rfft(signal - signal.mean(axis=0), axis=0)
     power = np.abs(spectrum) ** 2

@@ -31,9 +31,8 @@ def digest(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise ArtifactError(
-            f"cannot read ({error.strerror})", where=path, remedy="check the path"
-        ) from error
+        problem = f"cannot read ({error.strerror})"
+        raise ArtifactError(problem, where=path, remedy="check the path") from error
 
 
 def description(
@@ -63,41 +62,43 @@ def _plain(value: Any) -> Any:
     """JSON values without paths and fleet files, whose digests are among the inputs."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items() if not _is_path(item)}
-    return (
-        [_plain(item) for item in value if not _is_path(item)]
-        if isinstance(value, list | tuple)
-        else value
-    )
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value if not _is_path(item)]
+    return value
 
 
 def _is_path(value: Any) -> bool:
     return isinstance(value, Path) or (isinstance(value, str) and value.endswith(".toml"))
 
 
-def is_finished(folder: Path, wanted: dict[str, Any]) -> bool:
-    """Whether ``folder`` has the result of this stage."""
+def is_finished(folder: Path, stage: dict[str, Any]) -> bool:
+    """Whether ``folder`` has the result of the stage with this `description`."""
     try:
-        found = read_json(folder / MARKER)
+        marker = read_json(folder / MARKER)
     except ArtifactError:
         return False
-    return isinstance(found, dict) and found == wanted | {"seconds": found.get("seconds")}
+    return isinstance(marker, dict) and marker == stage | {"seconds": marker.get("seconds")}
 
 
 @contextmanager
-def working(folder: Path, wanted: dict[str, Any]) -> Iterator[None]:
-    """Run the stage with the `description` ``wanted`` in its `locked` folder; without an error it is then finished."""
+def working(folder: Path, stage: dict[str, Any]) -> Iterator[None]:
+    """Run the stage with this `description` in its `locked` folder.
+
+    The stage is finished at the end of the context, unless an error was raised.
+    """
     with locked(folder):
         (folder / MARKER).unlink(missing_ok=True)
         started = time.monotonic()
         yield
-        write_json(folder / MARKER, wanted | {"seconds": time.monotonic() - started})
+        write_json(folder / MARKER, stage | {"seconds": time.monotonic() - started})
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Create and lock a folder; the same thread may lock it again. A new folder that stays empty is removed.
+    """Create and lock a folder; the same thread may lock it again.
 
-    Raises ArtifactError if another process or thread writes there, or it cannot be created.
+    A new folder that stays empty is removed. Raises ArtifactError if another process or thread
+    writes there, or the folder cannot be created.
     """
     is_new = not folder.exists()
     try:
@@ -110,10 +111,12 @@ def locked(folder: Path) -> Iterator[None]:
     except OSError as error:
         problem = f"cannot write there ({error.strerror or error})"
         raise ArtifactError(problem, where=folder, remedy="choose another folder") from error
+
     try:
         yield
     finally:
         lock.release()
-        if is_new and not lock.is_locked and {path.name for path in folder.iterdir()} <= {LOCK}:
+        is_unused = is_new and not lock.is_locked
+        if is_unused and {path.name for path in folder.iterdir()} <= {LOCK}:
             (folder / LOCK).unlink(missing_ok=True)
             folder.rmdir()

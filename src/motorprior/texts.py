@@ -1,4 +1,4 @@
-"""Summaries of objects for people: a headline, facts and a table; notebooks show them as they are printed."""
+"""Summaries of objects for people: a headline, facts and a table."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,12 @@ def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     widths = [max(len(row[column]) for row in cells) for column in range(len(columns))]
 
     def line(row: Sequence[str]) -> str:
-        first, *others = zip(row, widths, strict=True)
-        return "  ".join(
-            [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in others)]
-        ).rstrip()
+        aligned = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+        aligned[0] = row[0].ljust(widths[0])
+        return "  ".join(aligned).rstrip()
 
-    return "\n".join(
-        [line(cells[0]), "  ".join("-" * width for width in widths), *map(line, cells[1:])]
-    )
+    rule = "  ".join("-" * width for width in widths)
+    return "\n".join([line(cells[0]), rule, *map(line, cells[1:])])
 
 
 @dataclass(frozen=True)
@@ -44,9 +42,10 @@ class Overview:
         return "\n".join(self._lines[:MAX_LINES])
 
     def __str__(self) -> str:
-        return "\n".join(
-            [*self._lines, *([text_table(self.columns, self.rows)] if self.rows else [])]
-        )
+        lines = self._lines
+        if self.rows:
+            lines.append(text_table(self.columns, self.rows))
+        return "\n".join(lines)
 
 
 class Printable:

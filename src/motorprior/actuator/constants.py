@@ -1,4 +1,4 @@
-"""Tables of motor constants: unit, median, range between units, and whether the logs identify them."""
+"""Tables of motor constants: unit, median, range between motors, whether the logs identify them."""
 
 import html
 from collections.abc import Iterator, Mapping
@@ -20,28 +20,41 @@ if TYPE_CHECKING:
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 _PER_UNIT = "of the firmware's gain"
 UNITS = {
-    "kp": "N·m/rad", "kd_over_kp": "s", "velocity_filter": "s", "delay": "s", "torque_limit": "N·m",
-    "armature": "kg·m²", "coulomb": "N·m", "stribeck_torque": "N·m", "viscous_damping": "N·m·s/rad",
-    "load_friction": "1", "gear_stiffness": "N·m/rad", "backlash": "rad", "gear_damping": "N·m·s/rad",
-    "encoder_zero": "rad", f"kp{PER_LOGGED}": f"N·m/rad per unit {_PER_UNIT}",
-    f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}", **{each.name: each.unit for each in CONSTANTS.values()},
-}  # fmt: skip
+    "kp": "N·m/rad",
+    "kd_over_kp": "s",
+    "velocity_filter": "s",
+    "delay": "s",
+    "torque_limit": "N·m",
+    "armature": "kg·m²",
+    "coulomb": "N·m",
+    "stribeck_torque": "N·m",
+    "viscous_damping": "N·m·s/rad",
+    "load_friction": "1",
+    "gear_stiffness": "N·m/rad",
+    "backlash": "rad",
+    "gear_damping": "N·m·s/rad",
+    "encoder_zero": "rad",
+    f"kp{PER_LOGGED}": f"N·m/rad per unit {_PER_UNIT}",
+    f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}",
+    **{constant.name: constant.unit for constant in CONSTANTS.values()},
+}
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
 _PICTURES = "motorprior.report.plots"  # a layer above: imported only to draw a picture
 
 
 class ConstantSummary(NamedTuple):
-    """A constant over the units of a fleet."""
+    """Distribution of a constant over motors."""
 
     name: str
     unit: str
     median: float
-    low: float  # 5 % of the units are below
+    low: float  # 5 % of the motors are below
     high: float  # 5 % are above
     identifiable: bool | None  # whether the logs identify it; None if unknown
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {self.low:.3g} to {self.high:.3g}"
+        bounds = f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {bounds}"
 
 
 @dataclass(frozen=True)
@@ -59,13 +72,12 @@ class Constants:
         identified: Mapping[str, bool | None],
     ) -> "Constants":
         """Quantiles of samples (n,) by name; constants without ``identified`` are unknown."""
-        found = []
+        rows = []
         for name, samples in values.items():
             low, median, high = np.quantile(samples, [0.05, 0.5, 0.95]).tolist()
-            found.append(
-                ConstantSummary(name, units[name], median, low, high, identified.get(name))
-            )
-        return cls(tuple(found))
+            is_identified = identified.get(name)
+            rows.append(ConstantSummary(name, units[name], median, low, high, is_identified))
+        return cls(tuple(rows))
 
     def __iter__(self) -> Iterator[ConstantSummary]:
         return iter(self.rows)
@@ -79,11 +91,12 @@ class Constants:
     @property
     def cells(self) -> list[list[str]]:
         """Texts of the rows, in the order of the columns."""
-        words = {True: "yes", False: "no", None: "unknown"}
-        return [
-            [row.name, row.unit, *(f"{value:.3g}" for value in row[2:5]), words[row.identifiable]]
-            for row in self.rows
-        ]
+        answers = {True: "yes", False: "no", None: "unknown"}
+        cells = []
+        for row in self.rows:
+            numbers = [f"{value:.3g}" for value in (row.median, row.low, row.high)]
+            cells.append([row.name, row.unit, *numbers, answers[row.identifiable]])
+        return cells
 
     def __str__(self) -> str:
         return text_table(self.columns, self.cells)
@@ -95,25 +108,29 @@ class Constants:
 def named_constants(
     model: "GreyBox | LatentNetwork", z: np.ndarray, gains: np.ndarray | None
 ) -> dict[str, np.ndarray]:
-    """(n,) constants by name [SI] of motors with latents (n, Z), at gains (2, n) or (2, 1) in the model's unit.
+    """(n,) constants by name [SI] of motors with latents (n, Z).
 
-    Those in units of a firmware are multiples with names of their own, such as ``kp_per_logged``. A
-    network has a torque limit and, if it decodes one, an armature.
+    ``gains`` are (2, n) or (2, 1), in the model's unit. Constants in units of a firmware are
+    multiples of logged gains and have other names, such as ``kp_per_logged``. A network has a
+    torque limit and, if it decodes one, an armature.
     """
     if not isinstance(model, GreyBox):
-        limit = {"torque_limit": np.full(len(z), model.torque_limit)}
-        return limit | ({"armature": model.armature(z)} if model.has_armature else {})
+        values = {"torque_limit": np.full(len(z), model.torque_limit)}
+        if model.has_armature:
+            values["armature"] = model.armature(z)
+        return values
+
     values = model.constants(z)
     if model.gain_unit == PHYSICAL_GAINS and gains is not None:
         return with_logged_gains(values, *gains)
     if not model.gain_unit:
         return values
-    kd_is_logged = gains is None or not np.array_equal(*gains)  # else the ratio is one of the motor
+
+    # with equal logged gains the ratio is a constant of the motor
+    kd_is_logged = gains is None or not np.array_equal(*gains)
     multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
-    return {
-        f"{name}{PER_LOGGED}" if name in multiples else name: value
-        for name, value in values.items()
-    }
+    suffixes = dict.fromkeys(multiples, PER_LOGGED)
+    return {f"{name}{suffixes.get(name, '')}": value for name, value in values.items()}
 
 
 def plot_response(motors: Any, title: str, period: float) -> Any:

@@ -19,7 +19,10 @@ _STEPS = np.diff(SCORES)[:, None]
 
 
 def decoder_latents(mixing: Any, quantiles: Any, z: Any) -> Any:
-    """(n, Z) latents of the decoder for z (n, Z), by numpy or JAX; mixing (Z, Z), quantiles (9, Z) ascending."""
+    """(n, Z) latents of the decoder for z (n, Z), by numpy or JAX.
+
+    ``mixing`` is (Z, Z), ``quantiles`` are (9, Z), ascending.
+    """
     # not @, whose rounding depends on the number of motors
     x = (z[:, :, None] * mixing).sum(axis=1)
     slopes = (quantiles[1:] - quantiles[:-1]) / _STEPS
@@ -44,6 +47,6 @@ def normal_scores(quantiles: np.ndarray, latents: np.ndarray) -> np.ndarray:
     """(n, Z) standard normal x of latents (n, Z): the inverse of Q."""
     slopes = np.diff(quantiles, axis=0) / _STEPS
     # (n, Z) index of the linear segment
-    part = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)
+    segment = np.sum(latents[:, None, :] >= quantiles[1:-1], axis=1)
     column = np.arange(latents.shape[1])
-    return SCORES[part] + (latents - quantiles[part, column]) / slopes[part, column]
+    return SCORES[segment] + (latents - quantiles[segment, column]) / slopes[segment, column]

@@ -1,8 +1,9 @@
 """Grey boxes: compiled geared motors whose constants are decoded from a latent z.
 
-    log θ = center + zᵀ·slope            θ: the 14 PARAMETERS and those of the optional terms, within e^±LOG_REACH
-                                         of center; linear for constants that may be negative
-                                         (`optional_terms.SIGNED`)
+    log θ = center + zᵀ·slope,   within ±LOG_REACH of center
+
+θ are the 14 PARAMETERS and the constants of the optional terms. Constants that may be negative
+(`optional_terms.SIGNED`) are linear in z.
 
 A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor. The
 model simulates the rotor, so the engine gets no armature.
@@ -60,8 +61,12 @@ LINE = len(MotorState._fields) + 1
 def motor_table(
     values: dict[str, np.ndarray], physics_dt: float, terms: tuple[str, ...] = ()
 ) -> np.ndarray:
-    """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s]; more rows with terms."""
-    return np.stack([row for row in step_constants(values, physics_dt, terms) if row is not None])
+    """(rows, n) of `StepConstants` from constants by name, for steps of ``physics_dt`` [s].
+
+    Motors with terms have more rows.
+    """
+    rows = step_constants(values, physics_dt, terms)
+    return np.stack([row for row in rows if row is not None])
 
 
 def memory_rows(physics_dt: float) -> int:
@@ -71,7 +76,7 @@ def memory_rows(physics_dt: float) -> int:
 
 @dataclass(frozen=True)
 class GreyBox:
-    """The decoder from a latent z to the logarithms of a geared motor's constants; P parameters, Z latents."""
+    """Decoder from Z latents to the logarithms of the P constants of a geared motor."""
 
     center: np.ndarray  # (P,)
     slope: np.ndarray  # (Z, P)
@@ -93,9 +98,10 @@ class GreyBox:
     def constants(
         self, z: np.ndarray, conditions: OperatingConditions = COLD
     ) -> dict[str, np.ndarray]:
-        """(n,) physical constants by name at these conditions, without them of cold motors at nominal conditions.
+        """(n,) physical constants by name at these operating conditions.
 
-        With a ``gain_unit``, kp and kd_over_kp are multiples of logged gains (`with_logged_gains`).
+        By default the motors are cold and the other conditions nominal. With a ``gain_unit``, kp
+        and kd_over_kp are multiples of logged gains (`with_logged_gains`).
         """
         # not @, whose rounding depends on the number of motors
         shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
@@ -157,26 +163,27 @@ class GreyBoxActuator:
 
     def with_factors(self, factors: Factors) -> "GreyBoxActuator":
         """See `Actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
-        before = self.factors
-        return replace(
-            self, factors=factors if before is None else Factors(*np.multiply(before, factors))
-        )
+        if self.factors is not None:
+            factors = Factors(*np.multiply(self.factors, factors))
+        return replace(self, factors=factors)
 
     def constants(self) -> dict[str, np.ndarray]:
         """(n,) constants by name, at these conditions, with gains and factors."""
         if self.model.gain_unit and self.gains is None:
             problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
             raise ConfigError(problem, remedy="give their gains", argument="gains")
+
         values = self.model.constants(self.z, self.conditions)
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)
         if self.factors is None:
             return values
-        kp, kd, torque_limit, coulomb = self.factors
-        others = {"torque_limit": torque_limit, "coulomb": coulomb, "stribeck_torque": coulomb}
-        return with_logged_gains(values, kp, kd) | {
-            name: values[name] * factor for name, factor in others.items()
-        }
+
+        values = with_logged_gains(values, self.factors.kp, self.factors.kd)
+        values["torque_limit"] = values["torque_limit"] * self.factors.torque_limit
+        for friction in ("coulomb", "stribeck_torque"):
+            values[friction] = values[friction] * self.factors.coulomb
+        return values
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
@@ -199,7 +206,10 @@ def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nda
 def _update_targets(
     p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray
 ) -> None:
-    """Write delayed targets [rad], interpolated linearly: means from half a step before to half a step after now."""
+    """Write delayed targets [rad], interpolated linearly.
+
+    They are means from half a step before to half a step after now.
+    """
     newest = write_line(memory, LINE, now, position_target)
     for motor in range(position_target.shape[0]):
         memory[TARGET, motor] = interpolated(memory, LINE, newest, p[_DELAY, motor] + 0.5, motor)
@@ -224,7 +234,9 @@ def _emit_step(
     state = MotorState(*(read(memory, row) for row in range(states)))
     q, dq = (read(column) for column in vectors[:2])
     h = Vector.broadcast(builder, physics_dt, width)
-    state, torque, damping = step(p, state, read(memory, TARGET), q, dq, h, LANE_ARITHMETIC, terms)
+    target = read(memory, TARGET)
+    state, torque, damping = step(p, state, target, q, dq, h, LANE_ARITHMETIC, terms)
+
     torque.store(_row(builder, vectors[2], 0))
     damping.store(_row(builder, vectors[3], 0))
     for row, value in enumerate(state[:states]):
@@ -273,7 +285,7 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
 
     The table has more than BASE_CONSTANTS rows for motors with optional terms.
     """
-    # separately: a tuple would count each array once more
+    # one after the other: a tuple would count each array once more
     arrays = without_refcounts(arrays)
     torque = without_refcounts(torque)
     position_target = without_refcounts(position_target)
@@ -284,6 +296,8 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
     now = arrays.clock[0]
     damping = arrays.damping
     _update_targets(p, memory, now, position_target)
+
+    # motors in groups of eight, four and one
     n = torque.shape[0]
     first = 0
     servo = p.shape[0] > BASE_CONSTANTS
@@ -307,7 +321,10 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
 
 @njit(cache=True, nogil=True)
 def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """The encoders are on the rotors: rotor position, without twist of a softened gear, plus encoder zero [rad]."""
+    """Write the encoder angles [rad]: the rotor's position plus encoder zero.
+
+    They do not contain the twist that only softening a gear for the step adds.
+    """
     for motor in range(out.shape[0]):
         added = added_twist(arrays, motor, joint_pos[motor])
         out[motor] = arrays.memory[ROTOR_POS, motor] - added + arrays.parameters[_ZERO, motor]
@@ -338,6 +355,11 @@ def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
 
 
 GREY_BOX = ActuatorKind(
-    "grey_box", "grey box", reset=reset, step=step_lanes, measure=measure, make_explicit=_make_explicit,
+    "grey_box",
+    "grey box",
+    reset=reset,
+    step=step_lanes,
+    measure=measure,
+    make_explicit=_make_explicit,
     limit_stiffness=_limit_stiffness,
-)  # fmt: skip
+)

@@ -1,4 +1,4 @@
-"""The PD that legged-robot simulators use, ideal or with armature, a delayed target and Coulomb friction.
+"""The PD of legged-robot simulators, ideal or with armature, delayed target and Coulomb friction.
 
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
                    - clip(coulomb/FULL_FRICTION_SPEED·joint_vel, ±coulomb)
@@ -16,9 +16,12 @@ the bare rotor,
 
 Otherwise it is a damping coulomb/w, which the engine integrates implicitly:
 
-    w = |v|  from FULL_FRICTION_SPEED,  below it  max(FULL_FRICTION_SPEED, speed of the bare rotor
-    after the step) speed of the bare rotor after the step = (|armature·v + h·torque| - h·coulomb) /
-    (armature + h·kd)
+    w = |v|                               from FULL_FRICTION_SPEED,
+    w = max(FULL_FRICTION_SPEED, reached) below it
+
+where ``reached`` is the speed of the bare rotor after the step:
+
+    reached = (|armature·v + h·torque| - h·coulomb) / (armature + h·kd)
 
 Friction is wrong for one step when a heavy load starts or a bare rotor reverses. An engine with
 constant damping gets a friction of at most armature/h·v, which equals coulomb at the speed
@@ -73,12 +76,8 @@ class IdealPd:
         coulomb: float = 0.0,
     ) -> "IdealPd":
         """The same constants for every motor."""
-        return cls(
-            *(
-                np.full(num_motors, float(value))
-                for value in (kp, kd, torque_limit, armature, delay, coulomb)
-            )
-        )
+        values = (kp, kd, torque_limit, armature, delay, coulomb)
+        return cls(*(np.full(num_motors, float(value)) for value in values))
 
     @property
     def kind(self) -> ActuatorKind:
@@ -99,10 +98,8 @@ class IdealPd:
         """See `Actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")
-        return replace(
-            self,
-            **{name: getattr(self, name) * factor for name, factor in factors._asdict().items()},
-        )
+        scaled = {name: getattr(self, name) * factor for name, factor in factors._asdict().items()}
+        return replace(self, **scaled)
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
@@ -128,9 +125,10 @@ class GainScaledPd:
 
         A gain with median 0 does not change.
         """
-        middle = self.logged[:, None]
-        kp, kd = np.where(middle > 0.0, gains / np.where(middle > 0.0, middle, 1.0), 1.0)
-        return replace(self.pd, kp=self.pd.kp * kp, kd=self.pd.kd * kd)
+        median = self.logged[:, None]
+        is_scaled = median > 0.0
+        kp_factor, kd_factor = np.where(is_scaled, gains / np.where(is_scaled, median, 1.0), 1.0)
+        return replace(self.pd, kp=self.pd.kp * kp_factor, kd=self.pd.kd * kd_factor)
 
 
 @njit(cache=True, nogil=True)
@@ -141,7 +139,7 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 @njit(cache=True, nogil=True)
 def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
-    """Write (n,) torque for the engine [N·m]; the delayed target is interpolated linearly between steps."""
+    """Write the torque for the engine; the delayed target is interpolated between steps."""
     newest = write_line(arrays.memory, 0, arrays.clock[0], position_target)
     for motor in range(torque.shape[0]):
         target = interpolated(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
@@ -163,21 +161,24 @@ def _step_with_friction(arrays, physics_dt, position_target, joint_pos, joint_ve
         impulse = physics_dt * torque[motor]
         friction = physics_dt * coulomb
         moves = speed >= FULL_FRICTION_SPEED
+
+        # explicit friction
         arrays.damping[motor] = kd
         if moves and armature * speed + math.copysign(impulse, impulse * velocity) > friction:
             torque[motor] -= math.copysign(coulomb, velocity)
             continue
+
+        # friction as damping
         if not moves:
-            reached = (abs(armature * velocity + impulse) - friction) / max(
-                armature + physics_dt * kd, _TINY
-            )
+            inertia = max(armature + physics_dt * kd, _TINY)
+            reached = (abs(armature * velocity + impulse) - friction) / inertia
             speed = max(FULL_FRICTION_SPEED, reached)
         arrays.damping[motor] += coulomb / speed
 
 
 @njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    """Apply the friction part of the damping as a force, limited so that it cannot reverse a rotor without kd."""
+    """Apply the friction in the damping as a force, too small to reverse a rotor without kd."""
     for motor in range(torque.shape[0]):
         friction = arrays.damping[motor] - arrays.parameters[KD, motor]
         torque[motor] -= min(friction, arrays.parameters[_MAX_SLOPE, motor]) * joint_vel[motor]
@@ -196,8 +197,10 @@ FRICTION_PD = ActuatorKind(
 
 def described_pd(robot: "Robot") -> IdealPd:
     """An ideal PD with the gains and torque limits of the robot's description."""
-    columns = [
-        np.array([getattr(joint, name) for joint in robot.joints])
-        for name in ("kp", "kd", "torque_limit")
-    ]
-    return IdealPd(*columns, armature=np.zeros(robot.num_joints), delay=np.zeros(robot.num_joints))
+    return IdealPd(
+        kp=np.array([joint.kp for joint in robot.joints]),
+        kd=np.array([joint.kd for joint in robot.joints]),
+        torque_limit=np.array([joint.torque_limit for joint in robot.joints]),
+        armature=np.zeros(robot.num_joints),
+        delay=np.zeros(robot.num_joints),
+    )

@@ -63,18 +63,20 @@ class ActuatorKind:
 
     @cached_property
     def kernels(self) -> KernelTable:
-        """Addresses of the compiled functions in this process; compiles them, or loads them from the cache."""
+        """Addresses of the compiled functions in this process.
+
+        The functions are compiled, or loaded from the cache.
+        """
         arrays = arrays_type()
         vector = types.Array(types.float64, 1, "C")
-        pair = (arrays, vector, vector)
-        step = (arrays, types.float64, *[vector] * 4)
-        functions = (
-            (self.reset, pair),
-            (self.step, step),
-            (self.measure, pair),
-            (self.make_explicit, pair),
+        two_vectors = (arrays, vector, vector)
+        step_and_vectors = (arrays, types.float64, vector, vector, vector, vector)
+        return KernelTable(
+            reset=_address(self.reset, two_vectors),
+            step=_address(self.step, step_and_vectors),
+            measure=_address(self.measure, two_vectors),
+            make_explicit=_address(self.make_explicit, two_vectors),
         )
-        return KernelTable(*(_address(function, arguments) for function, arguments in functions))
 
 
 @cache
@@ -93,40 +95,37 @@ def _address(function: Any, arguments: tuple[types.Type, ...]) -> int:
 
 def _require_types(arrays: Any, vectors: tuple[Any, ...]) -> None:
     """Reject at compile time arrays that the function at an address would misread."""
-    contiguous = all(
-        isinstance(each, types.Array) and each.layout == "C" and each.ndim == 1 for each in vectors
-    )
-    if (
-        arrays != arrays_type()
-        or not contiguous
-        or any(each.dtype != types.float64 for each in vectors)
-    ):
+    for vector in vectors:
+        is_contiguous = isinstance(vector, types.Array) and vector.layout == "C"
+        if not is_contiguous or vector.ndim != 1 or vector.dtype != types.float64:
+            raise TypingError("the motors' arrays must be contiguous float64")
+    if arrays != arrays_type():
         raise TypingError("the motors' arrays must be contiguous float64")
 
 
 def _emit_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
     """Call the function at the address in the first argument, by numba's calling convention."""
-    kinds = signature.args[1:]
+    argument_types = signature.args[1:]
     convention = context.call_conv
-    function = convention.get_function_type(types.none, kinds).as_pointer()
-    callee = builder.inttoptr(arguments[0], function)
-    convention.call_function(builder, callee, types.none, kinds, arguments[1:])
+    function_type = convention.get_function_type(types.none, argument_types).as_pointer()
+    callee = builder.inttoptr(arguments[0], function_type)
+    convention.call_function(builder, callee, types.none, argument_types, arguments[1:])
     return context.get_dummy_value()
 
 
-def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value=value)
+def _without_owners(context: Any, builder: Any, numba_type: Any, value: Any) -> Any:
+    if isinstance(numba_type, types.Array):
+        array = context.make_array(numba_type)(context, builder, value=value)
         array.meminfo = cgutils.get_null_value(array.meminfo.type)
         array.parent = cgutils.get_null_value(array.parent.type)
         return array._getvalue()
-    if isinstance(kind, types.BaseTuple):
-        inner: Any = kind.types  # pyright: ignore[reportAttributeAccessIssue]
-        parts = [
-            _without_owners(context, builder, each, builder.extract_value(value, index))
-            for index, each in enumerate(inner)
-        ]
-        return context.make_tuple(builder, kind, parts)
+    if isinstance(numba_type, types.BaseTuple):
+        item_types: Any = numba_type.types  # pyright: ignore[reportAttributeAccessIssue]
+        items = []
+        for index, item_type in enumerate(item_types):
+            item = builder.extract_value(value, index)
+            items.append(_without_owners(context, builder, item_type, item))
+        return context.make_tuple(builder, numba_type, items)
     return value
 
 
@@ -136,7 +135,7 @@ def _pair(typingctx, address, arrays, first, second):
 
 
 def _step(typingctx, address, arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
-    vectors = position_target, joint_pos, joint_vel, torque
+    vectors = (position_target, joint_pos, joint_vel, torque)
     _require_types(arrays, vectors)
     return types.void(types.intp, arrays, types.float64, *vectors), _emit_call
 

@@ -1,6 +1,7 @@
 """The learned actuator: a softsign network of error and velocity history and a latent z per motor.
 
-    x      = [error(t - k·period) / error_scale | k in taps] + [joint_vel(t - k·period) / velocity_scale | k in taps]
+    x      = [error(t - k·period) / error_scale | k in taps]
+             + [joint_vel(t - k·period) / velocity_scale | k in taps]
     h1     = softsign(W1ᵀx + V1ᵀz + b1),  h2 = softsign(W2ᵀh1 + b2)
     torque = clip(torque_scale·(w3ᵀh2 + b3), ±torque_limit)
     armature = exp(a0 + aᵀz)                                  (zero if the network decodes none)
@@ -67,7 +68,10 @@ def log_armature(weights: Mapping[str, Any], latents: Any) -> Any:
 
 
 def scaled_torque(weights: Mapping[str, Any], inputs: Any, bias: Any) -> Any:
-    """(n,) torque / torque_scale before the clip, by numpy or JAX, for scaled inputs (n, 2T) and bias (n, H)."""
+    """(n,) torque / torque_scale before the clip, by numpy or JAX.
+
+    ``inputs`` are scaled and (n, 2T); ``bias`` of the first layer is (n, H).
+    """
     first = _softsign(inputs @ weights["w1"] + bias)
     second = _softsign(first @ weights["w2"] + weights["b2"])
     return second @ weights["w3"] + weights["b3"]
@@ -127,10 +131,8 @@ class LatentNetwork:
         """From `contents`, with its ``period`` [s]."""
         values: dict[str, Any] = {name: tensors[name] for name in WEIGHTS}
         values |= {name: float(entries[name]) for name in NETWORK_SCALES}
-        taps = tuple(entries["taps"])
-        return cls(
-            **values, taps=taps, period=period, has_armature=entries["has_armature"], copula=copula
-        )
+        values |= {"taps": tuple(entries["taps"]), "has_armature": entries["has_armature"]}
+        return cls(**values, period=period, copula=copula)
 
     def decoder_latents(self, z: np.ndarray) -> np.ndarray:
         """(n, Z) latents of the decoder for motors with latents z (n, Z)."""
@@ -191,42 +193,41 @@ class NetworkActuator:
         return self
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`; ConfigError if ``physics_dt`` does not divide the network's period."""
+        """See `Actuator.arrays`; ``physics_dt`` must divide the network's period."""
         require_step(physics_dt)
         net = self.model
         update_steps = round(net.period / physics_dt)
         if update_steps < 1 or abs(update_steps * physics_dt - net.period) > 1e-9:
+            problem = f"physics step {physics_dt:g} s does not divide the prior's period"
             raise ConfigError(
-                f"physics step {physics_dt:g} s does not divide the prior's period {net.period:g} s",
+                f"{problem} {net.period:g} s",
                 remedy=f"use a step of {net.period:g} s or an integer fraction of it",
             )
-        ring = net.taps[-1] + 1
-        taps = np.array(net.taps)
+
+        # biases of all layers, for whole blocks of motors
         blocks = -(-self.num_motors // LANES)
         padded = np.zeros((blocks * LANES, net.num_latents))
         padded[: self.num_motors] = self.z
         first = first_bias(vars(net), net.decoder_latents(padded))
         ones = np.ones((len(padded), 1))
-        biases = np.concatenate(
-            [first, ones * net.b2, ones * float(net.b3)], axis=1, dtype=np.float32
-        )
+        layers = [first, ones * net.b2, ones * float(net.b3)]
+        biases = np.concatenate(layers, axis=1, dtype=np.float32)
+        biases = biases.reshape(blocks, LANES, -1).transpose(0, 2, 1)
+
+        ring = net.taps[-1] + 1
+        taps = np.array(net.taps)
         scales = np.array(
-            [
-                [1 / net.error_scale],
-                [1 / net.velocity_scale],
-                [net.torque_scale],
-                [net.torque_limit],
-            ]
+            [1 / net.error_scale, 1 / net.velocity_scale, net.torque_scale, net.torque_limit]
         )
         return ActuatorArrays(
             kernels=self.kind.kernels,
-            parameters=np.repeat(scales, self.num_motors, axis=1),
+            parameters=np.repeat(scales[:, None], self.num_motors, axis=1),
             memory=np.zeros((1, self.num_motors)),
             clock=np.array([0, update_steps], dtype=np.int64),
             damping=np.zeros(self.num_motors),
             weights=np.concatenate([net.w1.ravel(), net.w2.ravel(), net.w3]).astype(np.float32),
             inputs=np.concatenate([ring - taps, 3 * ring - taps]),
-            biases=np.ascontiguousarray(biases.reshape(blocks, LANES, -1).transpose(0, 2, 1)),
+            biases=np.ascontiguousarray(biases),
             history=np.zeros((blocks, 4 * ring, LANES), np.float32),
             scratch=np.zeros((blocks, 2 * len(taps) + 2 * net.num_neurons + 1, LANES), np.float32),
         )
@@ -245,7 +246,7 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 @njit(cache=True, nogil=True)
 def _write_history(history, parameters, slot, position_target, joint_pos, joint_vel):
-    """Write error and velocity twice, one ring length apart, so that reads of any age need no wrap-around."""
+    """Write error and velocity twice, one ring apart: reads of any age need no wrap-around."""
     ring = history.shape[1] // 4
     for motor in range(position_target.shape[0]):
         block = motor // LANES
@@ -259,17 +260,19 @@ def _write_history(history, parameters, slot, position_target, joint_pos, joint_
 
 
 def _product_added(typingctx, total, weight, x):
-    """``total`` and ``x`` are addresses of LANES float32: total += weight·x, fused where the processor can."""
+    """Add weight·x to total, fused where the processor can.
+
+    ``total`` and ``x`` are addresses of LANES float32.
+    """
 
     def codegen(context, builder, signature, arguments):
         total, weight, x = arguments
-        before, factor = (
-            Vector.load(builder, address, LANES, FLOAT).value for address in (total, x)
-        )
-        product = builder.fmul(
-            Vector.broadcast(builder, weight, LANES).value, factor, flags=("contract",)
-        )
-        Vector(builder, builder.fadd(before, product, flags=("contract",))).store(total)
+        old_total = Vector.load(builder, total, LANES, FLOAT).value
+        factor = Vector.load(builder, x, LANES, FLOAT).value
+        weights = Vector.broadcast(builder, weight, LANES).value
+        product = builder.fmul(weights, factor, flags=("contract",))
+        new_total = builder.fadd(old_total, product, flags=("contract",))
+        Vector(builder, new_total).store(total)
         return context.get_dummy_value()
 
     return types.void(types.intp, types.float32, types.intp), codegen
@@ -292,7 +295,10 @@ _soften: Any = intrinsic(_softened)
 
 @njit(cache=True, nogil=True)
 def _layer(weights, inputs, biases, outputs):
-    """outputs[k] = biases[k] + Σ_i weights[i, k]·inputs[i], rows of 16 float32; ``weights`` is flat, row-major."""
+    """outputs[k] = biases[k] + Σ_i weights[i, k]·inputs[i], in rows of 16 float32.
+
+    ``weights`` is flat, row-major.
+    """
     outputs[:] = biases
     neurons = outputs.shape[0]
     x = inputs.ctypes.data
@@ -304,7 +310,7 @@ def _layer(weights, inputs, biases, outputs):
 
 @njit(cache=True, nogil=True)
 def _evaluate(weights, inputs, biases, history, scratch, slot):
-    """Write inputs, hidden neurons, and last the torque / torque_scale of one block of motors into ``scratch``."""
+    """Write inputs, hidden neurons and torque / torque_scale of a block into ``scratch``."""
     count = inputs.shape[0]
     neurons = (biases.shape[0] - 1) // 2
     second = count + neurons

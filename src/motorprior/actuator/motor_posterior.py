@@ -57,7 +57,7 @@ class MotorPosterior(Printable):
 
     def sample(
         self,
-        of: int | Robot,
+        joints: int | Robot,
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
@@ -68,9 +68,9 @@ class MotorPosterior(Printable):
         z ~ N(mean, covariance + prior_share²·I).
 
         Args:
-            of: number of motors, or the robot.
+            joints: number of motors, or the robot.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd, ignored if the prior has none; the logged ones if not
+            gains: (2, count) kp and kd, ignored if the prior has none; the logged gains if not
                 given.
             limit_follows_gain: scale the torque limit of every motor by its kp over that of the
                 prior's central motor, as for a smaller torque constant in firmware that controls
@@ -82,7 +82,7 @@ class MotorPosterior(Printable):
             ConfigError: the posterior has neither one motor nor as many, or an argument is out of
                 range.
         """
-        count = of.num_joints if isinstance(of, Robot) else of
+        count = joints.num_joints if isinstance(joints, Robot) else joints
         require_count("count", count)
         if len(self.mean) not in (1, count):
             raise ConfigError(
@@ -90,87 +90,88 @@ class MotorPosterior(Printable):
                 remedy=f"adapt to one motor, or to all {count} in the order of the robot",
             )
         require_number("prior_share", prior_share)
-        factors = np.linalg.cholesky(self.covariance + prior_share**2 * np.eye(self.mean.shape[1]))
-        noise = generator_of(seed).standard_normal((count, self.mean.shape[1]))
-        if self.gains is not None:
-            gains = checked_gains(
-                np.broadcast_to(self.gains, (2, count)) if gains is None else gains, count
-            )
+        num_latents = self.mean.shape[1]
+        covariance = self.covariance + prior_share**2 * np.eye(num_latents)
+        factors = np.linalg.cholesky(covariance)
+        noise = generator_of(seed).standard_normal((count, num_latents))
         z = self.mean + np.einsum("mij,mj->mi", factors, noise)
-        motors = self.prior.model.motors(z, gains=None if self.gains is None else gains)
+
+        if self.gains is None:
+            gains = None
+        elif gains is None:
+            gains = checked_gains(np.broadcast_to(self.gains, (2, count)), count)
+        else:
+            gains = checked_gains(gains, count)
+        motors = self.prior.model.motors(z, gains=gains)
         if not limit_follows_gain:
             return motors
+
         if not isinstance(motors, GreyBoxActuator):
             raise ConfigError(
                 "the prior has no physical constants, so no torque limit",
                 remedy="omit it, or identify with preset rollout",
                 argument="limit_follows_gain",
             )
-        central = self.prior.classes.mean_and_std(self.prior.joint_classes(self.joint_names))[0]
+        classes = self.prior.joint_classes(self.joint_names)
+        central, _ = self.prior.classes.mean_and_std(classes)
         one = np.ones(count)
-        return motors.with_factors(
-            Factors(one, one, kp_ratio(motors.model, motors.z, central), one)
-        )
+        limit_factor = kp_ratio(motors.model, motors.z, central)
+        return motors.with_factors(Factors(kp=one, kd=one, torque_limit=limit_factor, coulomb=one))
 
     def constants(self) -> Constants:
-        """Constants of these motors with units and ranges, at their gains, and whether the log narrows them.
+        """Constants of these motors, with units and ranges, at their gains.
 
         A constant is narrowed if its standard deviation (of the logarithm of positive constants) is
         below NARROWER times the prior's for at least half of the motors. Ranges include
         `MODEL_ERROR`, as in `MotorPrior.intervals`.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)
-        before = np.eye(mean.shape[1]) / std[:, :, None] ** 2  # precision
-        precision = with_model_error(np.linalg.inv(self.covariance), before)
+        prior_precision = np.eye(mean.shape[1]) / std[:, :, None] ** 2
+        precision = with_model_error(np.linalg.inv(self.covariance), prior_precision)
+        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
+
+        # samples of the posterior, and of the prior
         rng = np.random.default_rng(0)
         factors = np.linalg.cholesky(np.linalg.inv(precision))
-        z = self.mean + np.einsum(
-            "mij,dmj->dmi", factors, rng.standard_normal((NUM_SAMPLES, *self.mean.shape))
-        )
-        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
+        noise = rng.standard_normal((NUM_SAMPLES, *self.mean.shape))
+        z = self.mean + np.einsum("mij,dmj->dmi", factors, noise)
         values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
-        new = mean + std * rng.standard_normal(z.shape)
-        known = named_constants(self.prior.model, new.reshape(-1, z.shape[-1]), gains)
-        narrowed: dict[str, bool | None] = {}
-        for name, samples in values.items():
-            both = samples, known[name]
-            both = map(np.log, both) if min(map(np.min, both)) > 0.0 else both
-            own, prior = (each.reshape(NUM_SAMPLES, -1).std(axis=0) for each in both)
-            varies = np.median(prior) > 1e-9  # logged gains do not
-            narrowed[name] = bool(np.median(own - NARROWER * prior) < 0.0) if varies else None
-        return replace(
-            Constants.of(values, UNITS, narrowed), columns=(*COLUMNS[:-1], "narrowed by the log")
-        )
+        z_of_prior = mean + std * rng.standard_normal(z.shape)
+        prior_values = named_constants(self.prior.model, z_of_prior.reshape(-1, z.shape[-1]), gains)
+
+        narrowed = {name: _narrows(values[name], prior_values[name]) for name in values}
+        columns = (*COLUMNS[:-1], "narrowed by the log")
+        return replace(Constants.of(values, UNITS, narrowed), columns=columns)
 
     def plot(self) -> Any:
-        """A matplotlib figure of the responses of samples of these motors to a step of the command."""
+        """A matplotlib figure of the step responses of samples of these motors."""
         count = len(self.mean) if len(self.mean) > 1 else 40
-        return plot_response(
-            self.sample(count, 0), "samples of the posterior", self.prior.model.period
-        )
+        motors = self.sample(count, 0)
+        return plot_response(motors, "samples of the posterior", self.prior.model.period)
 
     def overview(self) -> Overview:
         """For people: log, outliers and constants."""
         worst = int(np.argmin(self.outlier_p_value))
+        smallest = f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})"
         facts = {
             "log": f"{self.seconds:.3g} s",
             "prior": f"{self.prior.preset}, {self.prior.motor}",
             "joints": listed(self.joint_names, 8),
-            "smallest p-value of the outlier test": f"{self.outlier_p_value[worst]:.3g} ({self.joint_names[worst]})",
+            "smallest p-value of the outlier test": smallest,
         }
         headline = f"motor posterior of {len(self.mean)} motors"
-        every = self.constants()
+        constants = self.constants()
         if len(self.mean) == 1:
-            return Overview(headline, facts, every.columns, every.cells)
-        shown = [row for row in every if row.identifiable]  # a column each, at the posterior means
+            return Overview(headline, facts, constants.columns, constants.cells)
+
+        # a column per constant that the log narrows, at the posterior means
+        narrowed = [row for row in constants if row.identifiable]
         values = named_constants(self.prior.model, self.mean, self.gains)
-        rows = [
-            [name, *(f"{values[row.name][motor]:.3g}" for row in shown)]
-            for motor, name in enumerate(self.joint_names)
-        ]
-        return Overview(
-            headline, facts, ("joint", *(f"{row.name} [{row.unit}]" for row in shown)), rows
-        )
+        columns = ("joint", *(f"{row.name} [{row.unit}]" for row in narrowed))
+        rows = []
+        for motor, name in enumerate(self.joint_names):
+            rows.append([name, *(f"{values[row.name][motor]:.3g}" for row in narrowed)])
+        return Overview(headline, facts, columns, rows)
 
     def take(self, index: list[int]) -> "MotorPosterior":
         """The motors at ``index``."""
@@ -178,13 +179,13 @@ class MotorPosterior(Printable):
             self,
             mean=self.mean[index],
             covariance=self.covariance[index],
-            joint_names=tuple(self.joint_names[each] for each in index),
-            outlier_p_value=tuple(self.outlier_p_value[each] for each in index),
+            joint_names=tuple(self.joint_names[motor] for motor in index),
+            outlier_p_value=tuple(self.outlier_p_value[motor] for motor in index),
             gains=None if self.gains is None else self.gains[:, index],
         )
 
     def save(self, path: str | Path) -> None:
-        """Write one safetensors file, atomically; it contains the digest of the prior, not the prior."""
+        """Write one safetensors file, atomically, with the digest of the prior."""
         header = _HEADER.make(
             joint_names=list(self.joint_names),
             prior_sha256=self.prior.sha256(),
@@ -192,9 +193,9 @@ class MotorPosterior(Printable):
             surprise=list(self.outlier_p_value),
         )
         tensors = {"mean": self.mean, "covariance": self.covariance}
-        write_tensors(
-            Path(path), tensors | ({} if self.gains is None else {"gains": self.gains}), header
-        )
+        if self.gains is not None:
+            tensors["gains"] = self.gains
+        write_tensors(Path(path), tensors, header)
 
     @classmethod
     def load(cls, path: str | Path, prior: MotorPrior) -> "MotorPosterior":
@@ -206,24 +207,48 @@ class MotorPosterior(Printable):
         """
         path = Path(path)
         tensors, header = _HEADER.read(path)
-        wanted = {
+        declared = {
             "mean": Tensor(("motors", "latents")),
             "covariance": Tensor(("motors", "latents", "latents")),
         }
-        wanted |= {"gains": Tensor((2, "motors"))} if prior.model.gain_unit else {}
-        check_tensors(tensors, wanted, path, _REMEDY, {"motors": len(header["joint_names"])})
+        if prior.model.gain_unit:
+            declared["gains"] = Tensor((2, "motors"))
+        sizes = {"motors": len(header["joint_names"])}
+        check_tensors(tensors, declared, path, _REMEDY, sizes)
         if header["prior_sha256"] != prior.sha256():
-            raise ConfigError(
-                "posterior of another prior", where=path, remedy="adapt this prior to the log again"
-            )
-        mean = tensors["mean"]
-        covariance = tensors["covariance"]
-        gains = tensors.get("gains")
-        names = tuple(header["joint_names"])
-        outlier_p_value = tuple(header["surprise"])
-        return cls(prior, mean, covariance, names, header["seconds"], outlier_p_value, gains)
+            remedy = "adapt this prior to the log again"
+            raise ConfigError("posterior of another prior", where=path, remedy=remedy)
+        return cls(
+            prior=prior,
+            mean=tensors["mean"],
+            covariance=tensors["covariance"],
+            joint_names=tuple(header["joint_names"]),
+            seconds=header["seconds"],
+            outlier_p_value=tuple(header["surprise"]),
+            gains=tensors.get("gains"),
+        )
+
+
+def _narrows(posterior_values: np.ndarray, prior_values: np.ndarray) -> bool | None:
+    """Whether a log narrows a constant; None for one that does not vary, such as a logged gain.
+
+    The arguments are NUM_SAMPLES samples of the constant of every motor.
+    """
+    if min(posterior_values.min(), prior_values.min()) > 0.0:
+        posterior_values = np.log(posterior_values)
+        prior_values = np.log(prior_values)
+    posterior_std = posterior_values.reshape(NUM_SAMPLES, -1).std(axis=0)
+    prior_std = prior_values.reshape(NUM_SAMPLES, -1).std(axis=0)
+    if not np.median(prior_std) > 1e-9:
+        return None
+    return bool(np.median(posterior_std - NARROWER * prior_std) < 0.0)
 
 
 def kp_ratio(model: GreyBox, z: np.ndarray, central: np.ndarray | float = 0.0) -> np.ndarray:
-    """(M,) kp of grey-box motors with latents (M, Z) over that of the central motors, of their classes [-]."""
-    return model.constants(z)["kp"] / model.constants(np.broadcast_to(central, z.shape))["kp"]
+    """(M,) kp of grey-box motors with latents (M, Z), relative to central motors [-].
+
+    ``central`` are the latents of the central motors of their classes.
+    """
+    kp = model.constants(z)["kp"]
+    central_kp = model.constants(np.broadcast_to(central, z.shape))["kp"]
+    return kp / central_kp

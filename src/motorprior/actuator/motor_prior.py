@@ -135,8 +135,8 @@ class MotorPrior(Printable):
     # (2, M) logged kp and kd of the training motors, None if ``gain_unit`` is ""
     gains: np.ndarray | None = None
     given_classes: ClassLatents | None = None  # `classes`; None: one class
-    # (M,) residual of each training motor over that of all at its speeds
-    # (`reference.residual_scale`) [-]; none: 1
+    # (M,) residual of each training motor relative to all motors at its speeds
+    # (`reference.residual_scale`) [-]; empty: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
 
     @property
@@ -168,7 +168,7 @@ class MotorPrior(Printable):
 
     def sample(
         self,
-        of: "int | Robot | Sequence[str]",
+        joints: "int | Robot | Sequence[str]",
         seed: int | np.random.Generator,
         gains: np.ndarray | None = None,
         spread: float = 1.0,
@@ -176,13 +176,13 @@ class MotorPrior(Printable):
         """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
         Args:
-            of: the robot, whose joints have classes; a class or a joint's name per motor; or a
-                number of motors: if as many as the training motors, they have the classes of these,
-                in order, otherwise those of random ones.
+            joints: the robot, whose joints have classes; a class or a joint's name per motor; or a
+                number of motors. As many motors as the training motors have the classes of these,
+                in order; another number of motors has the classes of random training motors.
             seed: seed, or a generator to continue.
-            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". If not
-                given, those of the robot or, for as many motors as the training motors, of these;
-                otherwise the medians of the classes.
+            gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". The
+                default is the gains of the robot; without a robot, the gains of the training motors
+                if there are as many, and otherwise the medians of the classes.
             spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the
                 classes.
 
@@ -190,54 +190,60 @@ class MotorPrior(Printable):
             ConfigError: an argument out of range.
         """
         rng = generator_of(seed)
-        if not isinstance(of, int | np.integer | Iterable) and gains is None:
-            gains = robot_gains(self, of)
-        classes = self._sampled_classes(of, rng)
+        if not isinstance(joints, int | np.integer | Iterable) and gains is None:
+            gains = robot_gains(self, joints)
+        classes = self._sampled_classes(joints, rng)
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
         return self.model.motors(z, gains=self._gains(classes, gains))
 
     def with_frozen(self, group: str) -> "MotorPrior":
-        """The prior with one group of constants (`FROZEN`) fixed at the mean motor's values, in all classes.
+        """The prior with one group of constants (`FROZEN`) fixed at the values of the mean motor.
 
-        ConfigError for an unknown group, or a prior without physical constants.
+        Raises:
+            ConfigError: an unknown group, or a prior without physical constants.
         """
         model = self.model
         if group not in FROZEN or not isinstance(model, GreyBox):
-            problem = f"no constants {group!r} to freeze"
             raise ConfigError(
-                problem,
+                f"no constants {group!r} to freeze",
                 remedy=f"a prior of preset rollout has {', '.join(FROZEN)}",
                 argument="frozen",
             )
-        constants = np.array([name in FROZEN[group] for name in parameters_of(model.terms)])
-        mean_motor = (
-            model.center + model.decoder_latents(np.zeros((1, model.num_latents)))[0] @ model.slope
-        )
-        center = np.where(constants, mean_motor, model.center)
-        slope = np.where(constants, 0.0, model.slope)
+        is_frozen = np.array([name in FROZEN[group] for name in parameters_of(model.terms)])
+        latents_of_mean_motor = model.decoder_latents(np.zeros((1, model.num_latents)))[0]
+        mean_motor = model.center + latents_of_mean_motor @ model.slope
+        center = np.where(is_frozen, mean_motor, model.center)
+        slope = np.where(is_frozen, 0.0, model.slope)
         return replace(self, model=replace(model, center=center, slope=slope))
 
     def _sampled_classes(
-        self, of: "int | Robot | Sequence[str]", rng: np.random.Generator
+        self, joints: "int | Robot | Sequence[str]", rng: np.random.Generator
     ) -> tuple[str, ...]:
-        if isinstance(of, Iterable):
-            return self._classes_named((of,) if isinstance(of, str) else tuple(of))
-        if not isinstance(of, int | np.integer):
-            return self.joint_classes(of)
-        require_count("count", of)
-        known = self.classes.of_motors
-        if of == len(known) or len(self.classes.names) == 1:
-            return known if of == len(known) else (known[0],) * of
-        return tuple(known[row] for row in rng.integers(len(known), size=of))
+        if isinstance(joints, str):
+            return self._classes_named((joints,))
+        if isinstance(joints, Iterable):
+            return self._classes_named(tuple(joints))
+        if not isinstance(joints, int | np.integer):
+            return self.joint_classes(joints)
+
+        count = joints
+        require_count("count", count)
+        training_classes = self.classes.of_motors
+        if count == len(training_classes):
+            return training_classes
+        if len(self.classes.names) == 1:
+            return (training_classes[0],) * count
+        rows = rng.integers(len(training_classes), size=count)
+        return tuple(training_classes[row] for row in rows)
 
     def _classes_named(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The class of each name, which is that of a class or of a joint."""
-        by_joint = zip(names, self.joint_classes(names), strict=True)
-        return tuple(
-            name if name in self.classes.names else of_joint for name, of_joint in by_joint
-        )
+        """The class of each name, which is the name of a class or of a joint."""
+        classes = []
+        for name, class_of_joint in zip(names, self.joint_classes(names), strict=True):
+            classes.append(name if name in self.classes.names else class_of_joint)
+        return tuple(classes)
 
     def _gains(self, classes: Sequence[str], gains: np.ndarray | None) -> np.ndarray | None:
         if self.gains is None:
@@ -246,44 +252,48 @@ class MotorPrior(Printable):
             return checked_gains(gains, len(classes))
         if tuple(classes) == self.classes.of_motors:
             return self.gains
-        return np.stack(
-            [np.median(self.gains[:, self.classes.rows_of(name)], axis=1) for name in classes],
-            axis=1,
-        )
+
+        medians = []
+        for name in classes:
+            gains_of_class = self.gains[:, self.classes.rows_of(name)]
+            medians.append(np.median(gains_of_class, axis=1))
+        return np.stack(medians, axis=1)
 
     def training_motors(self, index: np.ndarray) -> "GreyBoxActuator | NetworkActuator":
         """The training motors at ``index``, at their posterior means."""
-        return self.model.motors(
-            self.mean[index], gains=None if self.gains is None else self.gains[:, index]
-        )
+        gains = None if self.gains is None else self.gains[:, index]
+        return self.model.motors(self.mean[index], gains=gains)
 
-    def predicted(self, of: MotorLog | Sequence[str]) -> Prediction:
-        """Motors of the joints of a log, without the log, or of joints of these names.
+    def predicted(self, joints: MotorLog | Sequence[str]) -> Prediction:
+        """Prediction of the motors of a log, without using its rows, or of joints of these names.
 
-        Each is predicted to be the training motor of the same name, with standard deviation
-        SAME_JOINT_STD, or else a unit of its class. With several classes the standard deviation is
-        always that between units, 1, since the log may be that of another robot.
+        A joint is predicted to have the training motor of the same name, with standard deviation
+        SAME_JOINT_STD, or else a new motor of its class. With several classes the standard
+        deviation is always 1, as between motors, since the log may be from another robot.
         """
-        classes = self.joint_classes(of)
-        joint_names = of if isinstance(of, Sequence) else of.joint_names
+        joint_names = joints if isinstance(joints, Sequence) else joints.joint_names
+        classes = self.joint_classes(joints)
         mean, std = self.classes.mean_and_std(classes)
-        own = self.misfit if len(self.misfit) else np.ones(len(self.mean))
-        misfit = np.array(
-            [np.sqrt(np.mean(own[self.classes.rows_of(name)] ** 2)) for name in classes]
-        )
-        rows = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
+        training_misfit = self.misfit if len(self.misfit) else np.ones(len(self.mean))
+        misfit = np.zeros(len(classes))
+        for joint, name in enumerate(classes):
+            misfit_of_class = training_misfit[self.classes.rows_of(name)]
+            misfit[joint] = np.sqrt(np.mean(misfit_of_class**2))
+
+        row_of_joint = dict(zip(self.joint_names, range(len(self.mean)), strict=False))
         for joint, name in enumerate(joint_names):
-            if name in rows:
-                mean[joint] = self.mean[rows[name]]
-                misfit[joint] = own[rows[name]]
+            if name in row_of_joint:
+                row = row_of_joint[name]
+                mean[joint] = self.mean[row]
+                misfit[joint] = training_misfit[row]
                 std[joint] = SAME_JOINT_STD if len(self.classes.names) == 1 else 1.0
         return Prediction(mean, std, misfit)
 
     def intervals(self, level: float = 90.0) -> dict[str, np.ndarray]:
-        """(2, M) lower and upper ends of the central intervals [%] of each training motor's constants, by name.
+        """(2, M) ends of the central ``level`` % interval of each training motor's constants.
 
-        They are those of its posterior given its log, with MODEL_ERROR; a constant that the log
-        does not identify has that of its class. Empty for a network.
+        They are by name, of the motor's posterior given its log, with MODEL_ERROR. A constant that
+        the log does not identify has the interval of its class. A network has none.
         """
         if not isinstance(self.model, GreyBox):
             return {}
@@ -295,35 +305,37 @@ class MotorPrior(Printable):
         gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
         values = named_constants(self.model, z, gains)
         return {
-            name: np.percentile(each.reshape(shape), ends, axis=0) for name, each in values.items()
+            name: np.percentile(samples.reshape(shape), ends, axis=0)
+            for name, samples in values.items()
         }
 
     def spread_notes(self) -> list[str]:
         """Lines "name: text" on the spread between units: what is measured, pooled and assumed."""
-        found = self.provenance.get(SPREAD)
-        if not found:
+        spread = self.provenance.get(SPREAD)
+        if not spread:
             return []
-        units = ", ".join(
-            f"{name or 'all joints'} {count}" for name, count in found["units"].items()
-        )
-        lines = [f"measured: mean of each class of joints (units: {units})"]
-        pooled = f" pooled over {len(found['units'])} classes," if len(found["units"]) > 1 else ""
-        lines += [f"spread between units:{pooled} {found['degrees_of_freedom']} degrees of freedom"]
-        if found["assumed_units"]:
-            lines += [
-                f"assumed, worth {found['assumed_units']:g} units: the spread of {found['source']}"
-            ]
-        if len(found["units"]) > 1:
-            lines += [
+
+        units_of_class = spread["units"]
+        has_classes = len(units_of_class) > 1
+        units = [f"{name or 'all joints'} {count}" for name, count in units_of_class.items()]
+        lines = [f"measured: mean of each class of joints (units: {', '.join(units)})"]
+        pooled = f" pooled over {len(units_of_class)} classes," if has_classes else ""
+        freedom = f"{spread['degrees_of_freedom']} degrees of freedom"
+        lines.append(f"spread between units:{pooled} {freedom}")
+        if spread["assumed_units"]:
+            worth = f"assumed, worth {spread['assumed_units']:g} units"
+            lines.append(f"{worth}: the spread of {spread['source']}")
+        if has_classes:
+            lines.append(
                 "a class that was not recorded: mean of all classes and the spread between them"
-            ]
+            )
         return lines
 
     def constants(self, joint_class: str | None = None) -> Constants:
-        """Constants of new motors with units and ranges between them, at the median logged gains if there are any.
+        """Constants of new motors, with units and ranges, at the median logged gains if any.
 
-        New motors are of ``joint_class``, or that of the joint of this name; without one, of the
-        classes of the training motors, in their proportions.
+        New motors are of the class ``joint_class``, or of the class of the joint of this name;
+        without one, they have the classes of the training motors, in their proportions.
         """
         if joint_class is not None:
             (joint_class,) = self._classes_named((joint_class,))
@@ -350,7 +362,11 @@ class MotorPrior(Printable):
 
     def overview(self) -> Overview:
         """For people: origin, errors and constants."""
-        kinds = ("grey box", "network")
+        model_name = "grey box" if isinstance(self.model, GreyBox) else "network"
+        model = (
+            f"{model_name}, {self.model.num_latents} latents, "
+            f"physics steps up to {1e3 * self.model.period:g} ms"
+        )
         metrics = self.metrics
         minutes = ""
         if metrics.minutes_of_log is not None:
@@ -362,8 +378,7 @@ class MotorPrior(Printable):
             "robot": self.robot or "none stated",
             "motor": self.motor,
             "preset": self.preset,
-            "model": f"{kinds[not isinstance(self.model, GreyBox)]}, {self.model.num_latents} latents, "
-            f"physics steps up to {1e3 * self.model.period:g} ms",
+            "model": model,
             "logs": minutes,
             "joints": listed(self.joint_names, 8),
             **dict(line.split(": ", 1) for line in self.spread_notes()),
@@ -373,30 +388,30 @@ class MotorPrior(Printable):
         names = self.classes.names
         if len(names) == 1:
             return Overview(headline, facts, COLUMNS, self.constants().cells)
+
         # a column per class: median and 5 to 95 %
         tables = [self.constants(name) for name in names]
-        rows = [
-            [
-                of_one[0].name,
-                of_one[0].unit,
-                *(f"{x.median:.3g} ({x.low:.3g} to {x.high:.3g})" for x in of_one),
-            ]
-            for of_one in zip(*tables, strict=True)
-        ]
+        rows = []
+        for constant_of_classes in zip(*tables, strict=True):
+            first = constant_of_classes[0]
+            cells = [f"{c.median:.3g} ({c.low:.3g} to {c.high:.3g})" for c in constant_of_classes]
+            rows.append([first.name, first.unit, *cells])
         return Overview(headline, facts, ("constant", "unit", *names), rows)
 
     def for_robot(self, robot: str) -> "MotorPrior":
-        """The same motors on the joints of another robot, every one a sample."""
+        """The prior for another robot with such motors: each of its joints has a new motor."""
         return replace(self, robot=robot, joint_names=())
 
     def require(self, robot: str, physics_dt: float) -> None:
-        """Raise `ConfigError` for another robot, or a physics step that does not divide the prior's period."""
+        """Raise `ConfigError` for another robot, or a physics step the motors cannot run at."""
         if self.robot not in (robot, ""):
-            remedy = f"identify one from logs of {robot}; if {robot} has such motors, add of_robot={self.robot} to the "
-            remedy += f"text of the motors, prior:FILE,of_robot={self.robot}, or use prior.for_robot({robot!r})"
-            raise ConfigError(
-                f"the prior belongs to robot {self.robot!r}, not {robot!r}", remedy=remedy
+            problem = f"the prior belongs to robot {self.robot!r}, not {robot!r}"
+            remedy = (
+                f"identify one from logs of {robot}; if {robot} has such motors, add "
+                f"of_robot={self.robot} to the text of the motors, "
+                f"prior:FILE,of_robot={self.robot}, or use prior.for_robot({robot!r})"
             )
+            raise ConfigError(problem, remedy=remedy)
         self.training_motors(np.array([0])).arrays(physics_dt)
 
     def save(self, path: str | Path) -> None:
@@ -404,21 +419,22 @@ class MotorPrior(Printable):
         write_tensors(Path(path), *self._contents())
 
     def sha256(self) -> str:
-        """Digest of the file that `save` writes; a posterior refers to its prior by this digest."""
+        """Digest of the file that `save` writes; posteriors refer to their prior by it."""
         return hashlib.sha256(tensors_as_bytes(*self._contents())).hexdigest()
 
     def _contents(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         model = self.model
-        tensors = {}
-        network = {}
-        terms = ()
+        terms: tuple[str, ...] = ()
+        network: dict[str, Any] = {}
         if isinstance(model, GreyBox):
             tensors = {"motor_center": model.center, "motor_slope": model.slope}
             terms = model.terms
         else:
             tensors, network = model.contents()
         if model.copula is not None:
-            tensors |= {"mixing": model.copula.mixing, "quantiles": model.copula.quantiles}
+            tensors["mixing"] = model.copula.mixing
+            tensors["quantiles"] = model.copula.quantiles
+
         header = _HEADER.make(
             units=_UNITS,
             sign=SIGN,
@@ -440,9 +456,12 @@ class MotorPrior(Printable):
         )
         if self.gains is not None:
             tensors["gains"] = self.gains
-        tensors |= {"misfit": self.misfit if len(self.misfit) else np.ones(len(self.mean))}
-        tensors |= {"class_mean": self.classes.mean, "unseen_std": self.classes.unseen_std}
-        return {**tensors, "mean": self.mean, "log_var": self.log_var}, header
+        tensors["misfit"] = self.misfit if len(self.misfit) else np.ones(len(self.mean))
+        tensors["class_mean"] = self.classes.mean
+        tensors["unseen_std"] = self.classes.unseen_std
+        tensors["mean"] = self.mean
+        tensors["log_var"] = self.log_var
+        return tensors, header
 
     @classmethod
     def load(cls, path: str | Path) -> "MotorPrior":
@@ -457,7 +476,6 @@ class MotorPrior(Printable):
         _check(tensors, header, path)
         copula = Copula(tensors["mixing"], tensors["quantiles"]) if header["standardised"] else None
         period = float(header["period"])
-        network = header["network"]
         if header["grey_box"]:
             center = tensors["motor_center"]
             slope = tensors["motor_slope"]
@@ -466,20 +484,26 @@ class MotorPrior(Printable):
         else:
             from motorprior.actuator.latent import LatentNetwork  # here: few priors are networks
 
-            model = LatentNetwork.of(tensors, network, period, copula)
-        texts = {name: header[name] for name in ("preset", "robot", "motor", "provenance")}
-        names = tuple(header["joint_names"])
-        gains = tensors.get("gains")
-        classes = tuple(header["classes"]), tuple(header["joint_classes"])
+            model = LatentNetwork.of(tensors, header["network"], period, copula)
+
+        classes = ClassLatents(
+            names=tuple(header["classes"]),
+            of_motors=tuple(header["joint_classes"]),
+            mean=tensors["class_mean"],
+            unseen_std=tensors["unseen_std"],
+        )
         return cls(
-            model,
-            tensors["mean"],
-            tensors["log_var"],
-            **texts,
+            model=model,
+            mean=tensors["mean"],
+            log_var=tensors["log_var"],
+            preset=header["preset"],
+            robot=header["robot"],
+            motor=header["motor"],
+            provenance=header["provenance"],
             metrics=FitMetrics.from_json(header["metrics"], path),
-            joint_names=names,
-            gains=gains,
-            given_classes=ClassLatents(*classes, tensors["class_mean"], tensors["unseen_std"]),
+            joint_names=tuple(header["joint_names"]),
+            gains=tensors.get("gains"),
+            given_classes=classes,
             misfit=tensors["misfit"],
         )
 
@@ -500,10 +524,15 @@ def card_file(name: str) -> Path | None:
 
 
 def robot_gains(prior: MotorPrior, robot: "Robot") -> np.ndarray | None:
-    """(2, joints) kp and kd of the robot's description, if the prior's motors scale with gains in SI units."""
+    """(2, joints) kp and kd of the robot's description.
+
+    None if the prior's motors do not scale with gains in SI units.
+    """
     if prior.model.gain_unit != PHYSICAL_GAINS:
         return None
-    return np.array([[joint.kp for joint in robot.joints], [joint.kd for joint in robot.joints]])
+    kp = [joint.kp for joint in robot.joints]
+    kd = [joint.kd for joint in robot.joints]
+    return np.array([kp, kd])
 
 
 def limit_text(name: str, value: float) -> str:
@@ -513,24 +542,25 @@ def limit_text(name: str, value: float) -> str:
 
 
 def with_model_error(posterior: np.ndarray, prior: np.ndarray | float) -> np.ndarray:
-    """Precision of a posterior whose likelihood has MODEL_ERROR; precisions of posterior and prior."""
+    """Precision of a posterior whose likelihood has MODEL_ERROR.
+
+    The arguments are the precisions of posterior and prior.
+    """
     return prior + (posterior - prior) / MODEL_ERROR**2
 
 
 def checked_gains(gains: np.ndarray, count: int) -> np.ndarray:
-    """(2, count) kp and kd; raises `ConfigError` for another shape, and unless kp > 0 and kd >= 0."""
+    """(2, count) kp and kd; `ConfigError` for another shape, or unless kp > 0 and kd >= 0."""
     gains = np.asarray(gains, dtype=np.float64)
     if gains.shape != (2, count):
         problem = f"gains of shape {gains.shape}, expected (2, {count}): kp and kd of every motor"
         raise ConfigError(problem, remedy="give one column per motor", argument="gains")
-    wrong = ~(np.isfinite(gains).all(axis=0) & (gains[0] > 0.0) & (gains[1] >= 0.0))
-    if wrong.any():
-        worst = gains[:, int(wrong.argmax())].tolist()
-        raise ConfigError(
-            f"kp and kd {worst} are not valid gains",
-            remedy="give kp > 0 and kd >= 0",
-            argument="gains",
-        )
+
+    is_valid = np.isfinite(gains).all(axis=0) & (gains[0] > 0.0) & (gains[1] >= 0.0)
+    if not is_valid.all():
+        first_invalid = gains[:, int(is_valid.argmin())].tolist()
+        problem = f"kp and kd {first_invalid} are not valid gains"
+        raise ConfigError(problem, remedy="give kp > 0 and kd >= 0", argument="gains")
     return gains
 
 
@@ -538,41 +568,43 @@ def check_gain_units(gains: np.ndarray, where: str | Path) -> None:
     """Raise `LogError` if the median of logged gains (2, M) cannot be in N·m/rad and N·m·s/rad."""
     kp = float(np.median(gains[0]))
     ratio = float(np.median(gains[1] / gains[0]))
-    if not 1e-3 <= kp <= 1e3 or ratio > 10.0:
-        raise LogError(
-            f"logged gains: median kp = {kp:.4g} N·m/rad, median kd/kp = {ratio:.4g} s; expected 0.001 to 1000 N·m/rad "
-            "and at most 10 s",
-            where=where,
-            remedy='log them in N·m/rad and N·m·s/rad, or set gain = "firmware" in the column map',
-        )
+    if 1e-3 <= kp <= 1e3 and not ratio > 10.0:
+        return
+    raise LogError(
+        f"logged gains: median kp = {kp:.4g} N·m/rad, median kd/kp = {ratio:.4g} s; "
+        "expected 0.001 to 1000 N·m/rad and at most 10 s",
+        where=where,
+        remedy='log them in N·m/rad and N·m·s/rad, or set gain = "firmware" in the column map',
+    )
 
 
 def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -> None:
-    wanted = (
-        _MOTORS
-        | (_COPULA if header["standardised"] else {})
-        | (_GAINS if header["gain_unit"] else {})
-    )
+    declared = dict(_MOTORS)
+    if header["standardised"]:
+        declared |= _COPULA
+    if header["gain_unit"]:
+        declared |= _GAINS
+
     names = parameters_of(tuple(header["motor_terms"]))
     network = header["network"]
     if header["grey_box"]:
-        wanted = wanted | _GREY_BOX
-        known = {"constants": len(names)}
-        fits = not network
+        declared |= _GREY_BOX
+        sizes = {"constants": len(names)}
+        is_consistent = not network
     else:
         from motorprior.actuator.latent import WEIGHTS, network_schema
 
         network_schema(_REMEDY).check(network, path)
-        wanted |= WEIGHTS
-        known = {"inputs": 2 * len(network["taps"])}
-        fits = network["taps"] == sorted(network["taps"])
-    known |= {"classes": len(header["classes"]), "motors": len(header["joint_classes"])}
-    sizes = check_tensors(tensors, wanted, path, _REMEDY, known)
-    fits = (
-        fits
-        and header["motor_parameters"] == list(names)
-        and {*header["joint_classes"]} <= {*header["classes"]}
-    )
-    if sizes["motors"] == 0 or not fits:
+        declared |= WEIGHTS
+        sizes = {"inputs": 2 * len(network["taps"])}
+        is_consistent = network["taps"] == sorted(network["taps"])
+
+    sizes |= {"classes": len(header["classes"]), "motors": len(header["joint_classes"])}
+    sizes = check_tensors(tensors, declared, path, _REMEDY, sizes)
+    if header["motor_parameters"] != list(names):
+        is_consistent = False
+    if not {*header["joint_classes"]} <= {*header["classes"]}:
+        is_consistent = False
+    if sizes["motors"] == 0 or not is_consistent:
         problem = f"{sizes['motors']} motors, network or motor_parameters are inconsistent"
         raise ArtifactError(problem, where=path, remedy=_REMEDY)

@@ -53,12 +53,10 @@ class Motors:
     def reset(self, joint_pos: np.ndarray, position_target: np.ndarray | None = None) -> None:
         """Restart with static rotors at ``joint_pos`` (n,) [rad]; arguments as in the class."""
         start = require_array("joint_pos", joint_pos, self._shape)
-        before = (
-            start
-            if position_target is None
-            else require_array("position_target", position_target, self._shape)
-        )
-        reset_actuator(self._arrays, before, start)
+        target = start
+        if position_target is not None:
+            target = require_array("position_target", position_target, self._shape)
+        reset_actuator(self._arrays, target, start)
 
     @property
     def armature(self) -> np.ndarray:
@@ -68,7 +66,7 @@ class Motors:
     def step(
         self, position_target: np.ndarray, joint_pos: np.ndarray, joint_vel: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Torque [N·m] and damping [N·m·s/rad], (n,) each, for the coming physics step; see the class.
+        """Torque [N·m] and damping [N·m·s/rad], (n,) each, for the coming physics step.
 
         All arguments are (n,), [rad] and [rad/s]. Raises `ConfigError` for another shape or
         non-finite values.
@@ -82,6 +80,7 @@ class Motors:
 
     def encoder_pos(self, joint_pos: np.ndarray) -> np.ndarray:
         """(n,) encoder angles [rad], measured on the rotor if the encoder is there."""
+        pos = require_array("joint_pos", joint_pos, self._shape)
         reading = np.zeros(self._shape)
-        measure_joint_pos(self._arrays, require_array("joint_pos", joint_pos, self._shape), reading)
+        measure_joint_pos(self._arrays, pos, reading)
         return reading

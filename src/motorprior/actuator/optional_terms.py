@@ -1,33 +1,37 @@
-"""Optional dynamics terms of geared motors (`geared_motor_step`), each enabled or disabled for a whole motor prior.
+"""Optional dynamics terms of geared motors (`geared_motor_step`).
 
-All quantities are at the output shaft; h is the step. In the order in which they act:
+Each term is enabled or disabled for a whole motor prior. All quantities are at the output shaft; h
+is the step. The terms act in this order:
 
     profile        trapezoidal profile of the firmware: the velocity of the reference approaches
                    w = sign(d)·min(profile_speed, √(c² + 2·profile_acceleration·|d|) - c, |d|/h) by
-                   at most profile_acceleration·h, with d = target - reference, c =
-                   h·profile_acceleration/2. The reference replaces the target. (Dynamixel, Feetech:
-                   profile velocity, profile acceleration, goal speed)
+                   at most profile_acceleration·h, with d = target - reference and
+                   c = h·profile_acceleration/2. The reference replaces the target. (Dynamixel,
+                   Feetech: profile velocity, profile acceleration, goal speed)
     output_encoder the encoder is on the joint instead of the rotor. In gear contact the joint is
-    assumed to accelerate
-                   like the rotor, so that the control law is as implicit as with an encoder on the
-                   rotor.
-    dead_zone      error e → e - clip(e, ±dead_zone)                                    (Feetech STS: CW/CCW dead zone)
-    integral       the control law adds the torque I:  I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
-    torque_speed   |torque of the control law| <= stall_torque·(1 - v/no_load_speed) when driving (voltage limit)
+                   assumed to accelerate like the rotor, so that the control law is as implicit as
+                   with an encoder on the rotor.
+    dead_zone      error e → e - clip(e, ±dead_zone)  (Feetech STS: CW/CCW dead zone)
+    integral       the control law adds the torque I:
+                   I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
+    torque_speed   voltage limit: when driving,
+                   |torque of the control law| <= stall_torque·(1 - v/no_load_speed)
     current        torque of the control law reaches the rotor through a lag:
                    τ' = τ + (1 - exp(-h/current_time))·(law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
-    presliding     dry friction is the force σ·z of a bristle, at most F:  z' = z + h·v' until σ·|z| = F. A static rotor
-                   yields before it breaks away. (Dahl, 1968; elasto-plastic limit of LuGre, Dupont
-                   et al., 2002)
+    presliding     dry friction is the force σ·z of a bristle, at most F:
+                   z' = z + h·v' until σ·|z| = F. A static rotor yields before it breaks away.
+                   (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
-    heat           torques of the control law are scaled by (1 - heat_loss·warmth), warmth = 1 - exp(-t/heat_time) at
-                   time t of the log, and 0.5 where the time is unknown
-    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load speed and stall torque
-                   by s = supply voltage / nominal voltage. supply_share is 1 if the control law
-                   commands the duty cycle of the bridge (most hobby servos), 0 if it commands the
-                   current.
-    temperature    torques of the control law are scaled by (1 - temperature_loss·(T - T_nominal)/50 K)
+    heat           torques of the control law are scaled by (1 - heat_loss·warmth), with
+                   warmth = 1 - exp(-t/heat_time) at time t of the log, and 0.5 where the time is
+                   unknown
+    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load
+                   speed and stall torque by s = supply voltage / nominal voltage. supply_share is 1
+                   if the control law commands the duty cycle of the bridge (most hobby servos), 0
+                   if it commands the current.
+    temperature    torques of the control law are scaled by
+                   (1 - temperature_loss·(T - T_nominal)/50 K)
 
 Nominal values are the medians of the logs that a prior was trained on, and the default. A new term
 is an entry of TERMS: with ``law`` it changes the torque of the control law; others have a line in
@@ -49,14 +53,15 @@ class TermConstant(NamedTuple):
     unit: str
     initial: float  # value at the start of a search
     negligible: float  # value at the start of a second search: almost no effect
-    # without effect in a step; None: it changes other constants, not the step
+    # neutral value; None for a constant that changes other constants, not the step
     disabled: float | None = None
     # value per unit of decoder output, if it may be negative; all others are exp(output)
     signed: float = 0.0
     max: float = 0.0  # bound of the magnitude, 0: none
     # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
     is_lag: bool = False
-    unlimited: float = 0.0  # value if the log states that it is off; small enough for float32
+    # value if the log states that the term is off; small enough for float32
+    unlimited: float = 0.0
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -68,7 +73,10 @@ class TermConstant(NamedTuple):
 
 
 class Term(NamedTuple):
-    """An optional term; one without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0."""
+    """An optional term.
+
+    A term without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0.
+    """
 
     constants: tuple[TermConstant, ...] = ()
     state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
@@ -141,7 +149,7 @@ STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
 SIGNED = {"encoder_zero": 0.05} | {
     name: constant.signed for name, constant in CONSTANTS.items() if constant.signed
 }
-# constants that scale with torques of the control law, with the field of the magnets, with the
+# constants that scale with torques of the control law, with the field of the magnets, and with the
 # voltage
 _OF_LAW = ("kp", "torque_limit", "integral_limit")
 _OF_MAGNETS = (*_OF_LAW, "stall_torque")
@@ -187,20 +195,23 @@ def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
 
 def terms_with(constants: Iterable[str]) -> tuple[str, ...]:
     """The terms with any of these constants, in the order of TERMS."""
-    wanted = set(constants)
-    return tuple(name for name in TERMS if wanted.intersection(constants_of((name,))))
+    names = set(constants)
+    return tuple(term for term in TERMS if names.intersection(constants_of((term,))))
 
 
 def in_order(terms: Iterable[str]) -> tuple[str, ...]:
     """The terms in the order of TERMS."""
-    wanted = set(terms)
-    return tuple(name for name in TERMS if name in wanted)
+    names = set(terms)
+    return tuple(name for name in TERMS if name in names)
 
 
 def step_rows(
     terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any
 ) -> dict[str, Any]:
-    """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s]; those not in ``terms`` have no effect."""
+    """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s].
+
+    The rows of terms that are not in ``terms`` have no effect.
+    """
     rows = {}
     for name, term in TERMS.items():
         if not term.constants:
@@ -209,11 +220,9 @@ def step_rows(
             value = values.get(constant.name, zero + (constant.disabled or 0.0))
             if constant.is_lag:
                 lags = h / value
-                rows |= dict(
-                    zip(
-                        constant.rows, (-np.expm1(-lags), 1.0 + np.expm1(-lags) / lags), strict=True
-                    )
-                )
+                gain_row, mean_gain_row = constant.rows
+                rows[gain_row] = -np.expm1(-lags)
+                rows[mean_gain_row] = 1.0 + np.expm1(-lags) / lags
             elif constant.rows:
                 rows[constant.name] = value
     return rows
@@ -232,8 +241,9 @@ def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     change = 0.5 * h * p.profile_acceleration
     stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
     speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
-    wanted = arithmetic.with_sign_of(speed, away) - state.reference_vel
-    velocity = state.reference_vel + arithmetic.clip(wanted, 2.0 * change)
+
+    acceleration = arithmetic.with_sign_of(speed, away) - state.reference_vel
+    velocity = state.reference_vel + arithmetic.clip(acceleration, 2.0 * change)
     return state._replace(reference=state.reference + h * velocity, reference_vel=velocity)
 
 

@@ -4,13 +4,16 @@ All quantities are at the output shaft; x, w are position and velocity of the ro
 joint, which moves at constant velocity within a step. Per substep h (<= 0.1 ms), and per tick of
 the firmware, every T = servo_period:
 
-    profile   v = clip(sqrt((a·T)² + 2·a·|d|) - a·T, ..profile_speed)·sign(d), at most a·T from the last v
-              reference += T·v,   with d = position_target(t - delay) - reference, a = profile_acceleration
-    encoder   θ = round((x or q + encoder_zero) / encoder_quantum)·encoder_quantum, at the time of the tick
+    profile   v = clip(sqrt((a·T)² + 2·a·|d|) - a·T, ..profile_speed)·sign(d),
+              at most a·T from the last v;  reference += T·v
+              with d = position_target(t - delay) - reference,  a = profile_acceleration
+    encoder   θ = round((x or q + encoder_zero) / encoder_quantum)·encoder_quantum,
+              at the time of the tick
     velocity  u += (1 - exp(-T / velocity_filter))·((θ - θ_last) / T - u)
     control   e = deadzone(reference - θ, dead_zone),   I = clip(I + T·ki·e, ±integral_limit)
               command = clip(kp·e + I - kd·u, ±torque_limit), held until the next tick
-    voltage   |command| <= stall_torque - sag·|τ| - stall_torque·w / no_load_speed in the driving direction
+    voltage   |command| <= stall_torque - sag·|τ| - stall_torque·w / no_load_speed
+              in the driving direction
     current   τ += (1 - exp(-h / current_time))·(command - τ)
     heat      warmth += (1 - exp(-h / heat_time))·(1 - warmth)
     motor     τ_motor = τ·(1 - heat_loss·warmth)·(1 + ripple·sin(ripple_order·x + ripple_phase))
@@ -72,23 +75,24 @@ MAX_STEP = 0.001
 # period at least a substep, and a time constant the filter gain per substep (of the velocity
 # filter: per tick).
 (
-    KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI, INTEGRAL_LIMIT,
-    OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME, STALL_TORQUE, NO_LOAD_SPEED, SAG,
-    HEAT_LOSS, HEAT_TIME, WARMTH, RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, COGGING, COGGING_ORDER, COGGING_PHASE, ARMATURE,
-    VISCOUS_DAMPING, COULOMB, STATIC_TORQUE, STRIBECK_VELOCITY, BRISTLE_STIFFNESS, BRISTLE_DAMPING, LOAD_FRICTION,
-    ASYMMETRY, POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
+    KP, KD, TORQUE_LIMIT, DELAY, SERVO_PERIOD, PROFILE_SPEED, PROFILE_ACCELERATION, DEAD_ZONE, KI,
+    INTEGRAL_LIMIT, OUTPUT_ENCODER, ENCODER_QUANTUM, ENCODER_ZERO, VELOCITY_FILTER, CURRENT_TIME,
+    STALL_TORQUE, NO_LOAD_SPEED, SAG, HEAT_LOSS, HEAT_TIME, WARMTH, RIPPLE, RIPPLE_ORDER,
+    RIPPLE_PHASE, COGGING, COGGING_ORDER, COGGING_PHASE, ARMATURE, VISCOUS_DAMPING, COULOMB,
+    STATIC_TORQUE, STRIBECK_VELOCITY, BRISTLE_STIFFNESS, BRISTLE_DAMPING, LOAD_FRICTION, ASYMMETRY,
+    POSITION_FRICTION, POSITION_ORDER, POSITION_PHASE, BACKLASH, GEAR_STIFFNESS, GEAR_HARDENING,
     GEAR_DAMPING, SLIDER_STIFFNESS, SLIDER_TORQUE, NUM_ROWS,
 ) = range(46)  # fmt: skip
 # rows of the memory; the delay line follows
 (
-    ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND, TORQUE, BRISTLE, TWIST,
-    SLIDER, HEAT, WAIT, LINE,
+    ROTOR_POS, ROTOR_VEL, REFERENCE, REFERENCE_VEL, READING, FILTERED_VEL, INTEGRAL, COMMAND,
+    TORQUE, BRISTLE, TWIST, SLIDER, HEAT, WAIT, LINE,
 ) = range(15)  # fmt: skip
 
 
 @njit(cache=True, nogil=True)
 def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Static rotor at the joint's angle, centred in the backlash; the firmware's reference is the target."""
+    """Static rotor at the joint's angle, centred in the backlash; the reference is the target."""
     p = arrays.parameters
     memory = arrays.memory
     memory[:LINE, :] = 0.0
@@ -122,19 +126,22 @@ def _move_reference(
     p: np.ndarray, memory: np.ndarray, motor: int, target: float, period: float
 ) -> None:
     """One tick of the trapezoidal profile, which stops at the target."""
-    fastest = p[PROFILE_SPEED, motor]
+    max_speed = p[PROFILE_SPEED, motor]
     a = p[PROFILE_ACCELERATION, motor]
     distance = target - memory[REFERENCE, motor]
-    speed = memory[REFERENCE_VEL, motor]
-    wish = abs(distance) / period
+    velocity = memory[REFERENCE_VEL, motor]
+
+    speed = abs(distance) / period
     if a > 0.0:
-        wish = min(wish, math.sqrt(a * period * a * period + 2.0 * a * abs(distance)) - a * period)
-    if fastest > 0.0:
-        wish = min(wish, fastest)
-    change = math.copysign(wish, distance) - speed
-    speed += _clip(change, a * period) if a > 0.0 else change
-    memory[REFERENCE_VEL, motor] = speed
-    memory[REFERENCE, motor] += period * speed
+        stopping = math.sqrt(a * period * a * period + 2.0 * a * abs(distance)) - a * period
+        speed = min(speed, stopping)
+    if max_speed > 0.0:
+        speed = min(speed, max_speed)
+
+    change = math.copysign(speed, distance) - velocity
+    velocity += _clip(change, a * period) if a > 0.0 else change
+    memory[REFERENCE_VEL, motor] = velocity
+    memory[REFERENCE, motor] += period * velocity
 
 
 @njit(cache=True, nogil=True)
@@ -145,12 +152,14 @@ def _tick(p: np.ndarray, memory: np.ndarray, motor: int, target: float, position
         _move_reference(p, memory, motor, target, period)
     else:
         memory[REFERENCE, motor] = target
+
     reading = _reading(p, motor, position)
     velocity = (reading - memory[READING, motor]) / period
     memory[READING, motor] = reading
     memory[FILTERED_VEL, motor] += p[VELOCITY_FILTER, motor] * (
         velocity - memory[FILTERED_VEL, motor]
     )
+
     error = _dead_zone(memory[REFERENCE, motor] - reading, p[DEAD_ZONE, motor])
     integral = memory[INTEGRAL, motor] + period * p[KI, motor] * error
     memory[INTEGRAL, motor] = _clip(integral, p[INTEGRAL_LIMIT, motor])
@@ -170,9 +179,11 @@ def _motor_torque(p: np.ndarray, memory: np.ndarray, motor: int) -> float:
         command = voltage_limited(
             command, limit, stall * memory[ROTOR_VEL, motor] / p[NO_LOAD_SPEED, motor]
         )
+
     memory[TORQUE, motor] += p[CURRENT_TIME, motor] * (command - memory[TORQUE, motor])
     memory[HEAT, motor] += p[HEAT_TIME, motor] * (1.0 - memory[HEAT, motor])
     torque = memory[TORQUE, motor] * (1.0 - p[HEAT_LOSS, motor] * memory[HEAT, motor])
+
     if p[RIPPLE, motor] > 0.0:
         torque *= 1.0 + p[RIPPLE, motor] * math.sin(
             p[RIPPLE_ORDER, motor] * x + p[RIPPLE_PHASE, motor]
@@ -193,9 +204,11 @@ def _gear_torque(
         memory[TWIST, motor] = 0.0
         memory[SLIDER, motor] = 0.0
         return 0.0
+
     slid = memory[SLIDER, motor] + p[SLIDER_STIFFNESS, motor] * (s - memory[TWIST, motor])
     memory[SLIDER, motor] = _clip(slid, p[SLIDER_TORQUE, motor])
     memory[TWIST, motor] = s
+
     torque = (p[GEAR_STIFFNESS, motor] + p[GEAR_HARDENING, motor] * s * s) * s
     torque += memory[SLIDER, motor] + p[GEAR_DAMPING, motor] * twist_vel
     return max(0.0, torque) if s > 0.0 else min(0.0, torque)
@@ -206,6 +219,8 @@ def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: flo
     w = memory[ROTOR_VEL, motor]
     z = memory[BRISTLE, motor]
     stiffness = p[BRISTLE_STIFFNESS, motor]
+
+    # torque at which the bristles slide
     slow = stribeck_share(w, p[STRIBECK_VELOCITY, motor])
     sliding = p[COULOMB, motor] + p[STATIC_TORQUE, motor] * slow
     sliding *= 1.0 + p[ASYMMETRY, motor] * math.copysign(1.0, w)
@@ -216,6 +231,8 @@ def _friction(p: np.ndarray, memory: np.ndarray, motor: int, gear: float, h: flo
     if stiffness <= 0.0 or sliding <= 0.0:
         memory[BRISTLE, motor] = 0.0
         return 0.0
+
+    # deflection of the bristles, exact for a constant velocity
     end = math.copysign(sliding / stiffness, w)
     rate = stiffness * abs(w) / sliding
     moved = (end - z) * -math.expm1(-rate * h)
@@ -245,8 +262,10 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
                 _tick(p, memory, motor, target, q + since * dq if on_output else x + since * w)
                 memory[WAIT, motor] += p[SERVO_PERIOD, motor]
             memory[WAIT, motor] -= h
+
             gear = _gear_torque(p, memory, motor, x - q, w - dq)
             force = _motor_torque(p, memory, motor) - gear - _friction(p, memory, motor, gear, h)
+
             inverse = h / p[ARMATURE, motor]
             w = (w + inverse * force) / (1.0 + inverse * p[VISCOUS_DAMPING, motor])
             memory[ROTOR_VEL, motor] = w
@@ -279,7 +298,10 @@ OUT_OF_FAMILY_KIND = ActuatorKind(
 
 @dataclass(frozen=True)
 class OutOfFamilyMotors(TrueMotors):
-    """n out-of-family motors; every field has shape (n,). A term is off where its first constant is 0."""
+    """n out-of-family motors; every field has shape (n,).
+
+    A term is off where its first constant is 0.
+    """
 
     kind = OUT_OF_FAMILY_KIND
     # ki scales with kp, as in the learned models
@@ -353,10 +375,8 @@ class OutOfFamilyMotors(TrueMotors):
 
     def after(self, seconds: float) -> "OutOfFamilyMotors":
         """The same motors, warmer: 1 - warmth falls by exp(-seconds / heat_time)."""
-        return replace(
-            self,
-            warmth=self.warmth + (1.0 - self.warmth) * _filter_gain(seconds, self.heat_time, 0.0),
-        )
+        gain = _filter_gain(seconds, self.heat_time, 0.0)
+        return replace(self, warmth=self.warmth + (1.0 - self.warmth) * gain)
 
     def logged(
         self,
@@ -370,19 +390,18 @@ class OutOfFamilyMotors(TrueMotors):
 
         Angles are quantised; velocities are filtered differences of the angles.
         """
-        position, velocity, effort = rng.standard_normal((3, *joint_pos.shape))
-        angle = joint_pos + self.log_position_noise * position
-        step = np.where(self.log_position_quantum > 0.0, self.log_position_quantum, 1.0)
-        angle = np.where(self.log_position_quantum > 0.0, step * np.round(angle / step), angle)
-        differenced = _differenced(
-            angle, period, _filter_gain(period, self.log_velocity_filter, 1.0)
-        )
-        speed = np.where(self.log_velocity_filter > 0.0, differenced, joint_vel)
-        return (
-            angle,
-            speed + self.log_velocity_noise * velocity,
-            torque + self.log_torque_noise * effort,
-        )
+        noise_of_pos, noise_of_vel, noise_of_torque = rng.standard_normal((3, *joint_pos.shape))
+
+        angle = joint_pos + self.log_position_noise * noise_of_pos
+        is_quantised = self.log_position_quantum > 0.0
+        quantum = np.where(is_quantised, self.log_position_quantum, 1.0)
+        angle = np.where(is_quantised, quantum * np.round(angle / quantum), angle)
+
+        gain = _filter_gain(period, self.log_velocity_filter, 1.0)
+        differences = _filtered_differences(angle, period, gain)
+        velocity = np.where(self.log_velocity_filter > 0.0, differences, joint_vel)
+        velocity = velocity + self.log_velocity_noise * noise_of_vel
+        return angle, velocity, torque + self.log_torque_noise * noise_of_torque
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
@@ -390,7 +409,7 @@ class OutOfFamilyMotors(TrueMotors):
         table = np.stack([getattr(self, field.name) for field in fields(self)[:NUM_ROWS]])
         substeps = max(1, int(np.ceil(physics_dt / SUBSTEP - 1e-9)))
         h = physics_dt / substeps
-        line = int(np.ceil(table[DELAY].max() / physics_dt)) + 2
+        line_length = int(np.ceil(table[DELAY].max() / physics_dt)) + 2
         table[DELAY] /= physics_dt
         table[SERVO_PERIOD] = np.maximum(table[SERVO_PERIOD], h)
         table[VELOCITY_FILTER] = _filter_gain(table[SERVO_PERIOD], table[VELOCITY_FILTER], 1.0)
@@ -399,16 +418,20 @@ class OutOfFamilyMotors(TrueMotors):
         table[NO_LOAD_SPEED] = np.where(table[NO_LOAD_SPEED] > 0.0, table[NO_LOAD_SPEED], np.inf)
         # 0: friction is independent of speed
         table[STRIBECK_VELOCITY] = np.maximum(table[STRIBECK_VELOCITY], 1e-9)
-        return empty_arrays(OUT_OF_FAMILY_KIND, table, LINE + line, substeps, self.output_damping)
+        rows = LINE + line_length
+        return empty_arrays(OUT_OF_FAMILY_KIND, table, rows, substeps, self.output_damping)
 
 
 def _filter_gain(seconds: np.ndarray | float, time_constant: np.ndarray, off: float) -> np.ndarray:
-    """(n,) gain 1 - exp(-seconds / time_constant) [-] of a first-order filter; ``off`` where the time constant is 0."""
-    on = time_constant > 0.0
-    return np.where(on, -np.expm1(-seconds / np.where(on, time_constant, 1.0)), off)
+    """(n,) gain 1 - exp(-seconds / time_constant) [-] of a first-order filter.
+
+    The gain is ``off`` where the time constant is 0.
+    """
+    is_on = time_constant > 0.0
+    return np.where(is_on, -np.expm1(-seconds / np.where(is_on, time_constant, 1.0)), off)
 
 
-def _differenced(angle: np.ndarray, period: float, gain: np.ndarray) -> np.ndarray:
+def _filtered_differences(angle: np.ndarray, period: float, gain: np.ndarray) -> np.ndarray:
     raw = np.diff(angle, axis=0, prepend=angle[:1]) / period
     filtered = np.zeros_like(raw)
     for step in range(1, len(raw)):

@@ -1,17 +1,18 @@
-"""The physical motor with firmware, rotor, friction and gear: the ground truth of virtual benches and robots.
+"""The physical motor with firmware, rotor, friction and gear: truth of virtual benches and robots.
 
 All quantities are at the output shaft. Per substep h (<= 0.25 ms), with the joint moving at
 constant velocity:
 
-    encoder   θ = rotor_pos + encoder_zero            (on the rotor, so it does not measure backlash)
+    encoder   θ = rotor_pos + encoder_zero  (on the rotor, so it does not measure backlash)
     filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
     control   τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
     speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
     gear      p = deadzone(rotor_pos - joint_pos, backlash / 2)
-              τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact, never
-              pulling
-    friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²) +
-    load_friction·|τ_gear| rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
+              τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact,
+              never pulling
+    friction  F = coulomb + stribeck_torque·exp(-(rotor_vel / stribeck_velocity)²)
+                  + load_friction·|τ_gear|
+    rotor     armature·d(rotor_vel)/dt = τ_law - τ_gear - viscous_damping·rotor_vel - F·sign
 
 Dry friction is an impulse that can stop the rotor but never reverse it (exact stiction). The joint
 gets the mean of τ_gear over the substeps. The structure follows puppersim's motor model
@@ -19,9 +20,10 @@ gets the mean of τ_gear over the substeps. The structure follows puppersim's mo
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, ClassVar, Protocol, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -37,13 +39,17 @@ MAX_STEP = 0.001
 
 (
     _KP, _KD, _DELAY, _FILTER, _TORQUE_LIMIT, _STALL_TORQUE, _NO_LOAD_SPEED, _ARMATURE, _COULOMB,
-    _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS, _GEAR_DAMPING, _ZERO,
+    _STRIBECK_TORQUE, _STRIBECK_VELOCITY, _VISCOUS, _LOAD_FRICTION, _BACKLASH, _STIFFNESS,
+    _GEAR_DAMPING, _ZERO,
 ) = range(17)  # fmt: skip
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, _LINE = range(4)  # rows of the memory; the delay line follows
 
 
-class TrueMotors(Protocol):
-    """n physical motors: a dataclass of parameters (n,), annotated with their units, "1" for ratios."""
+class TrueMotors(ABC):
+    """n physical motors: base of dataclasses with parameters (n,), annotated with their units.
+
+    The unit of a ratio is "1".
+    """
 
     kind: ClassVar[ActuatorKind]  # name, title and compiled functions of the family
     factor_names: ClassVar[Mapping[str, str]]  # parameter -> field of `Factors` that scales it
@@ -59,9 +65,9 @@ class TrueMotors(Protocol):
         """Number of motors."""
         return len(self.kp)
 
+    @abstractmethod
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`."""
-        ...
 
     def take(self, index: np.ndarray) -> Self:
         """The motors at ``index``."""
@@ -91,7 +97,7 @@ class TrueMotors(Protocol):
         joint_vel: np.ndarray,
         torque: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m]: the true ones, without noise."""
+        """Recorded (steps, n) angles [rad], velocities [rad/s] and torques [N·m]: without noise."""
         return joint_pos, joint_vel, torque
 
 
@@ -118,7 +124,10 @@ class PhysicalActuator:
 
     @property
     def damping(self) -> np.ndarray:
-        """(n,) damping of the output shaft [N·m·s/rad], 0 for some; that of the rotor is part of the model."""
+        """(n,) damping of the output shaft [N·m·s/rad]; 0 for families without it.
+
+        The damping of the rotor is part of the model.
+        """
         return getattr(self.motors, "output_damping", np.zeros(self.num_motors))
 
     def with_factors(self, factors: Factors) -> "PhysicalActuator":
@@ -142,7 +151,10 @@ def stribeck_share(speed: float, stribeck_velocity: float) -> float:
 
 @njit(cache=True, nogil=True, inline="always")
 def voltage_limited(torque: float, limit: float, back: float) -> float:
-    """The torque within the voltage limit: ``limit`` at zero speed, less ``back`` of the back-EMF [N·m]."""
+    """The torque within the voltage limit [N·m].
+
+    The limit is ``limit`` at zero speed, reduced by ``back`` of the back-EMF.
+    """
     return min(max(0.0, limit - back), max(min(0.0, -limit - back), torque))
 
 
@@ -207,13 +219,16 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
                 p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel
             )
             gear = _gear_torque(p, motor, rotor_pos - q, rotor_vel - dq)
+
             force = law - gear - p[_VISCOUS, motor] * rotor_vel
             rotor_vel = _apply_friction(
                 p, motor, rotor_vel + h / p[_ARMATURE, motor] * force, rotor_vel, gear, h
             )
+
             rotor_pos += h * rotor_vel
             q += h * dq
             total += gear
+
         memory[ROTOR_POS, motor] = rotor_pos
         memory[ROTOR_VEL, motor] = rotor_vel
         memory[FILTERED_VEL, motor] = filtered

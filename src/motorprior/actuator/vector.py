@@ -30,7 +30,7 @@ def _operator(instruction: str) -> Callable[[Vector, Vector | float], Vector]:
 
 
 class Vector:
-    """An LLVM vector of floating-point numbers, or the bits of a comparison: a value of the code of a builder."""
+    """A value of a builder's code: an LLVM vector of numbers, or the bits of a comparison."""
 
     def __init__(self, builder: Any, value: Any):
         self.builder = builder
@@ -39,12 +39,11 @@ class Vector:
     @classmethod
     def broadcast(cls, builder: Any, scalar: Any, width: int) -> Vector:
         """A scalar of the code in every lane."""
-        kind = ir.VectorType(scalar.type, width)
-        single = builder.insert_element(
-            ir.Constant(kind, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
-        )
+        vector_type = ir.VectorType(scalar.type, width)
+        undefined = ir.Constant(vector_type, ir.Undefined)
+        first_lane = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
         zeros = ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width)
-        return cls(builder, builder.shuffle_vector(single, ir.Constant(kind, ir.Undefined), zeros))
+        return cls(builder, builder.shuffle_vector(first_lane, undefined, zeros))
 
     @classmethod
     def load(cls, builder: Any, address: Any, width: int, element: Any = _DOUBLE) -> Vector:
@@ -54,12 +53,9 @@ class Vector:
 
     def store(self, address: Any) -> None:
         """Store to an integer address."""
-        kind = self.value.type
-        self.builder.store(
-            self.value,
-            self.builder.inttoptr(address, kind.as_pointer()),
-            align=_BYTES[kind.element],
-        )
+        vector_type = self.value.type
+        pointer = self.builder.inttoptr(address, vector_type.as_pointer())
+        self.builder.store(self.value, pointer, align=_BYTES[vector_type.element])
 
     __add__ = _operator("fadd")
     __sub__ = _operator("fsub")
@@ -70,7 +66,8 @@ class Vector:
     __rmul__ = __mul__
 
     def __rsub__(self, other: float) -> Vector:
-        return Vector(self.builder, self.builder.fsub(_operand(other, self.value.type), self.value))
+        minuend = _operand(other, self.value.type)
+        return Vector(self.builder, self.builder.fsub(minuend, self.value))
 
     def __neg__(self) -> Vector:
         return Vector(self.builder, self.builder.fneg(self.value))
@@ -79,39 +76,39 @@ class Vector:
         return self.call("fabs", self)
 
     def __gt__(self, other: Vector | float) -> Vector:
-        return Vector(
-            self.builder,
-            self.builder.fcmp_ordered(">", self.value, _operand(other, self.value.type)),
-        )
+        return self._compared(">", other)
 
     def __lt__(self, other: Vector | float) -> Vector:
-        return Vector(
-            self.builder,
-            self.builder.fcmp_ordered("<", self.value, _operand(other, self.value.type)),
-        )
+        return self._compared("<", other)
+
+    def _compared(self, operator: str, other: Vector | float) -> Vector:
+        operand = _operand(other, self.value.type)
+        return Vector(self.builder, self.builder.fcmp_ordered(operator, self.value, operand))
 
     def __or__(self, other: Vector) -> Vector:
         return Vector(self.builder, self.builder.or_(self.value, other.value))
 
     def call(self, name: str, *arguments: Vector) -> Vector:
         """Result of an LLVM intrinsic on vectors of this type."""
-        kind = self.value.type
-        function = ir.FunctionType(kind, [kind] * len(arguments))
-        full_name = f"llvm.{name}.v{kind.count}f{8 * _BYTES[kind.element]}"
-        found = cgutils.get_or_insert_function(self.builder.module, function, full_name)
-        return Vector(self.builder, self.builder.call(found, [each.value for each in arguments]))
+        vector_type = self.value.type
+        function_type = ir.FunctionType(vector_type, [vector_type] * len(arguments))
+        full_name = f"llvm.{name}.v{vector_type.count}f{8 * _BYTES[vector_type.element]}"
+        function = cgutils.get_or_insert_function(self.builder.module, function_type, full_name)
+        values = [argument.value for argument in arguments]
+        return Vector(self.builder, self.builder.call(function, values))
 
 
-def _operand(value: Vector | float, kind: Any) -> Any:
-    return (
-        value.value if isinstance(value, Vector) else ir.Constant(kind, [float(value)] * kind.count)
-    )
+def _operand(value: Vector | float, vector_type: Any) -> Any:
+    if isinstance(value, Vector):
+        return value.value
+    return ir.Constant(vector_type, [float(value)] * vector_type.count)
 
 
 def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
-    kind = ir.VectorType(_DOUBLE, condition.value.type.count)
-    chosen = condition.builder.select(condition.value, _operand(yes, kind), _operand(no, kind))
-    return Vector(condition.builder, chosen)
+    vector_type = ir.VectorType(_DOUBLE, condition.value.type.count)
+    if_true = _operand(yes, vector_type)
+    if_false = _operand(no, vector_type)
+    return Vector(condition.builder, condition.builder.select(condition.value, if_true, if_false))
 
 
 def _clip(x: Vector, limit: Vector) -> Vector:

@@ -1,7 +1,7 @@
 """MuJoCo model of a robot: on a flat floor, or with its base fixed.
 
-Explicit foot-floor pairs are the only contacts. The motors have armature, damping and dry friction,
-so those of the model's joints are set to 0. Actuators, sensors, keys, contact pairs, floors and
+Explicit foot-floor pairs are the only contacts. Armature, damping and dry friction of the model's
+joints are set to 0, since the motors have them. Actuators, sensors, keys, contact pairs, floors and
 lights of the model are removed.
 """
 
@@ -32,19 +32,18 @@ def build_model(
     """
     physics_dt = robot.physics_dt if physics_dt is None else physics_dt
     source = robot.model
-    if (
-        not all(file.is_file() for file in source.files)
-        or files_digest(source.files) != source.sha256
-    ):
-        raise ArtifactError(
-            "the model is missing or has changed", where=source.path, remedy="load the robot again"
-        )
+    is_complete = all(file.is_file() for file in source.files)
+    if not is_complete or files_digest(source.files) != source.sha256:
+        problem = "the model is missing or has changed"
+        raise ArtifactError(problem, where=source.path, remedy="load the robot again")
+
     try:
         spec = read_spec(source.path, robot.base == "free", [leg.foot for leg in robot.legs])
         _set_physics(spec, physics_dt)
         if robot.base == "free":
             base = spec.worldbody.first_body()
-            base.pos = [0.0, 0.0, robot.suspended_height if suspended else robot.standing_height]
+            height = robot.suspended_height if suspended else robot.standing_height
+            base.pos = [0.0, 0.0, height]
             if suspended:
                 spec.delete(base.first_joint())
         _add_floor(spec, robot, physics_dt)
@@ -62,12 +61,14 @@ def _set_physics(spec: Any, physics_dt: float) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
     for joint in spec.joints:
         joint.armature = joint.frictionloss = 0.0
         # a number in MuJoCo 3, coefficients of a polynomial in 4
         joint.damping = 0.0 * joint.damping
+
     planes = [geom for geom in spec.worldbody.geoms if geom.type == mujoco.mjtGeom.mjGEOM_PLANE]
     for element in (*spec.keys, *spec.sensors, *spec.actuators, *spec.pairs, *spec.lights, *planes):
         spec.delete(element)
@@ -79,6 +80,7 @@ def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
         name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1]
     )
     floor.contype = floor.conaffinity = 0
+
     # With a longer step contacts bounce more. With this damping ratio the trots of the same motors
     # agree at 1 and 2 ms.
     damping = max(1.0, physics_dt / CONTACT_DT)

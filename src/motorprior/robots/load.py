@@ -1,4 +1,4 @@
-"""Load a robot by name, or from a TOML next to its MJCF or URDF, whose keys docs/your-robot.md describes."""
+"""Load a robot by name, or from a TOML next to its MJCF or URDF (docs/your-robot.md)."""
 
 import re
 from dataclasses import fields, replace
@@ -93,9 +93,9 @@ _GAIT = Schema(
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """Load a shipped robot by name, such as "pupper_v2", or a user's by the path of its TOML (docs/your-robot.md).
+    """Load a shipped robot by name, such as "pupper_v2", or your own by the path of its TOML.
 
-    Raises ArtifactError, which names file, key and joint.
+    docs/your-robot.md describes the TOML. Raises ArtifactError, which names file, key and joint.
     """
     path = Path(name_or_path)
     shipped = {robot.name: robot for robot in SHIPPED}
@@ -117,68 +117,97 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
 
     _ROBOT.check(table, path)
     where = str(path)
-    legs = table.get("legs", {})
+    leg_tables = table.get("legs", {})
+    for name, leg_table in leg_tables.items():
+        _LEG.check(leg_table, f"{where}[legs.{name}]")
+
     file = path.parent / table["model"]
-    for name, leg in legs.items():
-        _LEG.check(leg, f"{where}[legs.{name}]")
-    model = UserModel(
-        file, table["base"] == "free", "actuators" in table, [leg["foot"] for leg in legs.values()]
-    )
+    feet = [leg_table["foot"] for leg_table in leg_tables.values()]
+    model = UserModel(file, table["base"] == "free", "actuators" in table, feet)
     limits = model.limits()
     names = tuple(limits)
-    per_leg = len(names) // max(1, len(legs))
+
+    # numbers and classes per joint
+    per_leg = len(names) // max(1, len(leg_tables))
     numbers = {key: _per_joint(key, table[key], len(names), per_leg, where) for key in _PER_JOINT}
-    stated = table.get("joint_classes")
-    classes = (
-        () if stated is None else _per_joint("joint_classes", stated, len(names), per_leg, where)
-    )
+    classes: tuple[str, ...] = ()
+    if "joint_classes" in table:
+        given_classes = table["joint_classes"]
+        classes = _per_joint("joint_classes", given_classes, len(names), per_leg, where)
     pose = dict(zip(names, numbers["nominal_pose"], strict=True))
-    joints = []
-    for i, (name, angle) in enumerate(pose.items()):
-        lower, upper = limits[name]
-        if not lower <= angle <= upper:
-            problem = f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits {lower:g} to {upper:g} rad"
-            raise ArtifactError(
-                problem, where=where, remedy="give an angle within the limits of the model"
-            )
-        gains = (numbers[key][i] for key in ("kp", "kd", "torque_limit"))
-        joints.append(Joint(name, lower, upper, *gains))
-    made = tuple(
-        _leg(name, leg, names, pose, model, f"{where}[legs.{name}]") for name, leg in legs.items()
+    joints = _joints(limits, numbers, where)
+
+    legs = tuple(
+        _leg(name, leg_table, names, pose, model, f"{where}[legs.{name}]")
+        for name, leg_table in leg_tables.items()
     )
-    used = [name for leg in legs.values() for name in (*leg["joints"], f"foot {leg['foot']}")]
-    if shared := [name for name in used if used.count(name) > 1]:
-        raise ArtifactError(
-            f"two legs share {shared[0]!r}", where=where, remedy="give every leg its own"
-        )
-    height = model.standing_height(pose, [leg.foot for leg in made]) if made else 0.0
+    _require_separate(leg_tables, where)
+    leg_mismatches = [model.leg_mismatch(leg, names, pose) for leg in legs]
+
+    height = model.standing_height(pose, [leg.foot for leg in legs]) if legs else 0.0
     source = ModelFile.of(file)
-    low, high = table.get("load_inertia") or model.load_inertia(pose, len(made), height)
+    low, high = table.get("load_inertia") or model.load_inertia(pose, len(legs), height)
     median_limit = sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
         motor=table["motor"],
-        joints=tuple(joints),
+        joints=joints,
         base=table["base"],
         model=source,
         num_links=model.num_links,
         nominal=numbers["nominal_pose"],
         encoder=table.get("encoder", "joint"),
-        legs=made,
-        leg_mismatch=next(filter(None, (model.leg_mismatch(leg, names, pose) for leg in made)), ""),
-        gait=_gait(table.get("gait", {}), made, numbers["nominal_pose"], path),
+        legs=legs,
+        leg_mismatch=next(filter(None, leg_mismatches), ""),
+        gait=_gait(table.get("gait", {}), legs, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
         given_classes=classes,
         files=(path, *source.files),
         weight=GRAVITY * model.mass,
         standing_height=height,
         min_base_height=0.3 * height,
-        max_base_height=3.5 * height if made else 1e3,
+        max_base_height=3.5 * height if legs else 1e3,
         suspended_height=2.0 * height,
         reference_torque=float(table.get("reference_torque", 0.8 * median_limit)),
         foot_friction=float(table.get("foot_friction", 0.6)),
         **_clocks(table, where),
     )
+
+
+def _joints(
+    limits: dict[str, tuple[float, float]], numbers: dict[str, tuple[Any, ...]], where: str
+) -> tuple[Joint, ...]:
+    joints = []
+    for index, (name, (lower, upper)) in enumerate(limits.items()):
+        angle = numbers["nominal_pose"][index]
+        if not lower <= angle <= upper:
+            problem = (
+                f"nominal_pose {angle:g} rad of joint {name!r} is outside its limits "
+                f"{lower:g} to {upper:g} rad"
+            )
+            remedy = "give an angle within the limits of the model"
+            raise ArtifactError(problem, where=where, remedy=remedy)
+        joint = Joint(
+            name=name,
+            lower=lower,
+            upper=upper,
+            kp=numbers["kp"][index],
+            kd=numbers["kd"][index],
+            torque_limit=numbers["torque_limit"][index],
+        )
+        joints.append(joint)
+    return tuple(joints)
+
+
+def _require_separate(leg_tables: dict[str, Any], where: str) -> None:
+    """Raise ArtifactError if two legs have the same joint or foot."""
+    names: list[str] = []
+    for leg_table in leg_tables.values():
+        names += [*leg_table["joints"], f"foot {leg_table['foot']}"]
+    shared = [name for name in names if names.count(name) > 1]
+    if shared:
+        problem = f"two legs share {shared[0]!r}"
+        raise ArtifactError(problem, where=where, remedy="give every leg its own")
 
 
 def _leg(
@@ -216,20 +245,24 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
     _GAIT.check(table, path)
     if not legs:
         return None
-    default = Gait.of_size(float(np.mean([leg.hip_height(np.array(pose)) for leg in legs])))
-    given = {
-        key: tuple(map(float, value)) if key == "forward" else float(value)
-        for key, value in table.items()
-    }
-    return replace(default, **given)
+    hip_heights = [leg.hip_height(np.array(pose)) for leg in legs]
+    gait = Gait.of_size(float(np.mean(hip_heights)))
+    for key, value in table.items():
+        gait = replace(gait, **{key: _floats(value)})
+    return gait
+
+
+def _floats(value: Any) -> Any:
+    """A number or a list of numbers, as floats."""
+    return tuple(map(float, value)) if isinstance(value, list) else float(value)
 
 
 def _per_joint(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[Any, ...]:
     """One value per joint: given for all, for the joints of each leg, or for each."""
     values = tuple(value if isinstance(value, list) else [value])
-    if len(values) not in (forms := sorted({1, per_leg, count})):
-        remedy = f"give {' or '.join(map(str, forms))} values"
+    allowed_counts = sorted({1, per_leg, count})
+    if len(values) not in allowed_counts:
+        remedy = f"give {' or '.join(map(str, allowed_counts))} values"
         raise ArtifactError(f"{key} has {len(values)} values", where=where, remedy=remedy)
-    return tuple(float(each) if is_number(each) else each for each in values) * (
-        count // len(values)
-    )
+    values = tuple(float(entry) if is_number(entry) else entry for entry in values)
+    return values * (count // len(values))

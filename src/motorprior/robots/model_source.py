@@ -38,19 +38,19 @@ class ModelFile:
 
 def model_files(path: Path) -> tuple[Path, ...]:
     """A model's file, and the existing files that it includes or names, at any depth."""
-    found: dict[Path, None] = {}
-    waiting = [path.resolve()]
-    while waiting:
-        file = waiting.pop(0)
-        if file in found:
+    files: dict[Path, None] = {}  # the keys are an ordered set
+    unread = [path.resolve()]
+    while unread:
+        file = unread.pop(0)
+        if file in files:
             continue
-        found[file] = None
-        for element, named in _named_files(file, path):
+        files[file] = None
+        for element, named_file in _named_files(file, path):
             if element in ("include", "model"):
-                waiting.append(named)
+                unread.append(named_file)
             else:
-                found[named] = None
-    return tuple(found)
+                files[named_file] = None
+    return tuple(files)
 
 
 def _named_files(file: Path, model: Path) -> Iterator[tuple[str, Path]]:
@@ -59,14 +59,16 @@ def _named_files(file: Path, model: Path) -> Iterator[tuple[str, Path]]:
         root = ElementTree.parse(file).getroot()
     except (ElementTree.ParseError, OSError):  # MuJoCo's error is clearer
         return
-    folders = {""} | {
-        each.get(key, "") for each in root.iter("compiler") for key in ("meshdir", "assetdir")
-    }
+
+    folders = {""}
+    for compiler in root.iter("compiler"):
+        folders |= {compiler.get("meshdir", ""), compiler.get("assetdir", "")}
     for element in root.iter():
         text = element.get("file") or element.get("filename") or ""
         for start, folder in product((file, model), sorted(folders)):
-            if (named := mesh_file(start, text, folder)) is not None:
-                yield element.tag, named.resolve()
+            named_file = mesh_file(start, text, folder)
+            if named_file is not None:
+                yield element.tag, named_file.resolve()
 
 
 def is_urdf(path: Path) -> bool:
@@ -75,16 +77,20 @@ def is_urdf(path: Path) -> bool:
 
 
 def mesh_file(model: Path, text: str, folder: str = "") -> Path | None:
-    """The file that a model names: relative to the model, or ``package://PACKAGE/PATH`` below a folder above it.
+    """The file that a model names; None if there is no such file.
 
-    ``folder`` is the model's meshdir. None if there is no such file.
+    The text is a path relative to the model or to its meshdir ``folder``, or
+    ``package://PACKAGE/PATH`` below a folder above the model.
     """
-    start, (scheme, _, rest) = model.resolve().parent, text.rpartition("://")
+    start = model.resolve().parent
+    scheme, _, path = text.rpartition("://")
     if scheme:
-        parts = rest, rest.partition("/")[2]
-        candidates = [above / part for above in (start, *start.parents) for part in parts]
+        _, _, path_in_package = path.partition("/")
+        candidates = []
+        for above in (start, *start.parents):
+            candidates += [above / path, above / path_in_package]
     else:
-        candidates = [start / folder / rest, start / rest, start / folder / Path(rest).name]
+        candidates = [start / folder / path, start / path, start / folder / Path(path).name]
     return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 

@@ -1,4 +1,4 @@
-"""The description of a robot: joints, legs, poses, model, clocks, constants of its protocol and safety limits."""
+"""The description of a robot: joints, legs, poses, model, clocks, protocol and safety limits."""
 
 import math
 from collections.abc import Sequence
@@ -19,11 +19,14 @@ Encoder = Literal["joint", "rotor"]
 
 @dataclass(frozen=True)
 class Joint:
-    """One driven joint with torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit)."""
+    """One driven joint.
 
-    name: str  # of the hinge in the robot's model
-    lower: float  # limit [rad]
-    upper: float
+    torque = clip(kp·(position_target - joint_pos) - kd·joint_vel, ±torque_limit)
+    """
+
+    name: str  # name of the hinge in the robot's model
+    lower: float  # lower limit [rad]
+    upper: float  # upper limit [rad]
     kp: float  # nominal gain at the joint [N·m/rad]
     kd: float  # [N·m·s/rad]
     torque_limit: float  # [N·m]
@@ -31,7 +34,10 @@ class Joint:
 
 @dataclass(frozen=True)
 class Leg:
-    """A leg of three joints: abduction about x, hip and knee about y; a growing hip angle moves the foot backwards."""
+    """A leg of three joints: abduction about x, hip and knee about y.
+
+    A growing hip angle moves the foot backwards.
+    """
 
     name: str
     joints: tuple[int, int, int]  # indices of abduction, hip and knee in the robot's joints
@@ -44,24 +50,27 @@ class Leg:
     rest: tuple[float, float]
 
     def reach(self, joint_pos: np.ndarray) -> tuple[float, float]:
-        """Foot's centre forward of and below the hip axis, in the plane of the leg [m], at (joints,) angles [rad].
+        """Foot's centre forward of and below the hip axis [m], at (joints,) angles [rad].
 
-        forward = -(thigh·sin(hip) + shank·sin(hip + knee)), below = thigh·cos(hip) + shank·cos(hip
-        + knee).
+        In the plane of the leg,
+
+            forward = -(thigh·sin(hip) + shank·sin(hip + knee)),
+            below = thigh·cos(hip) + shank·cos(hip + knee).
         """
         hip = float(joint_pos[self.joints[1]])
-        both = float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
-        forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(both))
-        return forward, self.thigh * math.cos(hip) + self.shank * math.cos(both)
+        hip_and_knee = float(joint_pos[self.joints[1]] + joint_pos[self.joints[2]])
+        forward = -(self.thigh * math.sin(hip) + self.shank * math.sin(hip_and_knee))
+        below = self.thigh * math.cos(hip) + self.shank * math.cos(hip_and_knee)
+        return forward, below
 
     def hip_height(self, joint_pos: np.ndarray) -> float:
-        """Distance of the foot's lowest point below the hip axis, body upright [m], at (joints,) angles [rad].
+        """Height of the hip axis above the foot's lowest point [m], at (joints,) angles [rad].
 
-        height = below·cos(abduction) + foot_radius, see `reach`.
+        The body is upright. height = below·cos(abduction) + foot_radius, see `reach`.
         """
-        return (
-            self.reach(joint_pos)[1] * math.cos(float(joint_pos[self.joints[0]])) + self.foot_radius
-        )
+        _, below = self.reach(joint_pos)
+        abduction = float(joint_pos[self.joints[0]])
+        return below * math.cos(abduction) + self.foot_radius
 
 
 @dataclass(frozen=True)
@@ -137,7 +146,10 @@ class SafetyLimits:
 
 @dataclass(frozen=True, eq=False)
 class Wire:
-    """Constants of a servo bus: current = clip(kp·(target - angle) - kd·velocity, ±max_current) on the robot."""
+    """Constants of a servo bus.
+
+    On the robot, current = clip(kp·(target - angle) - kd·velocity, ±max_current).
+    """
 
     kp: float  # default gain [A/rad]
     # default gain [A·s/rad]; it acts on the velocity, so a joint follows its target with a lag of
@@ -164,8 +176,8 @@ class MotorCommand:
 
     def current(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) currents [A] at (joints,) angles [rad] and velocities [rad/s]."""
-        wanted = self.kp * (self.target - joint_pos) - self.kd * joint_vel
-        return np.clip(wanted, -self.max_current, self.max_current)
+        current = self.kp * (self.target - joint_pos) - self.kd * joint_vel
+        return np.clip(current, -self.max_current, self.max_current)
 
 
 @dataclass(frozen=True)
@@ -216,13 +228,14 @@ class Robot(Printable):
 
     def overview(self) -> Overview:
         """For people: motors, joints and size."""
-        kp, kd = (sorted({getattr(joint, name) for joint in self.joints}) for name in ("kp", "kd"))
+        kp = [f"{value:g}" for value in sorted({joint.kp for joint in self.joints})]
+        kd = [f"{value:g}" for value in sorted({joint.kd for joint in self.joints})]
         facts = {
             "motors": self.motor,
             "joints": listed(self.joint_names, 12),
             "legs": str(len(self.legs) or ""),
-            "kp": f"{listed([f'{each:g}' for each in kp], 4)} N·m/rad",
-            "kd": f"{listed([f'{each:g}' for each in kd], 4)} N·m·s/rad",
+            "kp": f"{listed(kp, 4)} N·m/rad",
+            "kd": f"{listed(kd, 4)} N·m·s/rad",
             "mass": f"{self.weight / GRAVITY:.2f} kg" if self.weight else "",
             "clocks": f"physics {1e3 * self.physics_dt:g} ms, control {1e3 * self.control_dt:g} ms",
         }
@@ -250,8 +263,8 @@ class Robot(Printable):
 
     def limits_of(self, joint_names: Sequence[str]) -> np.ndarray:
         """(J, 2) lower and upper limits of joints by name [rad]; NaN for unknown joints."""
-        known = {joint.name: (joint.lower, joint.upper) for joint in self.joints}
-        return np.array([known.get(name, (math.nan, math.nan)) for name in joint_names])
+        limits = {joint.name: (joint.lower, joint.upper) for joint in self.joints}
+        return np.array([limits.get(name, (math.nan, math.nan)) for name in joint_names])
 
     @property
     def lower(self) -> np.ndarray:
@@ -272,11 +285,17 @@ class Robot(Printable):
         return self.fleets[0][0]
 
     def physics_step(self, max_step: float) -> float:
-        """Physics step [s] for motors that need steps of at most ``max_step`` [s]; inf allows ``physics_dt``."""
+        """Physics step [s] for motors that need steps of at most ``max_step`` [s].
+
+        Motors that run at any step, ``max_step`` inf, get ``physics_dt``.
+        """
         return self.physics_dt if math.isinf(max_step) else min(max_step, self.twin_physics_dt)
 
     def require_gait(self) -> Gait:
-        """The gait of a robot that can walk; raises ConfigError for one with a fixed base or without suitable legs."""
+        """The gait of a robot that can walk.
+
+        Raises ConfigError for a fixed base, or without suitable legs.
+        """
         problem = self.leg_mismatch
         remedy = "change axes and zeros in its model as in docs/your-robot.md"
         if self.gait is None or self.base != "free":

@@ -1,4 +1,4 @@
-"""A user's MJCF or URDF: as MuJoCo's editable description, and its joints, limits, legs, mass and loads."""
+"""A user's MJCF or URDF: MuJoCo's editable description; joints, limits, legs, mass and loads."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -47,13 +47,10 @@ def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
             base.add_freejoint()
     for foot in feet:
         body = spec.body(foot)
-        known = {geom.name for geom in spec.geoms}
-        spheres = (
-            [geom for geom in body.geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE]
-            if body
-            else []
-        )
-        if foot not in known and len(spheres) == 1:
+        geom_names = {geom.name for geom in spec.geoms}
+        geoms = body.geoms if body else []
+        spheres = [geom for geom in geoms if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE]
+        if foot not in geom_names and len(spheres) == 1:
             spheres[0].name = foot
     return spec
 
@@ -66,9 +63,15 @@ def _place_meshes(spec: Any, path: Path) -> None:
             continue
         for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
             if not geom.parent.explicitinertial:
-                problem = f"link {geom.parent.name!r} has no <inertial>, and its mesh {mesh.file!r} cannot be read"
-                remedy = f"give the link an <inertial>, or put an .stl or .obj at this path below {path.parent}"
-                raise ArtifactError(problem, where=path, remedy=f"{remedy} or a folder above it")
+                problem = (
+                    f"link {geom.parent.name!r} has no <inertial>, "
+                    f"and its mesh {mesh.file!r} cannot be read"
+                )
+                remedy = (
+                    "give the link an <inertial>, or put an .stl or .obj at this path below "
+                    f"{path.parent} or a folder above it"
+                )
+                raise ArtifactError(problem, where=path, remedy=remedy)
             spec.delete(geom)
         spec.delete(mesh)
 
@@ -91,30 +94,36 @@ class UserModel:
         except Exception as error:  # ValueError, FatalError or MemoryError
             raise cannot_read(path, str(error)) from error
         if self._model.nu and not removes_actuators:
-            problem = f"it has {self._model.nu} actuators of its own, the first is {self._model.actuator(0).name!r}"
+            first = self._model.actuator(0).name
+            problem = (
+                f"it has {self._model.nu} actuators of its own, the first is {first!r}: "
+                "a joint would be driven twice"
+            )
             remedy = (
                 'delete the <actuator> section, or write actuators = "remove" in the robot\'s file'
             )
-            raise self._error(f"{problem}: a joint would be driven twice", remedy)
-        self.num_links = self._model.nbody - 1  # moving bodies
-        self.mass = float(np.sum(self._model.body_mass))  # of all bodies [kg]
-        free = [
-            i
-            for i in range(self._model.njnt)
-            if self._model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE
-        ]
-        if free != ([0] if is_free else []):
-            problem = f"free joints {free}, but its base is " + (
-                "free: it has one, the first" if is_free else "fixed"
-            )
-            remedy = 'change base in its file, or add or delete the free joint (<freejoint/>; URDF: type="floating")'
             raise self._error(problem, remedy)
+        self.num_links = self._model.nbody - 1  # moving bodies
+        self.mass = float(np.sum(self._model.body_mass))  # mass of all bodies [kg]
+        self._require_base(is_free)
         self._require_plausible()
         roots = int(np.sum(self._model.body_parentid[1:] == 0))
         if roots != 1:
-            raise self._error(
-                f"the world holds {roots} bodies", "leave the robot alone in its model"
-            )
+            remedy = "leave the robot alone in its model"
+            raise self._error(f"the world holds {roots} bodies", remedy)
+
+    def _require_base(self, is_free: bool) -> None:
+        """Raise ArtifactError unless the first joint, and no other, is free if the base is."""
+        is_free_joint = self._model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)
+        free_joints = np.flatnonzero(is_free_joint).tolist()
+        if free_joints == ([0] if is_free else []):
+            return
+        base = "free: it has one, the first" if is_free else "fixed"
+        remedy = (
+            "change base in its file, or add or delete the free joint "
+            '(<freejoint/>; URDF: type="floating")'
+        )
+        raise self._error(f"free joints {free_joints}, but its base is {base}", remedy)
 
     def _require_plausible(self) -> None:
         """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
@@ -123,16 +132,16 @@ class UserModel:
             if model.eq_type[0] != mujoco.mjtEq.mjEQ_JOINT:
                 remedy = "delete it: loops are not supported; give each leg as an open chain"
                 raise self._error("an equality constraint closes a loop", remedy)
-            joints = [
-                model.joint(int(each[0])).name
-                for each in (model.eq_obj1id, model.eq_obj2id)
-                if each[0] >= 0
-            ]
-            problem = (
-                f"a <mimic> or equality constraint couples joint {' to '.join(map(repr, joints))}"
+            indices = (int(model.eq_obj1id[0]), int(model.eq_obj2id[0]))
+            joints = [model.joint(index).name for index in indices if index >= 0]
+            coupled = " to ".join(map(repr, joints))
+            problem = f"a <mimic> or equality constraint couples joint {coupled}"
+            remedy = (
+                f"it has no motor of its own: make {joints[0]!r} fixed, "
+                "without <mimic> or constraint"
             )
-            remedy = f"it has no motor of its own: make {joints[0]!r} fixed, without <mimic> or constraint"
             raise self._error(problem, remedy)
+
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
         radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
         body = int(radius.argmax())
@@ -142,9 +151,9 @@ class UserModel:
             mass = model.body_mass[body]
             inertia = model.body_inertia[body].max()
             problem = (
-                f"link {name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, a radius of gyration of "
+                f"link {name!r} has {inertia:.3g} kg·m² and {mass:.3g} kg, "
+                f"a radius of gyration of {radius[body]:.3g} m, above {bound:.3g} m"
             )
-            problem += f"{radius[body]:.3g} m, above {bound:.3g} m"
             raise self._error(problem, "correct its inertia: kg·m², about the centre of mass")
 
     def _error(self, problem: str, remedy: str) -> ArtifactError:
@@ -157,18 +166,19 @@ class UserModel:
         """
         limits: dict[str, tuple[float, float]] = {}
         for index in range(self._model.njnt):
-            kind = self._model.jnt_type[index]
+            joint_type = self._model.jnt_type[index]
             name = self._model.joint(index).name
-            if kind == mujoco.mjtJoint.mjJNT_FREE:
+            if joint_type == mujoco.mjtJoint.mjJNT_FREE:
                 continue
-            if kind != mujoco.mjtJoint.mjJNT_HINGE or not name:
+            if joint_type != mujoco.mjtJoint.mjJNT_HINGE or not name:
                 problem = f"joint number {index} ({name!r}) is not a hinge with a name"
-                raise self._error(
-                    problem,
-                    'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)',
-                )
+                remedy = 'name it, or make it fixed (URDF: type="fixed"; MJCF: delete the joint)'
+                raise self._error(problem, remedy)
             if not self._model.jnt_limited[index]:
-                remedy = 'give it range="LOWER UPPER"; in a URDF type="revolute" and <limit lower="…" upper="…"/>'
+                remedy = (
+                    'give it range="LOWER UPPER"; '
+                    'in a URDF type="revolute" and <limit lower="…" upper="…"/>'
+                )
                 raise self._error(f"joint {name!r} has no limits", remedy)
             lower, upper = self._model.jnt_range[index].tolist()
             limits[name] = lower, upper
@@ -179,15 +189,23 @@ class UserModel:
     def leg_geometry(
         self, joints: tuple[str, ...], foot: str, pose: dict[str, float]
     ) -> tuple[float, float, float, tuple[float, float]]:
-        """Thigh, shank and foot radius [m], and the foot's centre in the pose, forward and left of the base [m]."""
-        known = [self._model.geom(index).name for index in range(self._model.ngeom)]
-        if foot not in known:
-            found = ", ".join(name for name in known if name) or "none has a name"
-            remedy = f"give a geom or named <collision>, or a link or body with one sphere; geoms with names: {found}"
+        """Thigh, shank and foot radius [m]; the foot's centre forward and left of the base [m].
+
+        The centre is in the pose, joint angles by name [rad].
+        """
+        geom_names = [self._model.geom(index).name for index in range(self._model.ngeom)]
+        if foot not in geom_names:
+            names = ", ".join(name for name in geom_names if name) or "none has a name"
+            remedy = (
+                "give a geom or named <collision>, or a link or body with one sphere; "
+                f"geoms with names: {names}"
+            )
             raise self._error(f"no foot {foot!r}", remedy)
+
         geom = self._model.geom(foot).id
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
+
         data = self._at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
         centre = data.geom_xpos[geom]
@@ -197,10 +215,10 @@ class UserModel:
         return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
-        """How a leg differs from `Leg` as its joints move by 0.1 rad from a pose, one at a time; empty if it does not.
+        """How a leg differs from `Leg` as each of its joints moves by 0.1 rad from a pose.
 
-        Hip and knee must move the foot as in `Leg.reach`, a growing abduction must move it to the
-        left.
+        The text is empty if it does not differ. Hip and knee must move the foot as in `Leg.reach`; a
+        growing abduction must move it to the left.
         """
         # above offsets of real legs, below a reversed joint
         step = 0.1
@@ -214,11 +232,18 @@ class UserModel:
             expected = leg.reach(np.array([angles[name] for name in names]))
             if max(abs(forward - expected[0]), abs(-down - expected[1])) > tolerance:
                 where = "in the nominal pose" if moved is None else f"as {moved!r} grows"
-                text = f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m below its hip; "
-                return f"{text}expected {expected[0]:.3f} and {expected[1]:.3f} m (hip, knee about +y, straight at 0)"
+                return (
+                    f"{where}, foot {leg.foot!r} is {forward:.3f} m forward of and {-down:.3f} m "
+                    f"below its hip; expected {expected[0]:.3f} and {expected[1]:.3f} m "
+                    "(hip, knee about +y, straight at 0)"
+                )
+
         left = self._at(pose | {abduction: pose[abduction] + step}).geom_xpos[foot]
         if left[1] <= self._at(pose).geom_xpos[foot][1]:
-            return f"foot {leg.foot!r} moves right as {abduction!r} grows; an abduction about +x moves it left"
+            return (
+                f"foot {leg.foot!r} moves right as {abduction!r} grows; "
+                "an abduction about +x moves it left"
+            )
         return ""
 
     def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
@@ -236,14 +261,14 @@ class UserModel:
         margin.
         """
         data = self._at(pose)
-        own = []
+        joint_inertia = []
         column = np.zeros(self._model.nv)
         mujoco.mj_forward(self._model, data)
         for joint in range(self._model.nv - len(pose), self._model.nv):
             mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
-            own.append(float(column[joint] - self._model.dof_armature[joint]))
-        share = self.mass / legs * height**2 if legs else 0.0
-        return 0.3 * min(own), 1.5 * max(*own, share)
+            joint_inertia.append(float(column[joint] - self._model.dof_armature[joint]))
+        inertia_per_leg = self.mass / legs * height**2 if legs else 0.0
+        return 0.3 * min(joint_inertia), 1.5 * max(*joint_inertia, inertia_per_leg)
 
     def _at(self, pose: dict[str, float]):
         data = mujoco.MjData(self._model)

@@ -1,9 +1,9 @@
-"""Stanford Pupper v2.1 as a `Robot`, with the sources of its constants; pupper_v2.xml and .urdf have the masses.
+"""Stanford Pupper v2.1 as a `Robot`, with the sources of its constants.
 
-Frame: x forward, y left, z up; SI units. Lengths, masses and inertias are from
-puppersim/data/pupper_v2a.urdf (jietan/puppersim, Apache-2.0), whose robot faces -y: here (x, y, z)
-= (-y, x, z) of that file, and its left-right differences (1.5 mm) are averaged. The chassis' box is
-an assumption, for pictures and contacts of a fallen robot.
+pupper_v2.xml and .urdf have the masses. Frame: x forward, y left, z up; SI units. Lengths, masses
+and inertias are from puppersim/data/pupper_v2a.urdf (jietan/puppersim, Apache-2.0), whose robot
+faces -y: here (x, y, z) = (-y, x, z) of that file, and its left-right differences (1.5 mm) are
+averaged. The chassis' box is an assumption, for pictures and contacts of a fallen robot.
 """
 
 from pathlib import Path
@@ -45,7 +45,11 @@ _WIRE = Wire(
     safety=SafetyLimits(),
 )
 # kp [N·m/rad], kd [N·m·s/rad] and torque limit [N·m] of each joint
-_GAINS = tuple(each * _WIRE.torque_constant for each in (_WIRE.kp, _WIRE.kd, _WIRE.max_current))
+_GAINS = (
+    _WIRE.kp * _WIRE.torque_constant,
+    _WIRE.kd * _WIRE.torque_constant,
+    _WIRE.max_current * _WIRE.torque_constant,
+)
 
 
 def _leg(index: int) -> Leg:
@@ -70,9 +74,9 @@ PUPPER_V2 = Robot(
     name="pupper_v2",
     motor="DJI M2006 P36 + C610",
     joints=tuple(
-        Joint(f"{leg}_{kind}", *limits, *_GAINS)
+        Joint(f"{leg}_{part}", *limits, *_GAINS)
         for leg in _LEGS
-        for kind, limits in _LIMITS.items()
+        for part, limits in _LIMITS.items()
     ),
     base="free",
     model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),

@@ -1,6 +1,7 @@
-"""The Pupper as URDF text for PyBullet, from pupper_v2.urdf, which has the masses and limits of pupper_v2.xml.
+"""The Pupper as URDF text for PyBullet, from pupper_v2.urdf.
 
-Load it in PyBullet with URDF_USE_INERTIA_FROM_FILE, or inertias are recomputed from the shapes.
+That file has the masses and limits of pupper_v2.xml. Load the text in PyBullet with
+URDF_USE_INERTIA_FROM_FILE, or inertias are recomputed from the shapes.
 """
 
 import re
@@ -14,7 +15,8 @@ _FILE = Path(__file__).with_name("pupper_v2.urdf")
 # the first link
 _CHASSIS_COM = re.compile(r'(?<=<link name="chassis">\n    <inertial><origin xyz=")[^"]+')
 _JOINT = re.compile(
-    r'\n  <joint name="(?P<name>\w+)" type="revolute">\n    <parent link="(?P<parent>\w+)"/><child link="\w+"/>'
+    r'\n  <joint name="(?P<name>\w+)" type="revolute">'
+    r'\n    <parent link="(?P<parent>\w+)"/><child link="\w+"/>'
     r'(?P<place><origin xyz="[^"]+"/><axis xyz="[^"]+"/>)(?:.*\n)+?  </joint>'
 )
 _ROTOR_MASS = 1e-6  # [kg]; the links include the rotors' masses
