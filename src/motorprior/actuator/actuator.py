@@ -114,11 +114,11 @@ def require_motors(actuator: object, count: int) -> None:
     if num_motors == count:
         return
 
-    given = f"{num_motors} motors"
+    problem = f"{num_motors} motors"
     if num_motors is None:
-        given = f"{type(actuator).__name__} is not an actuator"
+        problem = f"{type(actuator).__name__} is not an actuator"
     raise ConfigError(
-        f"motors: {given} for the {count} joints of the robot",
+        f"motors: {problem} for the {count} joints of the robot",
         remedy=f"sample {count} motors, for example with MotorPrior.sample",
         argument="motors",
     )

@@ -71,15 +71,13 @@ class TrueMotors(ABC):
 
     def take(self, index: np.ndarray) -> Self:
         """The motors at ``index``."""
-        return replace(
-            self, **{each.name: getattr(self, each.name)[index] for each in fields(self)}
-        )
+        taken = {field.name: getattr(self, field.name)[index] for field in fields(self)}
+        return replace(self, **taken)
 
     def scaled(self, factors: Mapping[str, Any]) -> Self:
         """The motors with parameters multiplied by factors [-]."""
-        return replace(
-            self, **{name: getattr(self, name) * factor for name, factor in factors.items()}
-        )
+        scaled = {name: getattr(self, name) * factor for name, factor in factors.items()}
+        return replace(self, **scaled)
 
     def actuator(self) -> "PhysicalActuator":
         """The same motors as an `Actuator`."""

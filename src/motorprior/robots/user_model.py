@@ -217,8 +217,8 @@ class UserModel:
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
         """How a leg differs from `Leg` as each of its joints moves by 0.1 rad from a pose.
 
-        The text is empty if it does not differ. Hip and knee must move the foot as in `Leg.reach`; a
-        growing abduction must move it to the left.
+        The text is empty if it does not differ. Hip and knee must move the foot as in `Leg.reach`;
+        a growing abduction must move it to the left.
         """
         # above offsets of real legs, below a reversed joint
         step = 0.1
