@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 MAX_AGE = 7 * 24 * 3600.0  # of an unused cache folder [s]; a younger one may be in use
 
 if TYPE_CHECKING:
+    import numba
     from numba import njit as njit
 else:
     try:

@@ -129,7 +129,7 @@ def named_constants(
     # with equal logged gains the ratio is a constant of the motor
     kd_is_logged = gains is None or not np.array_equal(*gains)
     multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
-    suffixes = dict.fromkeys(multiples, PER_LOGGED)
+    suffixes: dict[str, str] = {name: PER_LOGGED for name in multiples}
     return {f"{name}{suffixes.get(name, '')}": value for name, value in values.items()}
 
 
