@@ -57,12 +57,13 @@ class _KernelCache:
             return NullCache()
         # Numba reads this global setting when it opens a cache; the user's own functions keep
         # theirs.
-        users_folder = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = users_folder or kernel_folder()
+        config: Any = numba.config  # pyright: ignore[reportPrivateImportUsage]
+        users_folder = config.CACHE_DIR
+        config.CACHE_DIR = users_folder or kernel_folder()
         try:
             return FunctionCache(self._function)
         finally:
-            numba.config.CACHE_DIR = users_folder
+            config.CACHE_DIR = users_folder
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._opened, name)
