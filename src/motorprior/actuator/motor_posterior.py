@@ -15,9 +15,10 @@ from motorprior.actuator.constants import (
     named_constants,
     plot_response,
 )
+from motorprior.actuator.gains import checked_gains
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
-from motorprior.actuator.motor_prior import MotorPrior, checked_gains, with_model_error
+from motorprior.actuator.motor_prior import MotorPrior, with_model_error
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError, listed

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.class_latents import ClassLatents
+from motorprior.actuator.gains import check_gain_units
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import SPREAD, MotorPrior, check_gain_units
+from motorprior.actuator.motor_prior import SPREAD, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bounds import require_seed
 from motorprior.evaluation import reference
