@@ -1,4 +1,4 @@
-"""Priors, posteriors and fleets state their constants as a table with units, ranges and identifiability."""
+"""Tables of constants of priors, posteriors and fleets: units, ranges, identifiability."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,45 +25,58 @@ def prior(grey_box: Callable[..., GreyBox]) -> MotorPrior:
 def test_a_prior_has_the_quantiles_of_its_samples(prior: MotorPrior):
     kp = prior.constants()["kp"]
     samples = prior.sample(4000, 1).constants()["kp"]  # pyright: ignore[reportAttributeAccessIssue]
+
     np.testing.assert_allclose(
         [kp.low, kp.median, kp.high], np.quantile(samples, [0.05, 0.5, 0.95]), rtol=0.05
     )
     assert (kp.unit, kp.identifiable) == ("N·m/rad", True)
-    assert [prior.constants()[name].identifiable for name in ("coulomb", "armature")] == [
-        False,
-        None,
-    ]
+    assert prior.constants()["coulomb"].identifiable is False
+    assert prior.constants()["armature"].identifiable is None
 
 
-def test_gains_of_a_firmware_have_units_of_their_own(prior: MotorPrior):
+def test_gains_have_the_unit_that_the_log_states(prior: MotorPrior):
     firmware = replace(
         prior, model=replace(prior.model, gain_unit="firmware"), gains=np.ones((2, 2))
     )
     row = firmware.constants()["kp_per_logged"]
-    assert row.unit.startswith("N·m/rad per unit") and row.identifiable
+
+    assert row.unit.startswith("N·m/rad per unit")
+    assert row.identifiable
+
     physical = replace(
         prior, model=replace(prior.model, gain_unit="N·m/rad"), gains=np.full((2, 2), 3.0)
     )
+
     assert physical.constants()["kp"].median == pytest.approx(3.0 * prior.constants()["kp"].median)
 
 
-def test_what_is_printed_is_short_and_has_the_table(prior: MotorPrior):
+def test_a_repr_is_short_and_a_str_has_the_table(prior: MotorPrior):
     posterior = MotorPosterior(prior, np.zeros((1, 3)), np.eye(3)[None], ("pan",), 8.0, (0.4,))
-    for each in (prior, posterior, load_fleet("pupper_v2")):
-        assert len(repr(each).splitlines()) <= 10 and len(repr(each)) < 1500
-        assert "backlash" in str(each) and "N·m/rad" in str(each)
-    assert "pan" in str(posterior) and "mrad" in repr(prior) and "pendulum" in repr(prior)
+
+    for described in (prior, posterior, load_fleet("pupper_v2")):
+        assert len(repr(described).splitlines()) <= 10
+        assert len(repr(described)) < 1500
+        assert "backlash" in str(described)
+        assert "N·m/rad" in str(described)
+
+    assert "pan" in str(posterior)
+    assert "mrad" in repr(prior)
+    assert "pendulum" in repr(prior)
 
 
-def test_a_response_is_drawn(prior: MotorPrior):
+def test_a_plot_of_a_prior_shows_its_responses(prior: MotorPrior):
     (axes,) = prior.plot().axes
     assert max(line.get_ydata().max() for line in axes.lines) > 0.2
 
 
-def test_motors_of_a_bench_become_those_of_a_robot(prior: MotorPrior):
-    with pytest.raises(ConfigError, match="pendulum"):
+def test_a_prior_of_a_bench_fits_a_robot_only_after_for_robot(prior: MotorPrior):
+    with pytest.raises(ConfigError) as refusal:
         prior.require("quad", 0.002)
-    other = prior.for_robot("quad")
-    other.require("quad", 0.002)
-    assert (other.robot, other.joint_names) == ("quad", ())
+    assert "pendulum" in str(refusal.value)
+
+    for_quad = prior.for_robot("quad")
+    for_quad.require("quad", 0.002)
+
+    assert (for_quad.robot, for_quad.joint_names) == ("quad", ())
+
     replace(prior, robot="").require("quad", 0.002)

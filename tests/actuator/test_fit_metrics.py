@@ -1,4 +1,4 @@
-"""Metrics of a fit are saved without loss; what was not measured is refused where it is needed."""
+"""Metrics of a fit are saved without loss; metrics that were not measured raise an error."""
 
 import json
 
@@ -40,6 +40,8 @@ def test_metrics_are_read_as_they_were_written(metrics: FitMetrics):
 def test_metrics_that_were_not_measured_are_an_error():
     with pytest.raises(ArtifactError):
         _ = FitMetrics().residuals
+
     with pytest.raises(ArtifactError):
         FitMetrics(losses=LOSSES).losses_for(has_torque=False)
+
     assert ALL.losses_for(has_torque=True) == LOSSES

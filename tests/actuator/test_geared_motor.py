@@ -1,4 +1,4 @@
-"""The geared motor of a grey box: momentum, passivity, stiction, stall, delay, and the same motion at any step."""
+"""The geared motor of a grey box: momentum, passivity, stiction, and the limit of a stiff gear."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ STEPS_OF_PHYSICS = pytest.mark.parametrize("dt", [0.001, 0.002])
 
 @dataclass
 class State:
-    """What a start sets; (n,) each."""
+    """Initial angles and velocities of joints and rotors, (n,) each."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -39,7 +39,7 @@ class State:
 
 @dataclass
 class Motion:
-    """(steps + 1, n) from the start on; momentum and energy of rotor, gear and joint together."""
+    """(steps + 1, n) arrays from the start on; momentum and energy are of rotor, gear and joint."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -55,7 +55,7 @@ def at_rest(n: int) -> State:
 
 
 def energy_of(values, load, q, dq, rotor_pos, rotor_vel):
-    """Kinetic energy, and that of the gear's spring [J]."""
+    """Kinetic energy and elastic energy of the gear [J]."""
     twist = np.abs(rotor_pos - q)
     wound = np.maximum(twist - 0.5 * values["backlash"], 0.0)
     kinetic = 0.5 * (load * dq**2 + values["armature"] * rotor_vel**2)
@@ -85,33 +85,28 @@ def simulate(
     def note():
         momentum = load * dq + values["armature"] * rotor_vel
         # positions are half a step ahead of the velocities
-        energy = energy_of(
-            values, load, q - 0.5 * dt * dq, dq, motor[ROTOR_POS] - 0.5 * dt * rotor_vel, rotor_vel
-        )
-        rows.append(
-            [
-                q.copy(),
-                dq.copy(),
-                motor[ROTOR_POS].copy(),
-                torque.copy(),
-                rotor_vel - dq,
-                momentum,
-                energy,
-            ]
-        )
+        q_now = q - 0.5 * dt * dq
+        rotor_pos_now = motor[ROTOR_POS] - 0.5 * dt * rotor_vel
+        energy = energy_of(values, load, q_now, dq, rotor_pos_now, rotor_vel)
+        rotor_pos = motor[ROTOR_POS].copy()
+        twist_vel = rotor_vel - dq
+        rows.append([q.copy(), dq.copy(), rotor_pos, torque.copy(), twist_vel, momentum, energy])
 
     note()
-    for wanted, push in zip(target.copy(), external, strict=True):
-        step_actuator(arrays, dt, wanted, q, dq, torque)
-        before = dq
+
+    for row_of_targets, push in zip(target.copy(), external, strict=True):
+        step_actuator(arrays, dt, row_of_targets, q, dq, torque)
+        dq_before = dq
         dq = (dq + dt * (torque + push) / load) / (1.0 + dt * arrays.damping / load)
         q = q + dt * dq
         torque -= arrays.damping * dq
-        # what the engine's implicit damping took, less the expected momentum, is the rotor's from
-        # the next step on
-        late = dq - before - motor[MotorState._fields.index("expected_change")]
+
+        # The engine's implicit damping took momentum from the joint. What differs from the
+        # expected momentum goes to the rotor from the next step on.
+        late = dq - dq_before - motor[MotorState._fields.index("expected_change")]
         rotor_vel = motor[ROTOR_VEL] + dt * arrays.damping * late / values["armature"]
         note()
+
     return Motion(*np.array(rows).transpose(1, 0, 2))
 
 
@@ -124,7 +119,7 @@ def latents(low: float = -2.0, high: float = 2.0):
 
 
 def values_of(low: float, high: float):
-    """(MOTORS,) numbers, or none at all: what starts at 0 is a case of its own."""
+    """(MOTORS,) numbers of this range, and often 0, which is a special case of a start."""
     return drawn(float, MOTORS, elements=st.one_of(st.just(0.0), st.floats(low, high)))
 
 
@@ -142,6 +137,7 @@ def test_rotor_and_joint_keep_their_momentum(grey_box, dt, z, load, start):
     motion = simulate(motors, dt, load, still(0.3, dt), still(0.3, dt), start)
     # rounding of 300 impulses of at most load·10 rad/s; e^-50 of friction is less
     scale = 10.0 * (load + motors.model.armature(z))
+
     assert np.max(np.abs(motion.momentum - motion.momentum[0]) / scale) < 1e-12 * len(motion.q)
 
 
@@ -159,12 +155,13 @@ def test_an_unpowered_motor_adds_no_energy_whatever_the_start(
     late = (
         0.5 * box.constants(z)["gear_stiffness"] * (dt * np.abs(motion.twist_vel).max(axis=0)) ** 2
     )
+
     assert np.all(motion.energy <= motion.energy[0] + late + 1e-12)
     if not friction:
         assert np.all(motion.energy[-1] <= motion.energy[0] + 1e-12)
 
 
-def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey_box):
+def test_a_held_motor_does_not_creep_below_its_friction_and_yields_above_it(grey_box):
     dt = 0.002
     n = MOTORS
     box: GreyBox = grey_box(spread=0.1, coulomb=0.1, stribeck_torque=0.05, load_friction=0.2)
@@ -175,25 +172,35 @@ def test_a_held_motor_does_not_creep_below_its_friction_and_gives_way_above(grey
     ramp = np.minimum(np.arange(1500) * dt / 1.0, 1.0)[:, None]
     load = np.full(n, 0.01)
     held = simulate(motors, dt, load, target, 0.8 * breakaway * ramp)
+
     # but for the blow that takes up the play
     assert np.max(np.abs(held.rotor_pos[-1] - held.rotor_pos[0])) < 1e-4
+
     late = held.rotor_pos[750:]
+
     np.testing.assert_array_equal(late, np.broadcast_to(late[0], late.shape))  # for ever
     # the gear carries what the law does not
     np.testing.assert_allclose(held.torque[-1], -0.8 * breakaway, rtol=0.02)
+
     moved = simulate(motors, dt, load, target, 1.5 * breakaway * ramp).rotor_pos[-1]
     expected = (1.5 * breakaway * (1 - values["load_friction"]) - values["coulomb"]) / values["kp"]
-    assert np.all(moved > 0.5 * expected) and np.all(moved < 1.5 * expected)
+
+    assert np.all(moved > 0.5 * expected)
+    assert np.all(moved < 1.5 * expected)
 
 
 def rigid_response(
     inertia: float, kp: float, damping: float, delay: float, target: np.ndarray, dt: float
 ):
-    """Angles [rad] of a rigid motor on a PD, commands held from each step of ``dt`` and delayed; steps of dt/40."""
+    """Angles [rad] of a rigid motor on a PD, simulated in steps of dt / 40.
+
+    Commands are held from each step of ``dt`` and delayed.
+    """
     q = 0.0
     dq = 0.0
     h = dt / 40
     angles = np.empty(len(target))
+
     for step in range(40 * len(target)):
         if step % 40 == 0:
             angles[step // 40] = q
@@ -201,6 +208,7 @@ def rigid_response(
         push = h * (kp * (target[sent] - q) - 0.5 * damping * dq) / inertia
         dq = (dq + push) / (1.0 + 0.5 * h * damping / inertia)
         q += h * dq
+
     return angles
 
 
@@ -219,5 +227,6 @@ def test_a_stiff_gear_moves_a_load_as_a_rigid_motor(load: float):
     exact = rigid_response(load + 0.01, 20.0, 20.0 * 0.05 + 0.1, 0.01, target, dt)
     error = run(motors, trial).joint_pos[:, 0] - exact
     vel = np.gradient(exact, dt)
+
     assert abs(error @ vel / (vel @ vel)) < 0.1 * dt  # delay of the simulated joint
     assert np.sqrt(np.mean(error**2)) < 0.6e-3

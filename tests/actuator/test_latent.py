@@ -16,16 +16,22 @@ def motion(n, steps=40):
 
 
 def scaled_history(net, inputs):
-    """(steps, n, 2T) errors, then velocities, of the ages in TAPS; before the start: first error, at rest."""
+    """(steps, n, 2T) errors and then velocities at the ages in TAPS.
+
+    Before the start, errors equal the first one and velocities are zero.
+    """
     error = (inputs[0] - inputs[1]) / net.error_scale
     velocity = inputs[2] / net.velocity_scale
     rows = []
+
     for step in range(len(error)):
         past = [step - tap for tap in TAPS]
-        rows.append(
-            [error[max(k, 0)] for k in past]
-            + [velocity[k] if k >= 0 else 0 * velocity[0] for k in past]
-        )
+        errors = [error[max(index, 0)] for index in past]
+        velocities = [
+            velocity[index] if index >= 0 else np.zeros_like(velocity[0]) for index in past
+        ]
+        rows.append(errors + velocities)
+
     return np.array(rows).transpose(0, 2, 1)
 
 
@@ -35,6 +41,7 @@ def test_compiled_network_equals_the_reference(n, neurons):
     inputs = motion(n)
     z = np.random.default_rng(2).standard_normal((n, 3))
     expected = np.array([net.torque(row, z) for row in scaled_history(net, inputs)])
-    found = torques(NetworkActuator(net, z), inputs)
-    np.testing.assert_allclose(found, expected, atol=1e-5 * net.torque_scale * neurons)
+    compiled = torques(NetworkActuator(net, z), inputs)
+
+    np.testing.assert_allclose(compiled, expected, atol=1e-5 * net.torque_scale * neurons)
     assert np.ptp(expected) > net.torque_scale
