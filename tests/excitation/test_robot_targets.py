@@ -1,4 +1,4 @@
-"""Targets of a whole robot stay within the bounds that are given."""
+"""Targets of a whole robot stay within the amplitude and speed that the user asked for."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -35,6 +35,7 @@ def test_an_excitation_stays_within_amplitude_and_speed(
     assert moving
     assert moving <= set(joints)
 
+    # steps, and the second half of varied targets, have no speed limit
     smooth = targets[: len(targets) // 2] if name == "varied" else targets
     if name != "steps":
         assert np.abs(np.diff(smooth, axis=0)).max() <= speed * PUPPER_V2.control_dt + 1e-9
