@@ -37,7 +37,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Episode, Scene, WalkConfig
 from motorprior.studies.compare import run_walks
-from motorprior.studies.environments import HARD, NOISY, twin_scene
+from motorprior.studies.environments import HARD, NOISY, held_out_scene
 from motorprior.studies.gait_quality import WARM_UP, completed, gait_quality, headings
 
 PLACES = ("sampled", "twin", "hard")
@@ -89,7 +89,7 @@ class Environments:
             motors = simulated_motors(self.prior, self.robot)
             scene = Scene(self.robot, motors.draw, walk, motors.physics_dt)
         else:
-            scene = twin_scene(
+            scene = held_out_scene(
                 self.robot,
                 self.fleet,
                 replace(walk, randomization=NOISY if place == "twin" else HARD),

@@ -29,8 +29,8 @@ class Note:
 class Task:
     """A unit of work that reports its finished parts every ten seconds."""
 
-    def __init__(self, line: Callable[[str], None], name: str, total: int):
-        self._line = line
+    def __init__(self, print_line: Callable[[str], None], name: str, total: int):
+        self._print_line = print_line
         self._name = name
         self._total = total
         self._done = 0
@@ -41,20 +41,21 @@ class Task:
         self._done += count
         if time.monotonic() - self._printed > 10.0:
             self._printed = time.monotonic()
-            self._line(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
+            self._print_line(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
 
 
 class Progress:
-    """Where a stage reports to.
+    """The destination of a stage's reports.
 
-    ``show`` receives notes; ``line`` receives start, progress and end of each unit of work.
+    ``show`` receives notes. ``print_line`` receives a line at the start and end of each unit of
+    work, and lines of its progress.
     """
 
     def __init__(
-        self, show: Callable[[Note], None], line: Callable[[str], None] = lambda text: None
+        self, show: Callable[[Note], None], print_line: Callable[[str], None] = lambda text: None
     ):
         self._show = show
-        self.line = line
+        self.print_line = print_line
 
     def note(self, text: str) -> None:
         """Report a fact."""
@@ -72,9 +73,9 @@ class Progress:
     def start(self, name: str, total: int) -> Iterator[Task]:
         """Start a unit of work with ``total`` parts; it ends with the context."""
         started = time.monotonic()
-        self.line(f"{name} ...")
-        yield Task(self.line, name, total)
-        self.line(f"{name}: {time.monotonic() - started:.1f} s")
+        self.print_line(f"{name} ...")
+        yield Task(self.print_line, name, total)
+        self.print_line(f"{name}: {time.monotonic() - started:.1f} s")
 
 
 class Lines(Progress):
@@ -101,9 +102,9 @@ def _as_python_warning(note: Note) -> None:
 # reports nothing
 SILENT = Progress(lambda note: None)
 # warnings become Python warnings: default of the Python API
-WARNED = Progress(_as_python_warning)
+PYTHON_WARNINGS = Progress(_as_python_warning)
 # also prints units of work to stderr: default of functions that take minutes
-SHOWN = Progress(_as_python_warning, Lines().line)
+WARNINGS_AND_PROGRESS = Progress(_as_python_warning, Lines().print_line)
 
 
 def usable_threads(workers: int, progress: Progress) -> int:
@@ -119,9 +120,10 @@ def usable_threads(workers: int, progress: Progress) -> int:
 def in_parallel(
     works: Sequence[Callable[[Progress], T]], threads: int, progress: Progress
 ) -> list[T]:
-    """Results of functions of a `Progress`, in order, ``threads`` at a time.
+    """Call each function with ``progress``, ``threads`` at a time; returns results in their order.
 
-    Raises the first error of a function. Functions that already run continue, no other starts.
+    Raises the first error of a function. Functions that already run then continue, and no other
+    function starts.
     """
     if threads == 1:
         return [work(progress) for work in works]
@@ -131,7 +133,8 @@ def in_parallel(
         futures = [pool.submit(work, progress) for work in works]
         unfinished = set(futures)
         while unfinished:
-            # the timeout is for Ctrl-C, which is lost if it comes while Python begins to wait
+            # Wait with a timeout: a Ctrl-C at the moment when Python begins to wait is not handled
+            # before the wait ends.
             done, unfinished = wait(unfinished, timeout=0.5, return_when=FIRST_EXCEPTION)
             for future in done:
                 future.result()

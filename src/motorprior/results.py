@@ -11,7 +11,7 @@ from motorprior.exceptions import ArtifactError
 from motorprior.stage import FIGURES, RESULTS
 from motorprior.texts import text_table
 
-# suffix of a figure's name by statistic; others, such as the median, have none
+# suffix of a figure's name by statistic; other statistics, such as the median, have no suffix
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"}
 
 
@@ -23,7 +23,8 @@ class Result:
     unit: str  # 1 for shares and ratios
     value: float  # finite
     model: str | None = None  # actuator model, or the one that a policy was trained on
-    motors: str | None = None  # train or held_out; for a walk, own (training motors) or twin
+    # train or held_out motors; for walks own (the motors of the training) or twin (held-out robots)
+    motors: str | None = None
     # statistic over motors or samples: median, mean, low, high, p05, p95
     statistic: str | None = None
     seed: int | None = None  # training seed
@@ -52,7 +53,10 @@ class Results(tuple[Result, ...]):
         return text_table(columns, cells)
 
     def where(self, **columns: Any) -> "Results":
-        """Rows with these values; a tuple stands for any of its values, None for no value."""
+        """Rows whose columns have these values.
+
+        A tuple selects rows with any of its values. None selects rows without a value.
+        """
         allowed = {
             name: value if isinstance(value, tuple) else (value,) for name, value in columns.items()
         }
@@ -78,9 +82,9 @@ class Results(tuple[Result, ...]):
     def to_figures(self) -> dict[str, float]:
         """Name -> value, as in ``figures.json``.
 
-        A quantity measured on both training and held-out motors has two names with the suffix train
-        or held_out, and its value on training motors also has the name without suffix. The mean
-        over seeds has the name without seed.
+        A quantity that was measured on both training and held-out motors has two values, NAME/train
+        and NAME/held_out; NAME without suffix is the value on training motors. A quantity that was
+        measured for several seeds has a value per seed, and their mean under the name without seed.
         """
         figures: dict[str, float] = {}
         on_training_motors = set(self.where(motors="train").distinct("quantity"))
@@ -90,13 +94,17 @@ class Results(tuple[Result, ...]):
             name = _name(row)
             if row.quantity in on_both:
                 figures[f"{name}/{row.motors}"] = row.value
-            if row.quantity not in on_both or row.motors == "train":
+                if row.motors == "train":
+                    figures[name] = row.value
+            else:
                 figures[name] = row.value
+
             if row.seed is not None:
+                name_without_seed = _name(replace(row, seed=None))
                 all_seeds = asdict(row)
                 del all_seeds["seed"]
                 del all_seeds["value"]
-                figures[_name(replace(row, seed=None))] = self.mean(**all_seeds)
+                figures[name_without_seed] = self.mean(**all_seeds)
         return figures
 
 
@@ -127,6 +135,7 @@ def read_results(folder: Path) -> Results:
 
 
 def _name(row: Result) -> str:
+    """Name of a row in figures.json, such as twin_upright_mean/prior/seed_0."""
     environment = f"{row.motors}_" if row.motors in ("own", "twin") else ""
     ending = _ENDINGS.get(row.statistic or "", "")
     seconds = None if row.seconds is None else f"{row.seconds:g}"

@@ -69,8 +69,8 @@ def test_gains_beyond_the_limits_are_rejected(gains: dict[str, float]):
 
 def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
     gate = started()
-    gate.latch(RobotFault("fall", "down"))
-    gate.latch(RobotFault("slow host", "later", safe_state="crouch"))
+    gate.latch_fault(RobotFault("fall", "down"))
+    gate.latch_fault(RobotFault("slow host", "later", safe_state="crouch"))
     gate.allow_crouch()  # not after a fall
     with pytest.raises(RobotFault, match="fall"):
         gate.limited(PUPPER_V2.require_wire().crouch_pose, 1.0)
@@ -78,7 +78,7 @@ def test_after_a_fault_only_idle_passes_or_a_slow_crouch():
         gate.arm(GAINS, PUPPER_V2.nominal_pose, 1.0)
     assert gate.idle().idle
     gate = started()  # a fault that leaves time lets a slow crouch pass
-    gate.latch(RobotFault("slow host", "late", safe_state="crouch"))
+    gate.latch_fault(RobotFault("slow host", "late", safe_state="crouch"))
     gate.allow_crouch()
     gate.slow = True
     command = gate.limited(PUPPER_V2.require_wire().crouch_pose, 0.01)

@@ -12,7 +12,7 @@ from motorprior.locomotion.policy_search import EVALUATION, EVALUATION_EPISODES,
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import WalkConfig
 from motorprior.studies.compare import EVALUATION_SEED, run_walks
-from motorprior.studies.environments import motors_of_robot, twin_scene, walk_seed
+from motorprior.studies.environments import held_out_scene, motors_of_robot, walk_seed
 from motorprior.studies.transfer import SEEDS_APART
 
 STEPS = 200
@@ -59,7 +59,7 @@ def test_the_error_of_the_center_is_the_same_for_all_motors_of_a_robot():
 
 def test_a_walk_depends_on_its_draw_alone():
     policy = random_policy(0.0, 0)
-    scene = twin_scene(ROBOT, FLEET, WalkConfig(STEPS, commands=Commands.steady(0.2)))
+    scene = held_out_scene(ROBOT, FLEET, WalkConfig(STEPS, commands=Commands.steady(0.2)))
 
     def walks(*draws: int, only: int | None = None) -> list[np.ndarray]:
         def motors(draw: int):

@@ -19,8 +19,8 @@ class Adapt:
     """Adapt a prior to a log: the posterior of its motors."""
 
     prior: Path
-    """Prior that `motorprior identify` wrote, of the robot that the log names, or a shipped motor
-    card by name."""
+    """Prior of the log's robot, as `motorprior identify` wrote it, or the name of a shipped motor
+    card."""
     log: Path
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path

@@ -15,11 +15,12 @@ class Bench:
     out: Path
     """Folder for log.parquet and bench.json."""
     fleet: str | None = None
-    """Population of motors: a shipped one by name, or a .toml file; the robot's own if not
+    """Population of motors: name of a shipped fleet, or a .toml file; the robot's fleet if not
     given."""
     preset: str = "rollout"
-    """Excitation: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (the same, shorter),
-    narrow (sinusoids on one load; 2 ms) or paper (sinusoids on one load; 10 ms)."""
+    """Excitation and sample period: rollout (sinusoids, steps, gaits, impacts; 2 ms), adapt (as
+    rollout, but shorter), narrow (sinusoids on one load; 2 ms) or paper (sinusoids on one load;
+    10 ms)."""
     motors: int = 32
     """Number of motors sampled from the fleet."""
     steps: int = 10_000
@@ -27,10 +28,10 @@ class Bench:
     seed: int = 0
     """Seed of the motors and their excitation."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     excitation: str | None = None
-    """Play this in every segment instead of the preset's: a file of `motorprior excite`, on its
-    loads, or an excitation by name, such as steps."""
+    """Excitation of every segment in place of the preset's: the name of a signal, such as steps, or
+    a file of `motorprior excite`, which also gives the loads."""
 
 
 def run_bench(config: Bench, progress: Progress = SILENT) -> None:

@@ -32,22 +32,22 @@ class Calibrate:
     out: Path
     """Folder for fleet.toml, figures.json and calibration.png."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     fleet: str | None = None
-    """Initial fleet; constants that the logs do not identify stay near it. The robot's own if not
-    given."""
+    """Initial fleet, from which constants that the logs do not identify differ little; the robot's
+    fleet if not given."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the
-    one in which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing, or suspended in the air. "auto" uses the posture that the log
+    states; else the posture in which the fleet's central motor replays the log clearly better."""
     starts: int = 3
-    """Searches: the first from the fleet's centre, the others from samples of a Gaussian around
-    it."""
+    """Number of searches. The first starts from the fleet's centre, the others from samples of a
+    Gaussian around the centre."""
     iterations: int = 6
     """Maximum iterations of each search."""
     samples: int = 20
-    """Samples of the robot's motors from the fitted fleet, for the bands."""
+    """Number of sets of motors, sampled from the fitted fleet, that give the bands of angles."""
     seed: int = 0
-    """Seed of the starts and the motors."""
+    """Seed of the searches' starts and of the sampled motors."""
 
 
 def run_calibrate(config: Calibrate, progress: Progress = SILENT) -> Results:

@@ -21,7 +21,7 @@ from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, robustness_map, run_walks
-from motorprior.studies.environments import HARD, motors_of_walk, twin_scene, walk_seed
+from motorprior.studies.environments import HARD, held_out_scene, motors_of_walk, walk_seed
 from motorprior.studies.statistics import WalkRow, scores, summarise
 from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import study_walks
@@ -40,65 +40,65 @@ CONDITIONS = (
     "oracle",
 )
 FILM = "film.gif"
-MAPPED = ("ideal_pd", "friction_pd", "sampled_prior")  # conditions with a robustness map
-FILMED = ("ideal_pd", "sampled_prior")
+MAP_CONDITIONS = ("ideal_pd", "friction_pd", "sampled_prior")  # each gets a robustness map
+FILM_CONDITIONS = ("ideal_pd", "sampled_prior")  # the film compares their policies
 _ENVIRONMENTS = ("fleet", "hard")
-# The study of docs/transfer.md has 0.4 and 0.5. With so wide a range of PDs, policies need more
-# iterations to walk than the demo has.
+# The study of docs/transfer.md has a range of 0.4 and a share of 0.5. With so wide a range of PDs,
+# policies need more iterations to learn to walk than the demo has.
 _PD_RANGE = 0.1
 _PRIOR_SHARE = 0.25
 
 
 @dataclass(frozen=True)
 class Demo:
-    """Learn motors, train policies on models of them, test these on virtual robots.
+    """Learn models of motors, train policies on the models, test the policies on virtual robots.
 
-    A rerun resumes.
+    The same command resumes an interrupted demo.
     """
 
     out: Path = Path("runs/demo")
     """Run folder: all artefacts, figures.json and report.html."""
     fleet: str | None = None
-    """Fleet of motors: a shipped one by name, or a .toml file; the robot's own if not given."""
+    """Fleet of motors: name of a shipped fleet, or a .toml file; the robot's fleet if not given."""
     logs: Path | None = None
-    """Folder with real logs, in any format of docs/logs.md: the demo begins with a comparison of
-    models of their motors. Logs of the shipped robot are in jietan/puppersim,
-    puppersim/data/system_id."""
+    """Folder with real logs, in any format of docs/logs.md. If given, the demo begins with a
+    comparison of models of the logged motors. The repository jietan/puppersim has logs of the
+    shipped robot in puppersim/data/system_id."""
     columns: str | None = None
-    """Column map of tables among the logs: a shipped one by name, or your .toml file
+    """Column map for the tables among the logs: name of a shipped map, or your .toml file
     (docs/your-motors.md)."""
     suspended: bool = False
-    """In the logs the robot is suspended with its body level, so that the loads of its motors are
+    """The robot of the logs was suspended with its body level, so that the loads of its motors are
     known."""
     seed: int = 0
-    """Seed of everything."""
+    """Seed of motors, trainings and walks."""
     motors: int = 16
     """Motors on the bench."""
     bench_steps: int = 5000
     """Samples per motor and excitation."""
     adam_steps: int | None = None
-    """Adam steps of the paper's network; the preset's own number if not given."""
+    """Adam steps of the paper's network; the number of its preset if not given."""
     iterations: int = 20
     """ARS iterations per policy."""
     directions: int = 14
     """Directions per iteration of ARS."""
     seeds: int = 3
-    """Policies per condition (oracle: 1); each adapted policy is adapted to a robot of its own."""
+    """Policies per training condition; the oracle has 1. Each adapted policy has another robot."""
     walks: int = 14
     """Walks of each policy per environment."""
     workers: int = 2
     """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). With logs
-    of a robot that cannot walk or has no fleet, the shipped robot walks."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md). If logs
+    are given and this robot cannot walk or has no fleet, the shipped robot walks in its place."""
 
 
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
     """Run every stage that is not finished, and write the report after some stages and at the end.
 
-    The page names the ``command`` that makes it. Returns all measurements, also in results.json
-    and, by name, in figures.json; ``seconds`` is the time of this run. Raises MotorPriorError if a
-    stage cannot run; finished ones stay.
+    The page names the ``command`` that makes it. All measurements are returned and written to
+    results.json (rows) and figures.json (values by name); ``seconds`` is the time of this run.
+    Raises MotorPriorError if a stage cannot run; the results of finished stages stay.
     """
     from motorprior.report import demo_page, transfer_page  # here: they import matplotlib
     from motorprior.report import sections as page_sections
@@ -106,8 +106,8 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     _require_logs(config)
     started = time.monotonic()
     out = config.out
-    walking = with_walking_robot(config)
-    study = study_of(walking)
+    walking_demo = with_walking_robot(config)
+    study = study_of(walking_demo)
     study.require_valid()
     page = _DemoPage(config, study.commanded, command or repr(config))
     results = Results()
@@ -116,23 +116,24 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
         if config.logs is not None:
-            results += _report_on_logs(config, walking.robot, page, progress)
+            results += _report_on_logs(config, walking_demo.robot, page, progress)
 
-        bench = study.of_benches()[0]
-        record_benches(bench, progress)
-        motors = page_sections.bench(bench.out / "bench" / "rollout")
-        progress.note(f"first picture: {page.write([motors])}")
+        bench_study = study.of_benches()[0]  # the demo has one bench
+        record_benches(bench_study, progress)
+        motors_section = page_sections.bench(bench_study.out / "bench" / "rollout")
+        progress.note(f"first picture: {page.write([motors_section])}")
 
         walks = study_walks(study, progress)
         statistics = summarise(walks)
-        film = _film(bench, walks, progress)
+        film = _film(bench_study, walks, progress)
         (out / FILM).write_bytes(film.data)
+        policy_folders = {name: _folders(bench_study, name) for name in CONDITIONS}
         sections = [
             demo_page.results_section(statistics, study.commanded, film),
-            demo_page.robustness(_maps(bench, progress)),
+            demo_page.robustness(_maps(bench_study, progress)),
             transfer_page.own_simulations(statistics),
-            motors,
-            page_sections.learning({name: _folders(bench, name) for name in CONDITIONS}),
+            motors_section,
+            page_sections.learning(policy_folders),
         ]
 
         results += statistics.as_results()
@@ -162,7 +163,7 @@ class _DemoPage:
     sections_on_logs: "list[Section]" = field(default_factory=list)
 
     def write(self, sections: "list[Section]", complete: bool = False) -> Path:
-        """Write the page of the logs and of these sections; returns its path."""
+        """Write the page: the sections on the logs, then ``sections``; returns its path."""
         from motorprior.report.page import page  # here: it imports matplotlib
 
         title = "motorprior: do policies walk on robots they have never seen?"
@@ -176,7 +177,7 @@ class _DemoPage:
 def _report_on_logs(
     config: Demo, walking_robot: str, page: _DemoPage, progress: Progress
 ) -> Results:
-    """Compare models of the motors in the user's logs, and write this section of the page."""
+    """Compare models of the motors in the user's logs, and write the page with the comparison."""
     from motorprior.report.sections import models_of_logs  # here: it imports matplotlib
 
     assert config.logs is not None
@@ -194,7 +195,7 @@ def _report_on_logs(
 
 
 def with_walking_robot(config: Demo) -> Demo:
-    """With logs, the shipped robot replaces one that cannot walk or has no fleet."""
+    """The demo; with logs of a robot that cannot walk or has no fleet, the shipped robot walks."""
     robot = load_robot(config.robot)
     has_fleet = config.fleet is not None or bool(robot.fleets)
     can_walk = bool(robot.legs) and robot.base == "free"
@@ -204,7 +205,7 @@ def with_walking_robot(config: Demo) -> Demo:
 
 
 def study_of(config: Demo) -> Study:
-    """The transfer study, small: one bench, the environments fleet and hard."""
+    """The small transfer study of the demo: one bench, the environments fleet and hard."""
     study_settings = {setting.name for setting in fields(Study)}
     shared = {
         setting.name: getattr(config, setting.name)
@@ -223,20 +224,22 @@ def study_of(config: Demo) -> Study:
 
 
 def _folders(bench: Study, name: str) -> list[Path]:
+    """Folders of the policies of a training condition."""
     return [bench.out / "policies" / f"{name}_{seed}" for seed in bench.seeds_of(name)]
 
 
 def _policies(bench: Study, name: str) -> list[TrainedPolicy]:
+    """The policies of a training condition."""
     robot = load_robot(bench.robot)
     return [TrainedPolicy.load(folder / POLICY, robot) for folder in _folders(bench, name)]
 
 
 def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
-    """Robustness map of the policies of each condition in MAPPED."""
+    """Robustness map of the policies of each condition in MAP_CONDITIONS."""
     maps = {}
-    with progress.start("robustness on held-out robots", len(MAPPED)) as task:
+    with progress.start("robustness on held-out robots", len(MAP_CONDITIONS)) as task:
         fleet = load_robot_fleet(load_robot(bench.robot), bench.fleet)
-        for name in MAPPED:
+        for name in MAP_CONDITIONS:
             policies = _policies(bench, name)
             maps[name] = robustness_map(policies, fleet, bench.commands, bench.seed)
             task.advance(1, name)
@@ -244,7 +247,10 @@ def _maps(bench: Study, progress: Progress) -> dict[str, np.ndarray]:
 
 
 def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
-    """A film of one robot of the environment hard on policies of FILMED."""
+    """Film of one robot in the environment hard, which walks with a policy of each FILM_CONDITIONS.
+
+    The robot and the seed of the policies are those of `_typical_walk`.
+    """
     from motorprior.report.film import comparison_gif
     from motorprior.report.page import Picture
     from motorprior.report.plots_style import model_label
@@ -254,30 +260,37 @@ def _film(bench: Study, walks: list[WalkRow], progress: Progress) -> "Picture":
     steps = round(bench.seconds / robot.control_dt)
     fleet = load_robot_fleet(robot, bench.out_of_family)
     motors = partial(motors_of_walk, robot, fleet, bench.seed, None)
+    seed_of_walk = partial(walk_seed, bench.seed)
+    walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
     episodes = {}
-    for name in FILMED:
+    for name in FILM_CONDITIONS:
         trained = _policies(bench, name)[seed]
-        walk = WalkConfig(steps, commands=bench.commands, randomization=HARD)
-        scene = twin_scene(trained.robot, fleet, walk)
-        (episode,) = run_walks(
-            scene, trained.policy.arrays, [number], partial(walk_seed, bench.seed), motors
-        )
+        scene = held_out_scene(trained.robot, fleet, walk)
+        (episode,) = run_walks(scene, trained.policy.arrays, [number], seed_of_walk, motors)
         episodes[f"trained on: {model_label(name)}"] = episode
     caption = (
-        f"One held-out robot in the environment hard, on both policies: walk {number} of seed "
-        f"{seed}, whose times upright are the closest to the means of both."
+        f"One held-out robot in the environment hard, with both policies: walk {number} of the "
+        f"policies with seed {seed}. In this walk, the times upright of the two policies are "
+        "closest to their means."
     )
     return Picture(caption, comparison_gif(robot, episodes, steps, progress.note), "gif")
 
 
 def _typical_walk(walks: list[WalkRow]) -> tuple[int, int]:
-    """Seed and number of the walk whose times upright are closest to the means of both policies."""
+    """Seed of the policies and number of the walk for the film.
+
+    The walk has the smallest sum over FILM_CONDITIONS of |time upright - mean time upright of the
+    condition|.
+    """
     hard_walks = [walk for walk in walks if walk["environment"] == "hard"]
-    distances = []
-    for name in FILMED:
+    distances = []  # (seeds, walks) per condition
+    for name in FILM_CONDITIONS:
         walks_of_condition = [walk for walk in hard_walks if walk["condition"] == name]
-        upright, *_ = scores(walks_of_condition, "upright")
+        upright_of_benches = scores(walks_of_condition, "upright")
+        upright = upright_of_benches[0]  # the demo has one bench
         distances.append(np.abs(upright - upright.mean()))
-    distance = sum(distances)
-    seed, number = np.unravel_index(int(np.argmin(distance)), distances[0].shape)
+
+    total_distance = sum(distances)
+    closest = int(np.argmin(total_distance))
+    seed, number = np.unravel_index(closest, distances[0].shape)
     return int(seed), int(number)

@@ -34,28 +34,30 @@ class Excite:
     """generated (adversarial network), surrogate (Gaussian process with the runs' spectrum and
     marginals) or recorded (windows of the runs)."""
     robot: str | None = None
-    """Robot of the runs: a shipped one by name, or a .toml file. It gives the loads of runs with
-    torques, and bounds."""
+    """Robot of the runs: name of a shipped robot, or a .toml file. Its model gives the loads of
+    runs with torques, and the bounds of the excitation."""
     columns: str | None = None
     """Column map of tables, as in `logs import`."""
     period: float | None = None
-    """Control period of the runs [s]; that of the robot, or 0.01 without one, if not given."""
+    """Control period of the runs [s]. If not given: the robot's control period, or 0.01 without a
+    robot."""
     suspended: bool = False
-    """The robot was suspended or has a fixed base: compute the loads from its model."""
+    """The robot was suspended or has a fixed base, so that its model gives the loads."""
     commands: tuple[float, ...] = ()
     """Commanded speed of each run [m/s], if known."""
     max_speed: float = inf
-    """Bound of the targets' speed [rad/s]; 1.25 times the runs' if not given. The robot's own limit
-    holds as well."""
+    """Bound of the targets' speed [rad/s]; 1.25 times the maximum of the runs if not given. The
+    robot's own limit holds as well."""
     max_torque: float = inf
-    """Bound of external torques [N·m], for a bench; 1.25 times the runs' if not given."""
+    """Bound of the external torques for a bench [N·m]; 1.25 times the maximum of the runs if not
+    given."""
     steps: int = STEPS
     """Training steps of the network."""
     csv_seconds: float = 0.0
-    """Duration of targets and external torques of every joint class that are also written as .csv
-    [s]."""
+    """Duration of an example for every joint class, targets and external torques, that is also
+    written as .csv [s]; no example if 0."""
     seed: int = 0
-    """Seed of the training and the streams."""
+    """Seed of the training and of the generated excitation."""
 
 
 def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation:

@@ -19,31 +19,32 @@ class Export:
     """Write sampled motors for another simulator."""
 
     motors_of: Path
-    """Prior, or posterior with --prior."""
+    """File of the motors to write: a prior, or a posterior, which also needs --prior."""
     out: Path
     """Folder for the files."""
     format: str
     """bam, card, mjcf, mjcf-detailed or table (docs/export.md)."""
     motors: int = 1
-    """Number of samples; formats with an MJCF write as many variants of it."""
+    """Number of sampled motors; formats with an MJCF write one variant of it per sample."""
     seed: int = 0
     """Seed of the samples."""
     prior: Path | None = None
-    """The prior that a posterior belongs to."""
+    """The prior that a posterior was adapted from."""
     model: Path | None = None
-    """Your MJCF, for mjcf and mjcf-detailed."""
+    """Your MJCF, for the formats mjcf and mjcf-detailed."""
     joints: tuple[str, ...] = ()
-    """Names of the joints; those of the prior or posterior if not given."""
+    """Names of the joints; the joints of the prior or posterior if not given."""
     kp: float | None = None
-    """Gain of the motors [unit of the logs]; that of the median motor of the logs if not given."""
+    """Position gain of the motors [unit of the logs]; the median of the logs if not given."""
     kd: float | None = None
-    """Damping gain, if the logs have one [unit of the logs]."""
+    """Velocity gain of the motors [unit of the logs]; the median of the logs if not given."""
     log: Path | None = None
-    """Motor log (.parquet) of these joints with loads: the loss on it is measured, too."""
+    """Motor log (.parquet) of these joints with loads. If given, the command also measures how much
+    accuracy the exported motors lose on this log."""
 
 
 def run_export(config: Export, progress: Progress = SILENT) -> Exported:
-    """Write the files, and report the loss; errors as `export`."""
+    """Write the files, and report the loss of accuracy; raises the errors of `export`."""
     source = _loaded(config)
     log = None if config.log is None else read_parquet(config.log)
     exported = export(
@@ -69,9 +70,10 @@ def _loaded(config: Export) -> MotorPrior | MotorPosterior:
 
 
 def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, float] | None:
-    """Settings kp and kd; None if neither is given.
+    """The gains (kp, kd) of the exported motors; None if the settings give neither.
 
-    A gain that is not given is the median of the logs; kd is kp if the logs have no kd.
+    A gain that is not given is the median of the logs. If the logs have no kd, its column in
+    `MotorLog.gains` repeats kp, and kd follows a given kp.
     """
     if config.kp is None and config.kd is None:
         return None
@@ -86,7 +88,8 @@ def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, 
     kp, kd = np.median(logged, axis=1).tolist()
     if config.kp is not None:
         kp = config.kp
-    has_kd = not np.array_equal(*logged)  # see `MotorLog.gains`
+    logged_kp, logged_kd = logged
+    has_kd = not np.array_equal(logged_kp, logged_kd)
     if config.kd is not None:
         kd = config.kd
     elif not has_kd:

@@ -23,22 +23,23 @@ class Identify:
     """Learn a motor prior from motor logs."""
 
     logs: tuple[Path, ...]
-    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads, of the same
-    or of different motors."""
+    """Folder that `motorprior bench` wrote, or motor logs (.parquet) with known loads. The logs can
+    be of the same motors or of different motors."""
     out: Path
     """Folder for prior.safetensors."""
     preset: str = "rollout"
-    """Recipe: rollout (closed loop, grey box), long_runs (the same over windows of a second, for
-    real servos), quick (long_runs without a search for optional terms), rigid (quick with stiff
-    gears, for legs whose gears the logs do not identify), paper (torque regression), or one of the
-    baselines per_motor, latent_network, one_network, actuator_net, paper_wide."""
+    """Recipe: rollout (grey box, simulated in closed loop), long_runs (rollout with windows of a
+    second, for real servos), quick (long_runs without a search for optional terms), rigid (quick
+    with stiff gears, for legs whose logs do not identify the gears), paper (torque regression), or
+    one of the baselines per_motor, latent_network, one_network, actuator_net, paper_wide."""
     seed: int = 0
     """Seed of weights, windows and noise."""
     steps: int | None = None
-    """Adam steps; the preset's own number if not given. Not for presets that train no network,
-    such as long_runs."""
+    """Adam steps of presets that train a network; the number of the preset if not given. An error
+    for presets that train no network, such as long_runs."""
     torque: bool = True
-    """Use joint_torque of the logs; otherwise the prior learns from positions and velocities."""
+    """Fit joint_torque of the logs, too; without it the prior learns from positions and velocities
+    alone."""
 
 
 def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:

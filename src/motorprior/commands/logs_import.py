@@ -20,41 +20,45 @@ class LogsImport:
     """Convert recordings of a robot and raw logs to motor logs."""
 
     paths: tuple[Path, ...]
-    """Logs in any format of docs/logs.md; with ``columns`` any table, ROS 2 bag or file of
+    """Logs in any format of docs/logs.md; with ``columns`` also any table, ROS 2 bag or file of
     arrays."""
     out: Path
     """Folder for the .parquet files."""
     columns: str | None = None
-    """Column map: a shipped one by name, or your .toml file (docs/your-motors.md)."""
+    """Column map: name of a shipped map, or your .toml file (docs/your-motors.md)."""
     period: float | None = PERIOD
-    """Sample period of the result [s]; None: the recorded rows."""
+    """Sample period of the motor logs [s]; None keeps the recorded rows."""
     kp: tuple[float, ...] = ()
-    """Proportional gain during the log: one for all joints, or one per joint in the order of the
-    robot, or of ``columns`` without one. Overrides the log and ``columns``, in the log's unit of
-    gains: N·m/rad, or firmware units (Rhoban/bam, or if ``columns`` states so)."""
+    """Position gain of the motors during the log: one value for all joints, or one per joint in the
+    order of the robot's joints (without a robot, in the order of ``columns``). The unit is N·m/rad,
+    or the firmware's unit for logs of Rhoban/bam and where ``columns`` states so. The setting
+    overrides the log and ``columns``."""
     kd: tuple[float, ...] = ()
-    """Derivative gain, like ``kp``; in N·m·s/rad if that is in N·m/rad."""
+    """Velocity gain of the motors during the log, given like ``kp``; the unit is N·m·s/rad if that
+    of kp is N·m/rad."""
     firmware: Mapping[str, float] = field(default_factory=dict)
-    """Registers of all servos, as ``profile_speed 3 dead_zone 0.002``; they override the log and
-    ``columns``; 0 is off. profile_acceleration [rad/s²], profile_speed [rad/s], dead_zone [rad].
-    Feetech STS: 0.1534 rad/s² per unit."""
+    """Registers of all servos, such as ``profile_speed 3 dead_zone 0.002``: profile_acceleration
+    [rad/s²] (Feetech STS: 0.1534 rad/s² per unit), profile_speed [rad/s] and dead_zone [rad]; 0
+    switches a register off. The setting overrides the log and ``columns``."""
     conditions: Mapping[str, float] = field(default_factory=dict)
-    """Operating conditions of all motors, supply_voltage [V] and motor_temperature [°C]; they
-    override the log and ``columns``."""
+    """Operating conditions of all motors: supply_voltage [V] and motor_temperature [°C]. The
+    setting overrides the log and ``columns``."""
     suspended: bool = False
-    """The robot was suspended with a level body: compute the loads of the motors from its model, as
-    `identify` and `adapt` need. Logs that record another posture are rejected. A robot with a fixed
-    base needs no such statement."""
+    """The robot was suspended with a level body, so that its model gives the loads of the motors,
+    which `identify` and `adapt` need. Logs that record another posture are rejected. A robot with a
+    fixed base does not need this setting."""
     fit_load: bool = False
-    """The motors are on a static base and each carries a rigid body of unknown inertia, the same in
-    all logs: fit inertia and weight, and print them with standard deviations. Needs ``columns``, kp
-    in N·m/rad and the default period; not with a robot, whose model gives the loads."""
+    """Fit the unknown load of each motor, and print its inertia and weight with standard
+    deviations. The motors must be on a static base, each with a rigid body that is the same in all
+    logs. Needs ``columns``, kp in N·m/rad and the default period; not for a robot, whose model
+    gives the loads."""
     robot: str | None = None
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md). The default
-    is the shipped one for logs that do not name their joints; tables use the names of their map."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md). If not
+    given, logs without names of joints are logs of the shipped robot, and tables have the names in
+    their column map."""
     as_joint: tuple[str, ...] = ()
-    """Names of the joints in the robot, in the log's order. Bench logs of a motor, such as
-    Rhoban/bam's, become logs of ``robot``."""
+    """Names of the robot's joints for the motors in the log, in the log's order. Bench logs of a
+    motor, such as those of Rhoban/bam, become logs of ``robot``."""
 
 
 def import_logs(config: LogsImport, progress: Progress = SILENT) -> None:

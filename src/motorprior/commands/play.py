@@ -19,7 +19,7 @@ from motorprior.simulation.scene import Episode, WalkConfig, require_walks
 from motorprior.simulation.training import POLICY, weight_warning
 from motorprior.stage import locked
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
-from motorprior.studies.environments import HARD, NOISY, twin_scene
+from motorprior.studies.environments import HARD, NOISY, held_out_scene
 from motorprior.studies.gait_quality import gait_quality, quality_results
 
 _TITLES = {"own": "in its training simulation", "twin": "on the twin", "hard": "on a hard twin"}
@@ -34,10 +34,11 @@ class Play:
     out: Path = Path("runs/play")
     """Folder for the film (play.mp4 or play.gif) and figures.json."""
     environment: Literal["own", "twin", "hard"] = "own"
-    """own: the training simulation of each policy; twin: held-out motors with 1 kHz physics and
-    noise; hard: the twin on unknown ground, with an unknown load and pushes."""
+    """own: the training simulation of each policy; twin: a robot with held-out motors, 1 kHz
+    physics and sensor noise; hard: the twin on unknown ground, with an unknown load and pushes."""
     forward: float | None = None
-    """Commanded speed [m/s]; the largest in the range of all policies if not given."""
+    """Commanded speed [m/s]; the highest speed that is in the range of all policies if not
+    given."""
     yaw_rate: float = 0.0
     """Commanded yaw rate, to the left [rad/s]."""
     seconds: float = 10.0
@@ -47,9 +48,9 @@ class Play:
     viewer: bool = False
     """Also open MuJoCo's viewer, which needs a screen."""
     fleet: str | None = None
-    """Fleet of the twin; the robot's own if not given."""
+    """Fleet of the twin's motors; the robot's fleet if not given."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
 
 
 def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
@@ -128,5 +129,5 @@ def _walk(config: Play, trained: TrainedPolicy, walk: WalkConfig) -> Episode:
     else:
         randomization = {"twin": NOISY, "hard": HARD}[config.environment]
         fleet = load_robot_fleet(trained.robot, config.fleet)
-        scene = twin_scene(trained.robot, fleet, replace(walk, randomization=randomization))
+        scene = held_out_scene(trained.robot, fleet, replace(walk, randomization=randomization))
     return run_walks(scene, trained.policy.arrays, [config.seed])[0]

@@ -39,17 +39,17 @@ class Replay:
     out: Path
     """Folder for figures.json."""
     fleet: str | None = None
-    """Fleet of the central motor and of the ideal PD's gains; gains in the log [N·m/rad] replace
-    both."""
+    """Fleet that gives the central motor, and the ideal PD's gains; the robot's fleet if not given.
+    Logged gains in N·m/rad replace the gains of both models."""
     samples: int = 20
-    """Samples of the robot's motors from the prior."""
+    """Number of sets of motors that are sampled from the prior."""
     seed: int = 0
-    """Seed of the motors."""
+    """Seed of the sampled motors."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     posture: PostureName = "auto"
-    """Posture of the robot: standing, or suspended in the air. "auto" uses that in the log, or the
-    one in which the fleet's central motor replays it clearly better."""
+    """Posture of the robot: standing, or suspended in the air. "auto" uses the posture that the log
+    states; else the posture in which the fleet's central motor replays the log clearly better."""
 
 
 def run_replay(config: Replay, progress: Progress = SILENT) -> Results:

@@ -18,10 +18,11 @@ class RobotChoice:
     """A robot at a port, or a virtual one."""
 
     port: str | None = None
-    """Serial port, for example /dev/ttyACM0; the only one if not given."""
+    """Serial port, for example /dev/ttyACM0. If not given, the only serial port of this
+    computer."""
     virtual: bool = False
-    """Start a virtual robot and use it, which needs the full installation; in record it is
-    suspended unless --standing."""
+    """Start a virtual robot and use it; needs the full installation. For `record` the virtual robot
+    is suspended, except with --standing."""
     robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
     """The virtual robot."""
 

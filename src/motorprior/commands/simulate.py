@@ -28,8 +28,8 @@ class Simulate:
     motors: str
     """The robot's motors, such as prior:FILE, pd or fleet; see docs/training.md."""
     excitation: str = "sine"
-    """Signal of every joint about the nominal pose: sine, steps, gait, creep, chirp or multisine;
-    or a file of `motorprior excite`."""
+    """Targets of the joints around the nominal pose: the signal sine, steps, gait, creep, chirp or
+    multisine, or a file of `motorprior excite`."""
     seconds: float = 10.0
     """Duration [s]."""
     amplitude: float = 0.4
@@ -37,7 +37,7 @@ class Simulate:
     seed: int = 0
     """Seed of the motors and the excitation."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
 
 
 def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:

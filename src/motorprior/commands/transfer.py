@@ -29,18 +29,19 @@ class Transfer:
     """Evaluate policies in their training simulation and on the twin."""
 
     policies: tuple[Path, ...]
-    """Folders of `motorprior walk`; seeds of one actuator model are averaged."""
+    """Folders of `motorprior walk`. Results of policies with the same training motors are averaged
+    over their seeds."""
     out: Path
     """Folder for figures.json."""
     fleet: str | None = None
-    """The twin's fleet; the robot's own if not given."""
+    """Fleet of the twin's motors; the robot's fleet if not given."""
     engine: Engine | None = None
-    """Engine of the training simulation; the one of the training if not given. The twin is always
-    in MuJoCo."""
+    """Engine of the walks in the training simulation; the engine of the training if not given. The
+    twin is always simulated in MuJoCo."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Policies at a time; the result does not depend on it."""
+    """Number of policies evaluated at a time; the result does not depend on it."""
 
 
 def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:

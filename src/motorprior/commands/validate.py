@@ -22,22 +22,23 @@ class Validate:
     """Compare a prior and baselines with the motors of a held-out log."""
 
     prior: Path
-    """Prior that `motorprior identify` wrote from other logs of the robot that the log names, or a
-    shipped motor card by name."""
+    """Prior that `motorprior identify` wrote from other logs of the log's robot, or the name of a
+    shipped motor card."""
     log: Path
     """Motor log (.parquet) with load_inertia and external_torque, at the prior's sample period."""
     out: Path
     """Folder for figures.json and report.html."""
     fitted_on: tuple[Path, ...] = ()
-    """Other logs of the same motors: the prior is adapted to them, the baselines are fitted to
-    them, and the whole log is the test. If none is given, the log's first half is used for this,
-    and its second half is the test."""
+    """Other logs of the same motors. The prior is adapted to them and the baselines are fitted to
+    them; then the whole log is the test. If no such log is given, the models are fitted to the
+    first half of the log and tested on its second half."""
     seconds: float | None = None
-    """Use the log's first seconds [s] in place of its first half; not with fitted_on."""
+    """Duration of the first part of the log, to which the models are fitted in place of its first
+    half [s]; not with fitted_on."""
     adam_steps: int | None = None
-    """Adam steps of the pooled network; the preset's own number if not given."""
+    """Adam steps of the pooled network; the number of its preset if not given."""
     seed: int = 0
-    """Seed of the baselines' searches and weights."""
+    """Seed of the searches and initial weights of the baselines."""
 
 
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:

@@ -28,17 +28,17 @@ class VirtualRobotSettings:
     """A simulated robot behind the interface of a real one, a pseudo-terminal, in real time."""
 
     fleet: str | None = None
-    """Fleet of its motors; the robot's own if not given."""
+    """Fleet of the virtual robot's motors; the robot's fleet if not given."""
     seed: int = 0
-    """Number of the robot; every number has other motors."""
+    """Number of the virtual robot; every number has other motors."""
     suspended: bool = False
-    """Suspended in the air instead of on the ground."""
+    """The robot is suspended in the air; otherwise it is on the ground."""
     rate: Literal[100, 200] = 100
     """Telemetry frames per second."""
     currents: bool = False
     """The firmware sends motor currents."""
     imu: bool = True
-    """The firmware reads the IMU; without, it sends zeros like the present firmware."""
+    """The firmware reads the IMU; otherwise it sends zeros, as the current firmware does."""
 
 
 def make_virtual_robot(

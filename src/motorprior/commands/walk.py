@@ -25,23 +25,25 @@ class Walk(WalkSettings):
     out: Path
     """Folder for policy.safetensors, curve.json, metrics.jsonl and the checkpoint."""
     motors: str
-    """The motors of every episode: prior:FILE, posterior:FILE,prior=FILE, pd, pd:kp=8.8,kd=0.84,
-    fleet or fleet:NAME. docs/training.md has their options."""
+    """Motors that are sampled for every episode: prior:FILE, posterior:FILE,prior=FILE, pd,
+    pd:kp=8.8,kd=0.84, fleet or fleet:NAME. docs/training.md describes their options."""
     start: Path | None = None
-    """A policy in another folder to continue from, with other motors for example, within its range
-    of speeds; the plain gait if not given."""
+    """Initial policy, from another folder; the untrained gait if not given. The training can have
+    other motors than the initial policy's training, but commands must be in its range of speeds."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Episodes at a time, at most the number of cores, except on a Ray cluster. The result does not
-    depend on it."""
+    """Number of episodes at a time; at most the number of cores, except on a Ray cluster. The
+    result does not depend on it."""
     executor: ExecutorName = "threads"
-    """Threads of this process, or Ray processes; the result does not depend on it."""
+    """Episodes run in threads of this process, or in Ray processes; the result does not depend on
+    it."""
     ray_address: str | None = None
-    """A running Ray cluster for the executor ray; Ray starts on this machine if not given."""
+    """Address of a running Ray cluster, for the executor ray; if not given, Ray starts on this
+    machine."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     seeds: int = 1
-    """Number of trainings, with seeds from search.seed on, each in its own folder seed_K, and a
-    picture of all."""
+    """Number of trainings, with the seeds search.seed, search.seed + 1, …. With several, each has a
+    folder seed_K, and a picture shows all learning curves."""
 
 
 def run_walk(config: Walk, progress: Progress = SILENT, name: str = "walk") -> Policy:

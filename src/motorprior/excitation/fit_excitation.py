@@ -17,7 +17,7 @@ from motorprior.excitation.frames import SUB
 from motorprior.excitation.learned_excitation import METHODS, LearnedExcitation
 from motorprior.excitation.run_windows import MARGINS, windows_of
 from motorprior.logs.motor_log import MotorLog, motor_logs
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import PYTHON_WARNINGS, Progress
 
 STEPS = 5000  # training steps
 
@@ -33,7 +33,7 @@ def fit_excitation(
     steps: int = STEPS,
     seed: int = 0,
     out: Path | str | None = None,
-    progress: Progress = WARNED,
+    progress: Progress = PYTHON_WARNINGS,
 ) -> LearnedExcitation:
     """Learn position targets and external torques of joints, by joint class, from what a robot did.
 

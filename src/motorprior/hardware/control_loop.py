@@ -28,10 +28,10 @@ Motion = Callable[[Measurement], np.ndarray | None]
 AfterStep = Callable[[int, Measurement], None]
 
 _MIN_RAMP = 0.5  # [s]
-# A step aims at this time [s] after the arrival of a measurement, so that it acts on a fresh one.
-# Robot and host have their own clocks, so each period may differ from the nominal one by _MAX_SHIFT
-# [s].
+# Deadlines are moved towards this time after the arrival of a measurement [s], so that a step acts
+# on a fresh measurement.
 _AFTER_TELEMETRY = 0.0015
+# maximum difference of a period from the nominal one [s], to follow the drift of the robot's clock
 _MAX_SHIFT = 2e-5
 
 
@@ -59,21 +59,22 @@ def ramp(
 
 @dataclass
 class Timing:
-    """Timing of every control step, in seconds."""
+    """Timing of every control step of a motion."""
 
-    sent: list[float] = field(default_factory=list)  # when the command was sent
-    late: list[float] = field(default_factory=list)  # time after the deadline
-    # age of the measurement used, when the command was sent
+    sent: list[float] = field(default_factory=list)  # time at which the command was sent [s]
+    late: list[float] = field(default_factory=list)  # delay of the command after its deadline [s]
+    # age of the measurement of the step at the time at which the command was sent [s]
     age: list[float] = field(default_factory=list)
-    skipped: int = 0  # steps skipped because the previous one took too long
+    skipped: int = 0  # number of steps skipped because the previous step took too long
 
 
 def clock_figures(run: Timing, period: float) -> dict[str, float]:
     """Jitter of the period, share of missed deadlines and age of the telemetry.
 
-    period_jitter_ms: |time between two commands - period|. missed_share: steps that were skipped,
-    or whose command was more than half a period late. telemetry_age_ms: age of the measurement
-    used. Empty for less than two steps.
+    period_jitter_ms is |time between two commands - period|. missed_share is the share of steps
+    that were skipped or whose command was more than half a period late. telemetry_age_ms is the age
+    of the measurement of a step when its command was sent. The result is empty for less than two
+    steps.
     """
     if len(run.sent) < 2:
         return {}
@@ -91,15 +92,16 @@ def clock_figures(run: Timing, period: float) -> dict[str, float]:
 
 
 class ControlLoop:
-    """Plays motions on an armed robot, until ``stop`` holds a signal before a step.
+    """Plays motions on an armed robot.
 
-    Raises RobotFault if the host is too slow.
+    A motion ends before the next step once ``stop_signals``, the names of received signals, is no
+    longer empty. Raises RobotFault if the host is too slow.
     """
 
-    def __init__(self, link: RobotLink, limits: SafetyLimits, stop: Sequence[str]):
+    def __init__(self, link: RobotLink, limits: SafetyLimits, stop_signals: Sequence[str]):
         self._link = link
         self._period = link.robot.control_dt
-        self._stop = stop
+        self._stop_signals = stop_signals
         self._slow_host = SlowHost(limits, self._period)
         self._deadline = time.monotonic() + self._period
         self._paused = False
@@ -111,14 +113,15 @@ class ControlLoop:
         after_step: AfterStep = lambda *_: None,
         timing: Timing | None = None,
     ) -> None:
-        """Play ``motion`` until it ends or ``stop`` holds a signal.
+        """Play ``motion`` until it ends or a signal to stop is received.
 
-        ``after_step`` runs in the rest of the period, and must be fast. ``timing`` is filled also
-        if a fault ends the motion. Raises the faults of `RobotLink` and `SlowHost`.
+        ``after_step`` runs in the rest of the period, and must be fast. ``timing`` gets every step
+        at once, so that it is complete also if a fault ends the motion. Raises the faults of
+        `RobotLink` and `SlowHost`.
         """
         timing = timing or Timing()
         self._deadline = max(self._deadline, time.monotonic() + self._period)
-        while not self._stop:
+        while not self._stop_signals:
             measurement = self._next_measurement()
             target = motion(measurement)
             if target is None:
@@ -131,7 +134,7 @@ class ControlLoop:
             self._next_deadline(measurement, sent, timing)
 
     def _next_measurement(self) -> Measurement:
-        """Wait for the deadline; returns the latest measurement then."""
+        """Wait for the deadline; returns the latest measurement at this time."""
         self._link.receive(self._deadline)
         if self._paused or time.monotonic() - self._deadline > self._period:
             self._link.resume_after_pause()
@@ -139,13 +142,14 @@ class ControlLoop:
         return self._link.check()
 
     def _next_deadline(self, measurement: Measurement, sent: float, timing: Timing) -> None:
-        """Move the deadline by one period, slightly towards fresh measurements.
+        """Move the deadline by one period, less up to _MAX_SHIFT, towards _AFTER_TELEMETRY.
 
-        Deadlines that have passed are skipped.
+        Deadlines that have passed already are skipped.
         """
         due = self._deadline
         now = time.monotonic()
 
+        # distance of the deadline from _AFTER_TELEMETRY after the nearest arrival
         shift = due - measurement.arrival - _AFTER_TELEMETRY
         shift -= self._period * round(shift / self._period)
         self._deadline += self._period - min(_MAX_SHIFT, max(-_MAX_SHIFT, shift))

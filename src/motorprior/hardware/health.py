@@ -25,19 +25,22 @@ class _Debounce:
 
     def __init__(self, duration: float):
         self._duration = duration
-        self._since = math.inf
+        self._true_since = math.inf  # [s]; infinite while the signal is false
 
     def __call__(self, signal: bool, now: float) -> bool:
-        self._since = min(self._since, now) if signal else math.inf
-        return now - self._since >= self._duration - _TIME_STEP
+        if not signal:
+            self._true_since = math.inf
+        elif now < self._true_since:
+            self._true_since = now
+        return now - self._true_since >= self._duration - _TIME_STEP
 
 
 class SensorFaults:
     """Detects a fall, a frozen IMU and overcurrent.
 
     An IMU is frozen if it worked and now repeats its values or sends zeros, so that a fall would
-    not be detected. It has worked once its values were not 0 for ``imu_time``: one damaged frame of
-    a firmware without IMU does not count.
+    not be detected. It counts as having worked once its values have not been 0 for ``imu_time``: a
+    single damaged frame of a firmware without IMU does not count.
     """
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
@@ -48,7 +51,7 @@ class SensorFaults:
         self._overcurrent = _Debounce(limits.current_time)
         self._imu_has_worked = False
         self._imu_values: tuple[float, ...] = ()  # last attitude and rates
-        self._imu_since = 0.0  # time since which they are constant [s]
+        self._imu_constant_since = 0.0  # time since which these values are constant [s]
 
     def faults(self, telemetry: Telemetry, now: float) -> Iterator[RobotFault]:
         """The faults in a measurement at ``now`` [s] on the robot's clock."""
@@ -75,9 +78,9 @@ class SensorFaults:
 
         if values != self._imu_values or not self._imu_has_worked:
             self._imu_values = values
-            self._imu_since = now
+            self._imu_constant_since = now
             return
-        seconds = now - self._imu_since
+        seconds = now - self._imu_constant_since
         if seconds >= self._limits.imu_time:
             yield RobotFault(
                 "frozen IMU",
@@ -101,11 +104,14 @@ class TrackingFaults:
         self.begin(wire.kd / wire.kp)
 
     def begin(self, lag: float) -> None:
-        """Restart at the next measurement, with ``lag`` [s]: the motors had no current before."""
+        """Restart: the lagged target begins at the joint positions of the next measurement.
+
+        Call it for motors that had no current until now. ``lag`` is kd / kp of the new gains [s].
+        """
         self._lag = lag
         self._lagged_target: np.ndarray | None = None
         self._last = 0.0  # time of the last measurement [s]
-        self._restart = -math.inf  # time from which stuck joints are detected [s]
+        self._window_start = -math.inf  # time from which stuck joints are detected [s]
         # time since each joint was near its lagged target [s]
         self._seconds_away = np.zeros(len(self._names))
         # (time, positions, lagged targets) of the last measurements
@@ -114,11 +120,12 @@ class TrackingFaults:
     def restart_window(self, now: float) -> None:
         """After a pause of the host, detect stuck joints from ``now`` [s] on.
 
-        It has an effect once a second, so that frequent pauses hide no stuck joint.
+        A call within a second of the last restart has no effect, so that frequent pauses hide no
+        stuck joint.
         """
-        if now - self._restart >= 1.0:
+        if now - self._window_start >= 1.0:
             self._window = []
-            self._restart = now
+            self._window_start = now
 
     def faults(self, joint_pos: np.ndarray, target: np.ndarray, now: float) -> Iterator[RobotFault]:
         """Faults of joints that are too far from their lagged targets, or do not move."""
@@ -143,7 +150,7 @@ class TrackingFaults:
                 remedy="look for a motor without power, a loose cable or an obstacle",
             )
 
-        if now >= self._restart:
+        if now >= self._window_start:
             yield from self._stuck(joint_pos, self._lagged_target, now)
 
     def _stuck(
@@ -191,7 +198,10 @@ class SlowHost:
         self._lateness.append(late if late > 0.5 * self._period else 0.0)
         num_late = len(self._lateness) - self._lateness.count(0.0)
         total = sum(self._lateness)
-        if late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time:
+        is_too_slow = (
+            late > limits.tick_delay or num_late > limits.late_ticks or total > limits.stalled_time
+        )
+        if is_too_slow:
             raise RobotFault(
                 "slow host",
                 f"a control step was {1e3 * late:.0f} ms late, {num_late} of the last "
@@ -203,12 +213,16 @@ class SlowHost:
 
 _WINDOW = 5.0  # [s]
 _MAX_ANGLE = 2.0 * math.pi  # the firmware's own bound on joint angles
-_SLACK = 0.05  # [rad] in addition to speed times time: time stamps are whole milliseconds
-# [s] by which a frame may be faster than all before; a time stamp further ahead is damaged
+# allowed motion in addition to speed times time [rad], because time stamps are whole milliseconds
+_SLACK = 0.05
+# A frame can be transmitted faster than all earlier frames by at most this time [s]. A time stamp
+# that is further ahead of the earlier ones is damaged.
 _MAX_LEAD = 0.03
-_NUM_AGREEING = 3  # so many leading time stamps in a row are accepted if they agree
-_WARM_UP = 20  # frames until the shortest transmission time is measured
-_RESTART = 2.0  # [s] by which a clock that starts again at 0 goes back
+_NUM_AGREEING = 3  # number of agreeing time stamps in a row that are accepted although ahead
+_WARM_UP = 20  # number of frames after which the shortest transmission time counts as measured
+# A time stamp that goes back by this time [s] or more comes from a robot that was switched on
+# again: its clock restarted at 0.
+_MIN_CLOCK_RESET = 2.0
 
 
 @dataclass(frozen=True)
@@ -227,22 +241,23 @@ class TelemetryStream:
     have moved there since the last one. The fastest frames synchronise the robot's clock with the
     host's:
 
-        host time of a frame = ts + second smallest of the last 5 to 10 s of (arrival - ts), at most
-        its arrival
+        host time of a frame = min(arrival, ts + offset)
 
-    so a measurement's age includes its time in buffers, without the shortest transmission time. The
-    second smallest, because the smallest may come from a damaged time stamp, which would make all
-    frames of the next seconds look old.
+    where the offset is the second smallest (arrival - ts) of the last 5 to 10 s. The smallest is
+    not used, because it may come from a damaged time stamp, which would make all frames of the next
+    seconds look old. A measurement's age is thus its time in buffers and on the wire, less the
+    shortest time on the wire.
     """
 
     def __init__(self, limits: SafetyLimits):
         self._limits = limits
-        # The two smallest differences between host's and robot's time [s] of the present window and
-        # of the one before, which follow drift.
+        # The two smallest offsets (arrival - ts) [s] in the present window and in the previous one.
+        # Older offsets are forgotten, since the clocks drift.
         self._window_start = -math.inf
         self._smallest: list[float] = []
         self._smallest_before: list[float] = []
-        self._leading: list[float] = []  # differences of time stamps that are too far ahead [s]
+        # offsets (arrival - ts) of the last frames whose time stamps are too far ahead [s]
+        self._offsets_ahead: list[float] = []
         self.latest: Measurement | None = None
         # numbers of frames
         self.accepted = 0
@@ -293,9 +308,14 @@ class TelemetryStream:
 
     @property
     def _offset(self) -> float:
-        """Host's time minus robot's [s]; infinite before the first frame."""
-        smallest = sorted((*self._smallest, *self._smallest_before))[:2]
-        return smallest[-1] if smallest else math.inf
+        """Host's time minus robot's [s]: the second smallest of the last two windows.
+
+        After a single frame it is the offset of this frame; before the first frame it is infinite.
+        """
+        offsets = sorted((*self._smallest, *self._smallest_before))
+        if not offsets:
+            return math.inf
+        return offsets[min(1, len(offsets) - 1)]
 
     def _host_time(self, ts: float, arrival: float) -> float:
         """The time stamp ``ts`` [s] on the host's clock [s], on which ``arrival`` is given."""
@@ -303,14 +323,16 @@ class TelemetryStream:
             self._window_start = arrival
             self._smallest_before = self._smallest
             self._smallest = []
-        self._smallest = sorted((*self._smallest, arrival - ts))[:2]
+        offsets = sorted((*self._smallest, arrival - ts))
+        self._smallest = offsets[:2]
         return min(arrival, ts + self._offset)
 
     def _is_repeated(self, telemetry: Telemetry) -> bool:
-        """Whether a frame is a duplicate or was overtaken; not if the clock started again at 0."""
+        """Whether a frame is not newer than the latest, although the clock has not been reset."""
         if self.latest is None:
             return False
-        return 0.0 <= 1e-3 * (self.latest.telemetry.ts - telemetry.ts) < _RESTART
+        seconds_back = 1e-3 * (self.latest.telemetry.ts - telemetry.ts)
+        return 0.0 <= seconds_back < _MIN_CLOCK_RESET
 
     def _is_possible(self, telemetry: Telemetry, arrival: float) -> bool:
         """Whether the values are in range, and reachable from the last accepted frame."""
@@ -343,12 +365,15 @@ class TelemetryStream:
     def _is_in_time(self, offset: float) -> bool:
         """Whether a time stamp is not too far ahead of all earlier ones.
 
-        ``offset`` is arrival - ts [s]. If several in a row agree, the time stamp is in time: the
-        earlier frames had waited in the buffer of a port that was opened long before.
+        ``offset`` is arrival - ts [s]. If _NUM_AGREEING time stamps in a row are ahead by the same
+        time, they are right: the frames before them had waited in the buffer of the port, which
+        this host opened long before it read them.
         """
         if self.accepted <= _WARM_UP or self._offset - offset <= _MAX_LEAD:
-            self._leading = []
+            self._offsets_ahead = []
             return True
-        agreeing = [earlier for earlier in self._leading if abs(earlier - offset) <= _MAX_LEAD]
-        self._leading = [*agreeing, offset][-_NUM_AGREEING:]
-        return len(self._leading) == _NUM_AGREEING
+
+        agreeing = [ahead for ahead in self._offsets_ahead if abs(ahead - offset) <= _MAX_LEAD]
+        agreeing.append(offset)
+        self._offsets_ahead = agreeing[-_NUM_AGREEING:]
+        return len(self._offsets_ahead) == _NUM_AGREEING

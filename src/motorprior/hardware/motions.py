@@ -24,11 +24,12 @@ from motorprior.locomotion.policy import Policy, act
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
 
-_GAIN_TOLERANCE = 0.15  # relative; a policy's gains come from a fit
-_STATUS_PERIOD = 50  # control steps
-# Of 36 simulated walks that crouched at once from full speed, 11 tilted beyond 0.5 rad; with this
-# time, none.
-_STOPPING_TIME = 1.0  # [s]
+# maximum relative difference of a policy's gains, which come from a fit, from the robot's
+_GAIN_TOLERANCE = 0.15
+_STATUS_PERIOD = 50  # control steps between two lines of status
+# Time to slow down before the crouch [s]. Of 36 simulated walks that crouched at once from full
+# speed, 11 tilted beyond 0.5 rad; with this time, none did.
+_STOPPING_TIME = 1.0
 
 
 class PolicyMotion:
@@ -45,7 +46,7 @@ class PolicyMotion:
         self._action = np.zeros(action_size(robot.num_joints))
         self.forward = 0.0  # commanded speed [m/s]
         self.yaw_rate = 0.0  # commanded yaw rate, to the left [rad/s]
-        # (3,) measured at rest [rad/s]; subtracted, or the heading would drift
+        # (3,) gyroscope rates measured at rest [rad/s]; subtracted, or the heading would drift
         self.gyro_bias = np.zeros(3)
 
     def __call__(self, measurement: Measurement) -> np.ndarray:
@@ -63,8 +64,8 @@ class PolicyMotion:
         command_step(self._walker, gait, self._action)
         return gait.target.copy()
 
-    def stopping(self) -> Motion:
-        """Slow down and step in place."""
+    def slow_down(self) -> Motion:
+        """The motion that slows the walk down to stepping in place, for _STOPPING_TIME."""
         steps = iter(range(round(_STOPPING_TIME / self._walker.control_dt)))
 
         def target(measurement: Measurement) -> np.ndarray | None:
@@ -88,8 +89,8 @@ def gains_for(
 ) -> Gains:
     """The gains to send for a policy: the given ones [A/rad, A·s/rad, A], or the robot's own.
 
-    Raises ConfigError for gains out of range, or if a gain was not given and the one of the
-    training differs by more than 15 % from the robot's.
+    Raises ConfigError for gains out of range. If a gain is not given, raises ConfigError if the
+    gain of the policy's training differs by more than 15 % from the robot's.
     """
     wire = robot.require_wire()
     if kp is None:
@@ -148,7 +149,7 @@ def walk(
         with steering as operator:
             loop.run_motion(steered, Mode.WALK, show_status, session.timing)
 
-    session.run(work, stopping=motion.stopping)
+    session.run(work, slow_down=motion.slow_down)
 
 
 def dry_run(session: Session, policy: Policy, command: tuple[float, float], seconds: float) -> int:
@@ -167,7 +168,7 @@ def dry_run(session: Session, policy: Policy, command: tuple[float, float], seco
     steps = 0
     deadline = time.monotonic()
     end = deadline + seconds
-    while deadline < end and not session.stop:
+    while deadline < end and not session.stop_signals:
         deadline += policy.control_dt
         link.receive(deadline)
         measurement = link.check()

@@ -54,9 +54,9 @@ class Telemetry:
     cur: np.ndarray | None = None  # (joints,) measured currents [A]
 
     def with_signs(self, signs: np.ndarray) -> "Telemetry":
-        """Telemetry with (joints,) ``signs`` multiplied to positions, velocities and currents.
+        """Telemetry whose positions, velocities and currents are multiplied by (joints,) ``signs``.
 
-        It converts from the robot's signs to the library's, and back.
+        This converts from the robot's signs to the library's, and back.
         """
         current = None if self.cur is None else signs * self.cur
         return replace(self, pos=signs * self.pos, vel=signs * self.vel, cur=current)
@@ -81,11 +81,14 @@ Message = TypeVar("Message", bound=Command | Telemetry)
 
 
 class _Format(NamedTuple):
-    # [bytes]; the length of a command is one byte; telemetry with all keys needs about 650
+    """Frame of a message on the wire: start, length of the payload, payload, end."""
+
+    # Maximum length of the payload [bytes]. The length field of a command is one byte; telemetry
+    # with all keys needs about 650 bytes.
     max_payload: int
-    start: bytes  # before the length
-    length_bytes: int  # size of the length, big-endian
-    end: bytes  # after the payload
+    start: bytes  # bytes before the length field
+    length_bytes: int  # size of the length field, which is big-endian [bytes]
+    end: bytes  # bytes after the payload
 
 
 _FORMATS: dict[type, _Format] = {
@@ -94,8 +97,8 @@ _FORMATS: dict[type, _Format] = {
 }
 _ARRAYS = ("pos", "vel", "cur")
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
-_MAX_LINE = 256  # [bytes]; of a longer line of text only the end is kept
-# Only the printable end of a line: what precedes it may be the rest of a damaged frame.
+_MAX_LINE = 256  # maximum length of a line of text; only the end of a longer line is kept [bytes]
+# The printable end of a line; the bytes before it may be the rest of a damaged frame.
 _PRINTABLE_END = re.compile(rb"[\x20-\x7e\t]{4,}$")
 _MAP_STARTS = (*range(0x80, 0x90), 0xDE, 0xDF)  # bytes with which a msgpack map can begin
 
@@ -123,9 +126,10 @@ def encode_message(message: Command | Telemetry, joints: int) -> bytes:
 
 
 def decode_message(payload: bytes, message_type: type[Message], joints: int) -> Message:
-    """Decode a command, as the firmware does, or telemetry, of which unknown keys are ignored.
+    """Decode a command or telemetry.
 
-    Raises ProtocolError for a payload that is not a valid message.
+    Unknown keys of telemetry are ignored; unknown keys of a command are an error, as in the
+    firmware. Raises ProtocolError for a payload that is not a valid message.
     """
     try:
         # A newer firmware may send longer arrays, such as foot positions, which are ignored.
@@ -216,29 +220,31 @@ class FrameReader(Generic[Message]):
             self._skip(len(buffer) - self._num_start_bytes(), out)
             return False
 
-        head = len(form.start) + form.length_bytes
-        if len(buffer) < head:
+        payload_start = len(form.start) + form.length_bytes
+        if len(buffer) < payload_start:
             return False
-        length = int.from_bytes(buffer[len(form.start) : head], "big")
-        total = head + length + len(form.end)
-        is_map = len(buffer) == head or buffer[head] in _MAP_STARTS
+        length = int.from_bytes(buffer[len(form.start) : payload_start], "big")
+        payload_end = payload_start + length
+        frame_end = payload_end + len(form.end)
+        # a payload that has not begun to arrive may still be a map
+        is_map = len(buffer) == payload_start or buffer[payload_start] in _MAP_STARTS
         is_possible = 0 < length <= form.max_payload and is_map
-        if is_possible and len(buffer) < total:
+        if is_possible and len(buffer) < frame_end:
             return False
 
         try:
-            if not is_possible or buffer[total - len(form.end) : total] != form.end:
+            if not is_possible or buffer[payload_end:frame_end] != form.end:
                 raise ProtocolError("an impossible length, or no end of the frame")
-            payload = bytes(buffer[head : head + length])
+            payload = bytes(buffer[payload_start:payload_end])
             out.append(decode_message(payload, self._message_type, self._joints))
-            del buffer[:total]
+            del buffer[:frame_end]
         except ProtocolError:
             self.rejected += 1
             self._skip(1, out)
         return True
 
     def _num_start_bytes(self) -> int:
-        """Number of the last bytes that may be the beginning of a frame's start."""
+        """Number of bytes at the end of the buffer that may begin the start of a frame."""
         start = self._format.start
         for number in range(len(start) - 1, 0, -1):
             if self._buffer.endswith(start[:number]):
@@ -246,7 +252,10 @@ class FrameReader(Generic[Message]):
         return 0
 
     def _skip(self, count: int, out: list[Message | str]) -> None:
-        """Remove bytes outside frames; they are text if printable and ended by a line feed."""
+        """Remove ``count`` bytes outside frames; printable lines among them are added to ``out``.
+
+        A line ends with a line feed; its beginning may have been removed by earlier calls.
+        """
         *lines, rest = (self._line + self._buffer[:count]).split(b"\n")
         del self._buffer[:count]
         self._line = rest[-_MAX_LINE:]

@@ -21,24 +21,23 @@ from motorprior.hardware.watchdog import Watchdog
 from motorprior.logs.readers.deploy_recording import Mode, run_columns
 from motorprior.robots.robot import Robot, SafetyLimits
 
-# Idle commands per burst: the first is longer than a command that was sent in part, the others
-# replace lost frames.
+# Idle commands per burst. The first burst is longer than a command that was sent only in part: the
+# robot reads its beginning as the rest of this command. The other bursts replace lost frames.
 _IDLE_BURSTS = (30, 1, 1, 1)
-_IDLE_PAUSE = 0.01  # [s] between bursts
+_IDLE_PAUSE = 0.01  # time between two bursts [s]
 # Gains are sent before each of the first targets, because a command can get lost. They are not sent
 # later: without a checksum, a damaged gain or current limit makes a walking robot fall
 # (`benchmarks/noise.py`).
-_NUM_GAINS = 3
-_CATCH_UP = 0.02  # [s] to read telemetry that is buffered in the kernel
+_NUM_GAINS = 3  # number of targets before which the gains are sent
+_CATCH_UP = 0.02  # time to read telemetry that is buffered in the kernel [s]
 _MAX_LATE_READS = 100  # reads after the deadline: a device may send endlessly
 
 
 class RobotLink:
     """A host's link to one robot, which is idle until it is armed.
 
-    The end of the ``with`` block makes it idle and closes the port. ``limits`` of gate and checks
-    are the robot's own if not given. ``recorder`` gets every accepted measurement made while a
-    target is in force.
+    The end of the ``with`` block makes the robot idle and closes the port. ``limits`` of gate and
+    checks are the robot's own if not given. ``recorder`` gets every accepted measurement.
     """
 
     def __init__(
@@ -61,10 +60,11 @@ class RobotLink:
         self._watchdog: Watchdog | None = None
         self._sensors = SensorFaults(robot, self.limits)
         self._tracking = TrackingFaults(robot, self.limits)
-        # bounded: an idle host may never check
+        # measurements since the last check; bounded, since an idle host may never check
         self._unchecked: deque[Measurement] = deque(maxlen=1000)
-        self._error_line: str | None = None  # that the robot printed and no check has seen
-        self._ignored: set[str] = set()  # faults in spite of which the robot moves
+        # line with "ERROR" that the robot printed since the last check
+        self._error_line: str | None = None
+        self._ignored: set[str] = set()  # names of faults that do not end a motion
 
     def __enter__(self) -> "RobotLink":
         return self
@@ -133,8 +133,8 @@ class RobotLink:
         unchecked = list(self._unchecked)
         self._unchecked.clear()
         latest = self.stream.fresh(time.monotonic())
-        # Every frame in turn: after a pause of the host, a joint that moved there and back was not
-        # stuck.
+        # Check every frame in turn, not only the latest: a joint that moved there and back during a
+        # pause of the host was not stuck.
         for measurement in unchecked:
             for fault in self._faults(measurement.telemetry):
                 if fault.name not in self._ignored:
@@ -202,7 +202,7 @@ class RobotLink:
             self._recorder.idle()
 
     def send_idle(self) -> None:
-        """Send idle, also to a robot that this host never armed, so that legs move by hand."""
+        """Send idle, also to a robot that this host never armed: its legs can be moved by hand."""
         command = self.gate.idle()
         self.port.discard_unsent()
         for repeats in _IDLE_BURSTS:
@@ -256,7 +256,8 @@ class Recorder:
             if self._file is None:
                 self._file = self._created(measurement)
             _append(self._file, self._row(measurement, *target_in_force))
-        except OSError as error:  # ends the motion, once: it must not prevent the crouch
+        except OSError as error:
+            # the error ends the motion; it is raised only once, so that the robot can crouch
             self._failed = True
             raise ArtifactError(
                 f"cannot write ({error.strerror})",

@@ -1,7 +1,8 @@
 """The safety gate: every command to the robot passes through it.
 
-A target that is too far or too fast is clipped and counted; an invalid one ends the motion. After a
-fault the gate lets only idle pass and, if the fault leaves time for it, the motion into the crouch.
+A target that is too far or too fast is clipped and counted; an invalid target ends the motion.
+After a fault only the idle command passes and, if the fault leaves time for it, the targets of the
+crouch.
 """
 
 from dataclasses import asdict, dataclass
@@ -89,11 +90,11 @@ class SafetyGate:
         if self._fault is not None and not self._crouching:
             raise self._fault
         if self._target is None:
-            raise self.latch(RobotFault("not armed", "a target for a robot that is idle"))
+            raise self.latch_fault(RobotFault("not armed", "a target for a robot that is idle"))
         target = np.asarray(target, dtype=np.float64)
         if target.shape != self._lower.shape or not np.all(np.isfinite(target)):
             problem = f"target {target.tolist()} is not {len(self._lower)} finite angles"
-            raise self.latch(RobotFault("impossible command", problem, safe_state="crouch"))
+            raise self.latch_fault(RobotFault("impossible command", problem, safe_state="crouch"))
 
         inside = np.clip(target, self._lower, self._upper)
         self.position_clips += int(np.count_nonzero(inside != target))
@@ -108,8 +109,8 @@ class SafetyGate:
         self._time = now
         return Command(pos=self._signs * reachable)
 
-    def latch(self, fault: RobotFault) -> RobotFault:
-        """Let only idle pass from now on; returns the first fault, which is kept."""
+    def latch_fault(self, fault: RobotFault) -> RobotFault:
+        """Let only idle pass from now on; returns the first fault, which stays in force."""
         self._fault = self._fault or fault
         self._crouching = False
         return self._fault

@@ -2,7 +2,7 @@
 
     check, confirm, arm, ramp to the nominal pose, [walk or excite], crouch, idle
 
-Every run ends with the last two, or with idle alone if a fault leaves no time to crouch.
+Every run ends with crouch and idle, or with idle alone if a fault leaves no time to crouch.
 """
 
 import contextlib
@@ -29,22 +29,22 @@ _MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who mo
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
 _RECHECK_AFTER = 0.1  # [s]; a longer confirmation or compilation is followed by a second check
-# the policy, or its input, is not to be trusted
+# faults after which the policy does not slow the robot down: it, or its input, may be wrong
 _UNTRUSTED = ("program error", "impossible command", "frozen IMU")
 
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[str]]:
-    """Names of the received signals that ask to stop.
+    """Collect the signals that ask to stop; the context is the list of their names so far.
 
-    These are Ctrl-C, SIGTERM, SIGHUP (a lost terminal) and SIGTSTP (Ctrl-Z). The second signal
-    raises RobotFault, so that the robot is idle at once.
+    The signals are SIGINT (Ctrl-C), SIGTERM, SIGHUP (a lost terminal) and SIGTSTP (Ctrl-Z). The
+    second signal raises RobotFault, so that the robot is idle at once.
     """
     received: list[str] = []
 
     def on_signal(number: int, _: FrameType | None) -> None:
         received.append(signal.Signals(number).name)
-        if len(received) == 2:  # further ones must not interrupt the way to idle
+        if len(received) == 2:  # further signals must not interrupt the way to idle
             raise RobotFault("stopped", f"a second signal, {received[1]}")
 
     # SIGTSTP would stop the host where it is, and the watchdog would drop the robot.
@@ -60,11 +60,10 @@ def stop_on_signals() -> Iterator[list[str]]:
 def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, np.ndarray]:
     """Check telemetry for half a second.
 
-    Returns the last measurement and the (3,) gyroscope bias [rad/s].
-
-    The bias is the mean of the rates about the body's axes, 0 if one is too large for a bias.
-    Raises RobotFault for too few frames, an IMU that is not read, joints that move or are out of
-    range, or another fault.
+    Returns the last measurement and the (3,) gyroscope bias [rad/s]. The bias is the mean of the
+    measured rates about the body's axes, or (0, 0, 0) if a mean is too large for a bias. Raises
+    RobotFault for too few frames, an IMU that is not read, joints that move or are out of range, or
+    another fault.
     """
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
     telemetry = [link.check().telemetry]
@@ -93,16 +92,18 @@ class Session:
 
     link: RobotLink
     gains: Gains  # gains to send
-    stop: Sequence[str] = ()  # names of received signals; the run ends once there is one
+    # names of the signals received so far; the run ends at the first signal
+    stop_signals: Sequence[str] = ()
     need_imu: bool = True  # reject a robot whose IMU is not read
     confirm: Callable[[], None] = lambda: None  # raises if the user does not confirm arming
-    status: Callable[[str], None] = lambda _: None  # gets a line to show now and then
-    # of the motion between ramp and crouch, also if a fault ends it
+    status: Callable[[str], None] = lambda _: None  # shows a line of status to the user
+    # timing of the motion between ramp and crouch; complete also if a fault ends the motion
     timing: Timing = field(default_factory=Timing)
     # reason for the end, if not an error: "time", "operator" or the name of a signal
     outcome: str = ""
-    # a motion that slows down; None if nothing moves or it is untrusted
-    _stopping: Callable[[], Motion] | None = None
+    # makes the motion that slows the robot down before the crouch; None if the robot does not walk,
+    # or after a fault in _UNTRUSTED
+    _slow_down: Callable[[], Motion] | None = None
 
     def check(self, prepare: Callable[[Measurement], None] = lambda _: None) -> np.ndarray:
         """Check, prepare and confirm; if that took long, check again.
@@ -121,22 +122,23 @@ class Session:
         self,
         work: Callable[[ControlLoop], None],
         crouch: bool = True,
-        stopping: Callable[[], Motion] | None = None,
+        slow_down: Callable[[], Motion] | None = None,
     ) -> None:
-        """Arm, ramp to the nominal pose, ``work``, slow down with ``stopping``, crouch and idle.
+        """Arm, ramp to the nominal pose, ``work``, slow down, crouch and idle.
 
-        The robot also crouches after a fault that leaves time for it. A suspended robot does not
-        ``crouch``. An error is raised once the robot is idle.
+        ``slow_down`` makes the motion that slows the robot down before it crouches. The robot also
+        crouches after a fault that leaves time for it. Give ``crouch=False`` for a suspended robot.
+        An error is raised once the robot is idle.
         """
         link = self.link
         with real_time():
             try:
                 link.arm(self.gains)
-                loop = ControlLoop(link, link.limits, self.stop)
+                loop = ControlLoop(link, link.limits, self.stop_signals)
                 self._ramp(loop, link.robot.nominal_pose, Mode.RAMP, _HOLD)
-                if not self.stop:
+                if not self.stop_signals:
                     link.gate.slow = False
-                    self._stopping = stopping
+                    self._slow_down = slow_down
                     work(loop)
                 if crouch:
                     self._crouch()
@@ -149,7 +151,9 @@ class Session:
                 raise
             finally:
                 link.idle()
-        self.outcome = self.outcome or "".join(self.stop[:1]) or "time"
+
+        if not self.outcome:
+            self.outcome = self.stop_signals[0] if self.stop_signals else "time"
 
     def _ramp(self, loop: ControlLoop, pose: np.ndarray, mode: Mode, hold: float = 0.0) -> None:
         """Move the armed robot slowly to a (joints,) ``pose`` [rad], held for ``hold`` [s]."""
@@ -161,39 +165,47 @@ class Session:
         loop.run_motion(motion, mode)
 
     def _crouch(self, fault: RobotFault | None = None) -> None:
-        """Slow down, then crouch; after a fault in the descent it continues from there."""
+        """Slow down, then crouch.
+
+        If ``fault`` occurred during a crouch, the new crouch begins at the present targets.
+        """
         link = self.link
         if fault is not None:
-            link.gate.latch(fault)
+            link.gate.latch_fault(fault)
             link.ignore(fault.name)
             if fault.name in _UNTRUSTED:
-                self._stopping = None
+                self._slow_down = None
         link.gate.allow_crouch()
         # the ground may block a foot while the body descends; to continue is safer than to fall
         link.ignore("stuck")
-        # a late crouch is better than none
+        # a late crouch is better than none: no lateness of the host ends it
         never = float("inf")
-        lenient = replace(link.limits, tick_delay=never, late_ticks=100, stalled_time=never)
-        # a stop of the previous motion must not stop this one
-        loop = ControlLoop(link, lenient, ())
-        if self._stopping is not None:
-            loop.run_motion(self._stopping(), Mode.WALK)
-        self._stopping = None
+        limits_of_crouch = replace(
+            link.limits, tick_delay=never, late_ticks=100, stalled_time=never
+        )
+        # without the signals that stopped the previous motion: they must not stop the crouch
+        loop = ControlLoop(link, limits_of_crouch, stop_signals=())
+        if self._slow_down is not None:
+            loop.run_motion(self._slow_down(), Mode.WALK)
+        self._slow_down = None
         self._ramp(loop, link.robot.require_wire().crouch_pose, Mode.CROUCH)
 
 
 def fault_of(error: Exception) -> RobotFault:
-    """The robot fault for an error; after an error of the program the robot can still crouch."""
+    """The robot fault for an error.
+
+    After an error of the program, or of the recording, the robot can still crouch.
+    """
     if isinstance(error, RobotFault):
         return error
     name = "recording" if isinstance(error, ArtifactError) else "program error"
     return RobotFault(name, str(error), safe_state="crouch")
 
 
-# Frames per control period of the robot's clock, so that buffered frames and a busy host have no
-# influence. The other frames may be lost.
+# Minimum number of frames per control period; the others may be lost. Time is measured on the
+# robot's clock, so that buffered frames and a busy host have no influence.
 _MIN_FRAMES = 0.8
-_MAX_DAMAGED = 0.01  # share of the frames
+_MAX_DAMAGED = 0.01  # maximum share of damaged frames
 _RANGE_SLACK = 0.1  # [rad] beyond the joint limits: the end stops are soft
 
 
@@ -215,14 +227,15 @@ def require_ok(checks: Sequence[Check]) -> None:
 
 
 def check_telemetry(link: RobotLink, seconds: float) -> list[Check]:
-    """Receive telemetry for some seconds and check it; raises RobotFault if no frame comes."""
+    """Receive telemetry for ``seconds`` [s] and check it; raises RobotFault if no frame comes."""
     measurements = link.receive(time.monotonic() + seconds)
     if not measurements:
         problem = f"{len(link.text)} lines of text" if link.text else "no frame"
         raise RobotFault(
             "stale telemetry", problem, remedy="check power, cable and the firmware's version"
         )
-    age = _age(link, measurements)  # first: the last frame grows old
+    # before the other checks: meanwhile the age of the last frame would grow
+    age = _age(link, measurements)
     telemetry = [measurement.telemetry for measurement in measurements]
     return [
         frame_rate(link.robot, telemetry),
@@ -279,7 +292,7 @@ def _is_static(robot: Robot, motion: np.ndarray) -> Check:
 
 
 def frame_rate(robot: Robot, telemetry: Sequence[Telemetry]) -> Check:
-    """Whether the frames are enough for the control period."""
+    """Whether telemetry has enough frames for the control period."""
     seconds = 1e-3 * (telemetry[-1].ts - telemetry[0].ts)
     required_rate = 1.0 / robot.control_dt
     min_frames = max(2.0, _MIN_FRAMES * required_rate * seconds)

@@ -8,7 +8,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
 from motorprior.robots.robot import SafetyLimits
 
-# limits of the targets [rad/s], see `RecordSettings`
+# default limits of the targets' speed [rad/s], see `RecordSettings.max_speed`
 _FAST_TARGETS = 40.0
 _SLOW_TARGETS = 8.0
 # default amplitudes [rad]; small on the ground, where feet that push into it look blocked
@@ -31,9 +31,9 @@ class RunSettings:
     """Settings of every run of a robot."""
 
     out: Path | None = None
-    """Folder for run.csv (measurements, and the target in force; for `motorprior logs import`),
-    run.json (settings, gains, limits, outcome) and figures.json (timing); runs/deploy/<date> or
-    runs/record/<date> if not given."""
+    """Folder for run.csv (measurements, and the target in force; `motorprior logs import` reads
+    it), run.json (settings, gains, limits, outcome) and figures.json (timing); runs/deploy/<date>
+    or runs/record/<date> if not given."""
     kp: float | None = None
     """Position gain to send [A/rad]; the robot's own if not given."""
     kd: float | None = None
@@ -41,24 +41,24 @@ class RunSettings:
     max_current: float | None = None
     """Current limit to send [A]; the robot's own if not given."""
     without_imu: bool = False
-    """Run a robot whose IMU is not read: a fall is not detected."""
+    """Run a robot whose firmware does not read the IMU: falls are not detected."""
     yes: bool = False
     """Arm without asking."""
 
 
 @dataclass(frozen=True)
 class DeploySettings(RunSettings):
-    """How to walk."""
+    """Settings of a walk."""
 
     seconds: float | None = None
-    """Time to walk [s]; until it is stopped if not given."""
+    """Duration of the walk [s]; if not given, the robot walks until it is stopped."""
     forward: float | None = None
-    """Initial speed [m/s]. If not given, a robot with keyboard or gamepad stands at first, and one
-    without walks at 0.3 m/s."""
+    """Initial speed [m/s]. If not given, a robot that is steered by keyboard or gamepad stands at
+    first, and a robot without them walks at 0.3 m/s."""
     yaw_rate: float = 0.0
     """Initial turn to the left [rad/s]."""
     dry_run: bool = False
-    """Compute everything and send nothing, for --seconds or 5 s."""
+    """Compute the walk from telemetry and send nothing to the robot, for --seconds or 5 s."""
 
 
 @dataclass(frozen=True)
@@ -78,23 +78,24 @@ class Playback:
 
 @dataclass(frozen=True)
 class RecordSettings(RunSettings):
-    """How to excite and record."""
+    """Settings of an excitation and its recording."""
 
     excitation: str | None = None
-    """Name of a signal, or a file of `motorprior excite`. sine, chirp, steps, multisine, gait and
-    creep are a signal per joint, trot is one of the whole robot, varied is a multisine of all
-    joints and then steps of one after the other; if not given, varied in the air and multisine
-    standing."""
+    """Name of a signal, or a file of `motorprior excite`. The signals sine, chirp, steps,
+    multisine, gait and creep excite every joint on its own; trot is a gait of the whole robot;
+    varied is a multisine on all joints, then steps on one joint after the other. If not given:
+    varied in the air, multisine for a standing robot."""
     joint: str = "all"
-    """Joints to excite: all, a leg (FR), a joint of every leg (knee) or one joint (FR_knee)."""
+    """Joints to excite: all, a whole leg (FR), a joint of every leg (knee) or one joint
+    (FR_knee)."""
     seconds: float = 60.0
     """Duration [s]."""
     amplitude: float | None = None
-    """Maximum distance from the nominal pose [rad]; if not given, 0.4 in the air and 0.1
-    standing."""
+    """Maximum distance of the targets from the nominal pose [rad]. If not given: 0.4 in the air,
+    0.1 for a standing robot."""
     max_speed: float | None = None
-    """Limit of the targets [rad/s]; if not given, 40 for steps and varied in the air, as in a walk,
-    and 8 otherwise."""
+    """Limit of the targets' speed [rad/s]. If not given: 40, as in a walk, for the signals steps
+    and varied in the air; 8 otherwise."""
     standing: bool = False
     """The robot stands on the ground and sits down afterwards; otherwise it is suspended in the
     air."""

@@ -48,7 +48,7 @@ from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, threads
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, checked, motor_logs
 from motorprior.logs.operations import joined, smooth_on_grid, static_joints
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import PYTHON_WARNINGS, Progress
 from motorprior.signals import rms
 
 RECIPE = PRESETS["pace_long_runs"]  # runs of a second, logged optional terms only
@@ -188,7 +188,9 @@ def _require_physical_kp(log: MotorLog) -> None:
 
 
 def with_fitted_loads(
-    logs: MotorLog | Sequence[MotorLog], progress: Progress = WARNED, restarts: int = RESTARTS
+    logs: MotorLog | Sequence[MotorLog],
+    progress: Progress = PYTHON_WARNINGS,
+    restarts: int = RESTARTS,
 ) -> list[MotorLog]:
     """Logs of the same motors and loads, with one rigid body per joint that is fitted to all logs.
 

@@ -6,7 +6,7 @@ from motorprior.logs.column_map import ColumnMap
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.prepare_log import DEFAULT_SETTINGS, LogSettings, prepare_log
 from motorprior.logs.read_log import read_recording
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import PYTHON_WARNINGS, Progress
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
 
@@ -18,7 +18,7 @@ def load_log(
     robot: Robot | str | Path | None = None,
     suspended: bool = False,
     settings: LogSettings = DEFAULT_SETTINGS,
-    progress: Progress = WARNED,
+    progress: Progress = PYTHON_WARNINGS,
 ) -> MotorLog:
     """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
 

@@ -17,7 +17,7 @@ from motorprior.logs.loads import load_source, with_loads
 from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, checked
 from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
 from motorprior.logs.read_log import Recording
-from motorprior.progress import WARNED, Note, Progress
+from motorprior.progress import PYTHON_WARNINGS, Note, Progress
 from motorprior.robots.robot import Robot
 
 PERIOD = 0.002  # sample period of the identification presets for real motors [s]
@@ -64,7 +64,7 @@ def prepare_log(
     robot: Robot | None = None,
     suspended: bool = False,
     settings: LogSettings = DEFAULT_SETTINGS,
-    progress: Progress = WARNED,
+    progress: Progress = PYTHON_WARNINGS,
 ) -> MotorLog:
     """Apply the settings, leave out failed reads, cut at gaps, put on the grid, and add loads.
 

@@ -21,7 +21,7 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
 from motorprior.priors.fit_prior import trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SILENT, WARNED, Progress
+from motorprior.progress import PYTHON_WARNINGS, SILENT, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
 # A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many
@@ -38,7 +38,7 @@ def adapt(
     log: MotorLog,
     *,
     allow_outliers: bool = False,
-    progress: Progress = WARNED,
+    progress: Progress = PYTHON_WARNINGS,
 ) -> MotorPosterior:
     """Find the motors of a log in a prior's latent space.
 

@@ -46,7 +46,7 @@ from motorprior.logs.motor_log import (
     motor_logs,
 )
 from motorprior.logs.operations import joined
-from motorprior.progress import SHOWN, SILENT, Progress
+from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
 from motorprior.stage import description, is_finished, locked, working
 
 PRIOR = "prior.safetensors"
@@ -62,7 +62,7 @@ def fit_prior(
     *,
     steps: int | None = None,
     out: str | Path | None = None,
-    progress: Progress = SHOWN,
+    progress: Progress = WARNINGS_AND_PROGRESS,
 ) -> MotorPrior:
     """Learn the distribution of motors from their logs.
 

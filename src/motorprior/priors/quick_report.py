@@ -83,7 +83,7 @@ def report_on_motors(
         if note.severity == "warning":
             warnings.append(note.text)
 
-    collecting = Progress(collect, progress.line)
+    collecting = Progress(collect, progress.print_line)
     train_logs = list(parts.train.values())
     prior = fit_prior(train_logs, PRESET, seed, out=folder, progress=collecting)
 

@@ -28,7 +28,7 @@ from motorprior.logs.operations import joined, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
-from motorprior.progress import SHOWN, SILENT, Progress
+from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
 from motorprior.results import Result, Results
 
 SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
@@ -58,7 +58,7 @@ def validate(
     adam_steps: int | None = None,
     seed: int = 0,
     folder: Path | None = None,
-    progress: Progress = SHOWN,
+    progress: Progress = WARNINGS_AND_PROGRESS,
 ) -> Validation:
     """Errors of a prior's motors and of baselines in free runs on the held-out rows of a log.
 
@@ -200,7 +200,7 @@ def fitted_baselines(
     recipes = baseline_recipes(log, recipe)
     models: dict[str, MotorModel | None] = dict(fitted_responses(log, recipe, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
-    quiet = Progress(SILENT.report, progress.line)
+    quiet = Progress(SILENT.report, progress.print_line)
     for name, (preset, baseline_recipe) in recipes.items():
         if name == POOLED_NETWORK and adam_steps is not None:
             baseline_recipe = replace(baseline_recipe, steps=adam_steps)

@@ -22,7 +22,7 @@ from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
 from motorprior.locomotion.policy_search import Point, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import prior_notes
-from motorprior.progress import SHOWN, Progress, usable_threads
+from motorprior.progress import WARNINGS_AND_PROGRESS, Progress, usable_threads
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import GRAVITY, Robot
 from motorprior.simulation.motors import (
@@ -92,7 +92,7 @@ def train_policy(
     executor: ExecutorName = "threads",
     ray_address: str | None = None,
     name: str = "train",
-    progress: Progress = SHOWN,
+    progress: Progress = WARNINGS_AND_PROGRESS,
     **changes: Any,
 ) -> Policy:
     """Train a walking policy by augmented random search, on motors sampled for every episode.

@@ -18,7 +18,7 @@ from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import Executor, ThreadExecutor
 from motorprior.locomotion.policy import Policy, PolicyArrays
-from motorprior.progress import WARNED, Progress
+from motorprior.progress import PYTHON_WARNINGS, Progress
 from motorprior.results import Result, Results
 from motorprior.robots.load import as_robot
 from motorprior.robots.robot import Robot
@@ -40,8 +40,8 @@ from motorprior.simulation.scene import (
 from motorprior.studies.environments import (
     ENCODER_NOISE,
     NOISY,
+    held_out_scene,
     motors_of_walk,
-    twin_scene,
     walk_seed,
 )
 from motorprior.studies.gait_quality import UNITS, share_upright
@@ -198,7 +198,7 @@ def motors_scene(robot: Robot, policy: Policy, motors: MotorSource, commands: Co
     walk = WalkConfig(DURATION_STEPS, commands=commands)
     if isinstance(motors, Fleet):
         encoder_noise = Randomization(joint_noise=ENCODER_NOISE)
-        return twin_scene(robot, motors, replace(walk, randomization=encoder_noise))
+        return held_out_scene(robot, motors, replace(walk, randomization=encoder_noise))
     simulated = simulated_motors(motors, robot)
     return Scene(robot, simulated.draw, walk, simulated.physics_dt)
 
@@ -208,7 +208,7 @@ def compare(
     policies: Mapping[str, Policy | Sequence[Policy]],
     motors: Mapping[str, MotorSource],
     *,
-    progress: Progress = WARNED,
+    progress: Progress = PYTHON_WARNINGS,
 ) -> Results:
     """Evaluate every policy on every set of motors.
 
@@ -277,7 +277,9 @@ def robustness_map(
         for row, push in enumerate(PUSHES):
             for column, friction in enumerate(FRICTIONS):
                 disturbances = replace(NOISY, push=push, friction=(friction, friction))
-                scene = twin_scene(trained.robot, fleet, replace(walk, randomization=disturbances))
+                scene = held_out_scene(
+                    trained.robot, fleet, replace(walk, randomization=disturbances)
+                )
                 episodes = run_walks(scene, policy, range(_MAP_WALKS), seed_of_walk, motors)
                 upright[row, column] += _mean_upright(episodes)
     return upright / len(policies)

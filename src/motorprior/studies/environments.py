@@ -78,7 +78,7 @@ ENVIRONMENTS = {
 }
 
 
-def twin_scene(robot: Robot, fleet: Fleet, walk: WalkConfig) -> Scene:
+def held_out_scene(robot: Robot, fleet: Fleet, walk: WalkConfig) -> Scene:
     """The simulation of a twin, with other motors of the fleet in every walk."""
     return Scene(robot, partial(_twin_motors, robot, fleet), walk, robot.twin_physics_dt)
 

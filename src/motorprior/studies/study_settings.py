@@ -87,26 +87,27 @@ class Study:
     out: Path
     """Run folder."""
     fleet: str | None = None
-    """Population of the bench's motors and of the environment `fleet`; the robot's own if not
+    """Fleet of the motors on the bench and in the environment `fleet`; the robot's fleet if not
     given."""
     out_of_family: str = "foreign_direct"
-    """Out-of-family population, of the environments `out_of_family` and `hard`."""
+    """Fleet of the out-of-family motors, in the environments `out_of_family` and `hard`."""
     conditions: tuple[str, ...] = STANDARD
-    """Training conditions: some of docs/transfer.md, or other motors, as in `walk`."""
+    """Training conditions: names of docs/transfer.md, or other motors, as for `walk --motors`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
-    """Environments of the evaluation, some of docs/transfer.md."""
+    """Environments of the evaluation: names of docs/transfer.md."""
     benches: int = 4
     """Number of benches, each with its own motors, robots, floors and pushes; bench k has the seed
     `seed` + k."""
     seeds: int = 4
     """Policies per condition and bench."""
     oracle_seeds: int | None = None
-    """Policies of the oracle per bench, whose physics step is shorter; `seeds` if not given."""
+    """Policies of the oracle per bench, which take longer, as their physics step is shorter;
+    `seeds` if not given."""
     walks: int = 32
     """Walks of each policy per environment."""
     robots: int | None = None
-    """Robots of each population with an adapted prior and PD; policy k is adapted to robot k modulo
-    this number; one per policy if not given."""
+    """Number of robots of each population to which the prior and a PD are adapted; one per policy
+    if not given. Policy k is trained for robot k modulo this number."""
     seconds: float = 10.0
     """Duration of a walk [s]."""
     speed: float | None = None
@@ -115,14 +116,14 @@ class Study:
     iterations: int = 120
     """Largest number of ARS iterations per policy."""
     patience: int | None = 3
-    """End a training once the mean training return of 10 iterations was no new maximum so many
-    times in a row."""
+    """A training ends once the mean training return of 10 iterations has not reached a new maximum
+    this many times in a row; None never ends it early."""
     directions: int = 14
-    """Directions per iteration; the better half of them is used."""
+    """ARS directions per iteration; the better half of them is used."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose motors the best policy of a search, the range of the
-    randomised PD and the share of the adapted prior are selected; no test environment uses it. The
-    first of the robot's other fleets if not given."""
+    """Validation fleet: a name or a .toml file. The best policy of a search, the range of the
+    randomised PD and the share of the adapted prior are selected on its motors. No test environment
+    may use it. If not given, the first fleet of the robot that no test environment uses."""
     pd_range: float | None = None
     """Relative range of the randomised PD [-]; selected on the validation fleet if not given."""
     prior_share: float | None = None
@@ -133,17 +134,17 @@ class Study:
     bench_steps: int = 10_000
     """Samples per motor."""
     adam_steps: int | None = None
-    """Adam steps of each identification; the preset's own number if not given."""
+    """Adam steps of each identification; the number of its preset if not given."""
     seed: int = 0
-    """Seed of the first bench and its priors; policies of different benches share no search
-    seed."""
+    """Seed of the first bench and its priors. Policies of different benches have different search
+    seeds."""
     robot: str = DEFAULT_ROBOT
-    """Robot: a shipped one by name, or the .toml file of your own (docs/your-robot.md)."""
+    """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
-    """Policies at a time; with the executor ray, walks of one policy at a time. The result does not
-    depend on it."""
+    """Number of policies at a time; with the executor ray, number of walks of one policy at a time.
+    The result does not depend on it."""
     executor: ExecutorName = "threads"
-    """Threads of this process, or walks on Ray's processes."""
+    """Policies run in threads of this process, or their walks run in Ray processes."""
     ray_address: str | None = None
     """A running Ray cluster to join, with the executor ray."""
 

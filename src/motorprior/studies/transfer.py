@@ -38,8 +38,8 @@ from motorprior.studies.environments import (
     ENVIRONMENTS,
     IN_FAMILY,
     OUT_OF_FAMILY,
+    held_out_scene,
     motors_of_walk,
-    twin_scene,
     walk_seed,
 )
 from motorprior.studies.gait_quality import walk_measures
@@ -375,7 +375,7 @@ def _evaluate(
         walk_there = replace(
             walk, randomization=environment.randomization, engine=environment.engine
         )
-        scene = twin_scene(robot, fleet, walk_there)
+        scene = held_out_scene(robot, fleet, walk_there)
         episodes[name] = run_walks(scene, policy, numbers, seed_of_walk, motors, executor)
 
     rows = []
