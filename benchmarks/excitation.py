@@ -58,7 +58,7 @@ from motorprior.studies.statistics import Estimate, estimate, means, summarise
 from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import study_walks
 from virtual_fleets.robot_fidelity import robot_fidelity, trot_targets
-from why_oscillation import LOADS, Learned, growth, recorded_inputs, sensitivities
+from why_oscillation import MIN_LOAD, Learned, growth, recorded_inputs, sensitivities
 
 PLACES = {"standing": False, "suspended": True}
 COLORS: dict[str, str] = {
@@ -244,7 +244,7 @@ def _growth(model: LatentNetwork, mean: np.ndarray, log: MotorLog) -> float:
     armature = model.armature(mean) if model.has_armature else np.zeros(len(mean))
     motors = Learned(model, mean, armature, np.zeros_like(armature))
     slopes = sensitivities(model, mean, recorded_inputs(model, log))
-    return growth(model, motors, slopes, float(LOADS[0]))[0]
+    return growth(model, motors, slopes, MIN_LOAD)[0]
 
 
 def _prior(

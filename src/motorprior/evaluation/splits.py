@@ -32,7 +32,7 @@ class Split:
         return Split(train, test, self.rule)
 
 
-def evenly_spread(names: Sequence[str], count: int = MAX_LOGS) -> list[str]:
+def evenly_spread(names: list[str], count: int = MAX_LOGS) -> list[str]:
     """At most ``count`` of the names, evenly spread over the list."""
     places = np.linspace(0, len(names) - 1, min(len(names), count)).tolist()
     return [names[round(place)] for place in places]

@@ -214,7 +214,7 @@ class _CentreProblem:
         self.scale = _UNIT * problem.prior_std
         self.weight = float(len(problem.residuals(logs, problem.mean)))
 
-    def residuals(self, x: np.ndarray, which: np.ndarray) -> np.ndarray:
+    def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
         """(L, N) residuals at x (L, P)."""
         centers = self._problem.mean + self.scale * x
         return np.stack([self._problem.residuals(self._logs, center) for center in centers])

@@ -357,7 +357,7 @@ def _evaluate(
     executor = partial(
         make_executor,
         workers=bench.episodes_at_a_time,
-        kind=bench.executor,
+        name=bench.executor,
         address=bench.ray_address,
     )
     episodes: dict[str, list[Episode]] = {}
