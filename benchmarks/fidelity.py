@@ -5,6 +5,7 @@
 Finished stages are reused. Twenty minutes per fleet on two cores.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,13 +13,14 @@ import tyro
 
 import simulated_arms
 from figures import PROGRESS, markdown
-from fleet_validation import validate_on_bench
+from fleet_validation import ADAPT_SECONDS, validate_on_bench
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench, record_bench
 from motorprior.identification.presets import identification_preset, network_steps
 from motorprior.priors.fit_prior import PRIOR, fit_recipe, provenance_of
 from motorprior.results import Result, Results, write_results
 from motorprior.stage import FIGURES, MARKER
+from virtual_fleets.held_out_motors import POPULATION
 
 PRESETS = (
     "rollout", "per_motor", "latent_network", "one_network", "actuator_net", "paper_wide", "paper",
@@ -42,6 +44,11 @@ class Settings:
     steps: int = 10_000  # samples per motor
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of bench, training and validation
+    presets: tuple[str, ...] = PRESETS  # presets of the priors
+    position_only: bool = True  # whether to identify a prior from positions only, too
+    # lengths of log to which priors are adapted for held-out motors [s]
+    adapt_seconds: tuple[float, ...] = ADAPT_SECONDS
+    population: int = POPULATION  # samples of a prior for the two-sample test
     arms: int = 20  # simulated arms of `simulated_arms`, whose figures are written, too
 
 
@@ -72,25 +79,33 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
 
 
 def measure(settings: Settings) -> Results:
-    """All results, including the position-only prior."""
+    """All results, including the prior from positions only if it is wanted."""
     folder = settings.out / "validate"
-    paths = {preset: identify(settings, preset) for preset in PRESETS}
-    results = validate_on_bench(
-        tuple(paths.values()), folder / "all", seed=settings.seed, progress=PROGRESS
-    )
+    paths = {preset: identify(settings, preset) for preset in settings.presets}
+    results = _validate(settings, tuple(paths.values()), folder / "all")
 
-    # the position-only prior has the preset of another one, so it is validated alone
-    paths[POSITION_ONLY] = identify(settings, "rollout", torque=False)
-    of_position_only = validate_on_bench(
-        [paths[POSITION_ONLY]], folder / POSITION_ONLY, seed=settings.seed, progress=PROGRESS
-    )
     rows = []
-    for row in of_position_only.where(model="rollout"):
-        rows.append(replace(row, model=POSITION_ONLY))
+    if settings.position_only:
+        # this prior has the preset of another one, so it is validated alone
+        paths[POSITION_ONLY] = identify(settings, "rollout", torque=False)
+        of_position_only = _validate(settings, [paths[POSITION_ONLY]], folder / POSITION_ONLY)
+        for row in of_position_only.where(model="rollout"):
+            rows.append(replace(row, model=POSITION_ONLY))
     for model, path in paths.items():
         seconds = read_json(path.parent / MARKER)["seconds"]
         rows.append(Result("identify_seconds", "s", seconds, model))
     return results + Results(rows)
+
+
+def _validate(settings: Settings, priors: Sequence[Path], out: Path) -> Results:
+    return validate_on_bench(
+        priors,
+        out,
+        seed=settings.seed,
+        adapt_seconds=settings.adapt_seconds,
+        population=settings.population,
+        progress=PROGRESS,
+    )
 
 
 def table(results: Results, motors: str) -> str:

@@ -35,6 +35,7 @@ from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, working
 from virtual_fleets.held_out_motors import (
+    POPULATION,
     adapt_all,
     adaptation,
     adapted_models,
@@ -74,6 +75,8 @@ class Settings:
     """Lengths of log [s] to which the prior is adapted for held-out motors."""
     robot: str = DEFAULT_ROBOT
     """Robot: a shipped one by name, or a .toml file."""
+    population: int = POPULATION
+    """Samples of a prior, and held-out motors, that the classifier separates."""
 
 
 def validate_on_bench(
@@ -83,6 +86,7 @@ def validate_on_bench(
     seed: int = 0,
     adapt_seconds: Sequence[float] = ADAPT_SECONDS,
     robot: str = DEFAULT_ROBOT,
+    population: int = POPULATION,
     progress: Progress = SILENT,
 ) -> Results:
     """Compare priors with the physical motors of their bench, and with held-out motors.
@@ -94,6 +98,7 @@ def validate_on_bench(
         adapt_seconds: lengths of log [s] to which the prior with physics is adapted for held-out
             motors.
         robot: a name, or the path of a .toml file.
+        population: samples of a prior, and held-out motors, that the classifier separates.
         progress: where to report to.
 
     Returns:
@@ -113,11 +118,19 @@ def validate_on_bench(
     loaded_robot = load_robot(robot)
     loaded, bench = _load_priors(loaded_robot, priors)
 
-    settings = {"priors": priors, "seed": seed, "adapt_seconds": adapt_seconds, "robot": robot}
+    settings = {
+        "priors": priors,
+        "seed": seed,
+        "adapt_seconds": adapt_seconds,
+        "robot": robot,
+        "population": population,
+    }
     stage = description("validate", settings, [*priors, *loaded_robot.files])
     if not is_finished(out, stage):
         with working(out, stage):
-            results = _measure(loaded_robot, loaded, bench, seed, adapt_seconds, progress)
+            results = _measure(
+                loaded_robot, loaded, bench, seed, adapt_seconds, population, progress
+            )
             write_results(out, results)
     return read_results(out)
 
@@ -161,6 +174,7 @@ def _measure(
     bench: BenchSettings,
     seed: int,
     adapt_seconds: Sequence[float],
+    population: int,
     progress: Progress,
 ) -> Results:
     motors = bench.physical_motors()
@@ -185,7 +199,7 @@ def _measure(
             prior = priors[name]
             lengths = tuple(adapt_seconds)
             results += adaptation(robot, prior, bench, lengths, adapted[name], seed, task.advance)
-            results += distribution(prior, bench)
+            results += distribution(prior, bench, population)
     return results
 
 

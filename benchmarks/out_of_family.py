@@ -24,7 +24,7 @@ from motorprior.bench.bench_folder import read_bench
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from virtual_fleets.held_out_motors import ADAPTED_SECONDS, held_out_motors
+from virtual_fleets.held_out_motors import ADAPTED_SECONDS, POPULATION, held_out_motors
 from virtual_fleets.held_out_trials import HELD_OUT, MAX_WORK, bench_errors
 
 PRESETS = ("rollout", "per_motor", "latent_network")
@@ -45,6 +45,8 @@ class Settings:
     adam_steps: int | None = None  # Adam steps of every network; the preset's number if not given
     seed: int = 0  # seed of bench, training and held-out excitation
     families: tuple[str, ...] = ("foreign_direct", "foreign_servo")  # fleets
+    presets: tuple[str, ...] = PRESETS  # presets of the priors
+    population: int = POPULATION  # samples of the rollout prior for the two-sample test
 
 
 def measured_family(settings: Settings, family: str) -> dict[str, float]:
@@ -53,19 +55,20 @@ def measured_family(settings: Settings, family: str) -> dict[str, float]:
     of_fleet = fidelity.Settings(
         folder, family, settings.motors, settings.steps, settings.adam_steps, settings.seed
     )
-    priors = [fidelity.identify(of_fleet, preset) for preset in PRESETS]
+    priors = [fidelity.identify(of_fleet, preset) for preset in settings.presets]
     results = validate_on_bench(
         priors,
         folder / "validate",
         seed=settings.seed,
         adapt_seconds=(ADAPTED_SECONDS,),
+        population=settings.population,
         progress=PROGRESS,
     )
 
     bench = read_bench(folder / "bench" / "rollout")[1]
     figures: dict[str, float] = {}
-    figures |= _errors(results, "train", family, "train", bench.physical_motors(), settings.seed)
-    figures |= _errors(results, "held_out", family, "new", held_out_motors(bench), settings.seed)
+    figures |= _errors(settings, results, "train", family, "train", bench.physical_motors())
+    figures |= _errors(settings, results, "held_out", family, "new", held_out_motors(bench))
     figures[f"{family}/coverage90"] = results.value(quantity="coverage90", part=None)
     auc = results.value(quantity="two_sample_auc", statistic="median")
     figures[f"{family}/two_sample_auc"] = auc
@@ -73,7 +76,12 @@ def measured_family(settings: Settings, family: str) -> dict[str, float]:
 
 
 def _errors(
-    results: Results, motor_set: str, family: str, name: str, motors: TrueMotors, seed: int
+    settings: Settings,
+    results: Results,
+    motor_set: str,
+    family: str,
+    name: str,
+    motors: TrueMotors,
 ) -> dict[str, float]:
     """Median errors [rad] of the models and of both floors on a set of motors.
 
@@ -82,13 +90,13 @@ def _errors(
     half_warm = motors.after(MAX_WORK / 2)
     models = {"floor_warmth": lambda index: half_warm.take(index).actuator()}
     preset = HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
-    errors_of_warmth = bench_errors(motors, models, seed, preset)
+    errors_of_warmth = bench_errors(motors, models, settings.seed, preset)
 
     medians = results.where(motors=motor_set, statistic="median")
     figures = {}
     for excitation, quantity in EXCITATIONS.items():
         prefix = f"{family}/{excitation}"
-        for model in (*PRESETS, "tuned_pd"):
+        for model in (*settings.presets, "tuned_pd"):
             error = medians.value(quantity=quantity, model=model)
             figures[f"{prefix}/{model}/{name}"] = error
         floor = medians.value(quantity=quantity, model="physical")

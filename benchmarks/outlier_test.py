@@ -2,11 +2,12 @@
 
     python benchmarks/outlier_test.py runs/prior_mixed/prior.safetensors
 
-MOTORS motors of the fleet, unchanged and with one constant changed, each adapted to SECONDS of log:
-the fraction with a p-value below FALSE_ALARMS, and the median closed-loop error of the posterior
-means on held-out gait + impacts.
+Motors of the fleet, unchanged and with one constant changed, are adapted to a log each. The table
+has the fraction with a p-value below FALSE_ALARMS, and the median closed-loop error of the
+posterior means on held-out gait + impacts.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,33 +32,41 @@ CHANGES: dict[str, dict[str, float]] = {
     "backlash x 5": {"backlash": 5.0},
     "torque_limit / 2": {"torque_limit": 0.5},
 }
-SECONDS = 10.0
-MOTORS = 16
 STREAM = 57
 
 
-def measure(prior: tyro.conf.Positional[Path]) -> None:
-    """Print the table for a prior of preset rollout that was identified from a bench."""
-    loaded = load_prior(prior, load_robot(DEFAULT_ROBOT))
-    bench = bench_from_json(loaded.provenance.get("bench"), str(prior))
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the benchmark."""
+
+    prior: tyro.conf.Positional[Path]  # prior of preset rollout, identified from a bench
+    motors: int = 16  # motors per change
+    seconds: float = 10.0  # log to which each motor is adapted [s]
+    changes: tuple[str, ...] = tuple(CHANGES)  # changed constants
+
+
+def measure(settings: Settings) -> str:
+    """Markdown: a row per changed constant."""
+    prior = load_prior(settings.prior, load_robot(DEFAULT_ROBOT))
+    bench = bench_from_json(prior.provenance.get("bench"), str(settings.prior))
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM])
-    unchanged = bench.fleet.sample(MOTORS, rng)
+    unchanged = bench.fleet.sample(settings.motors, rng)
     preset = bench_schedule("adapt")
-    steps = round(SECONDS / preset.period)
+    steps = round(settings.seconds / preset.period)
 
     rows = []
-    for name, change in CHANGES.items():
-        motors = unchanged.scaled(change)
+    for name in settings.changes:
+        motors = unchanged.scaled(CHANGES[name])
         log = record(motors, preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
-        posterior = adapt_to(loaded, log)
-        p_values, _ = outlier_test(loaded, log, posterior)
+        posterior = adapt_to(prior, log)
+        p_values, _ = outlier_test(prior, log, posterior)
         detected = np.mean(p_values < FALSE_ALARMS)
 
-        model = {"model": lambda index, z=posterior.mean: loaded.model.motors(z[index])}
+        model = {"model": lambda index, z=posterior.mean: prior.model.motors(z[index])}
         error = bench_errors(motors, model, bench.seed)["impacts"]["model"]
         rows.append([name, f"{detected:.2f}", f"{1e3 * np.median(error):.1f}"])
-    print(markdown(["changed constant", "detected", "error [mrad]"], rows))
+    return markdown(["changed constant", "detected", "error [mrad]"], rows)
 
 
 if __name__ == "__main__":
-    tyro.cli(measure, description=__doc__)
+    print(measure(tyro.cli(Settings, description=__doc__)))

@@ -21,15 +21,8 @@ def run(name: str, *words: object) -> None:
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("prior")
-    run(
-        "log_to_prior.py",
-        "--preset=paper",
-        "--motors=3",
-        "--samples=300",
-        "--steps=2",
-        "--out",
-        out,
-    )
+    sizes = ("--preset=paper", "--motors=3", "--samples=300", "--steps=2")
+    run("log_to_prior.py", *sizes, "--out", out)
     return out / "prior.safetensors"
 
 
@@ -57,6 +50,12 @@ def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, capsys):
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
 
 
+def test_every_example_is_run_here():
+    tests = Path(__file__).read_text("utf-8")
+    for example in EXAMPLES.glob("*.py"):
+        assert f'run("{example.name}"' in tests
+
+
 @pytest.mark.slow
 def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
     pytest.importorskip(
@@ -65,6 +64,14 @@ def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
     run("train_ppo.py", prior, 4096)
     line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
     assert re.fullmatch(line, capsys.readouterr().out.splitlines()[-1])
+
+
+@pytest.mark.slow
+def test_mjlab_trains_on_motors_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("mjlab", reason="it is not installed: pip install 'motorprior[mjlab]'")
+    monkeypatch.chdir(tmp_path)
+    run("train_in_mjlab.py", "--card=go2", "--worlds=2", "--iterations=1")
+    assert list((tmp_path / "runs" / "mjlab").rglob("*.pt"))
 
 
 def test_the_paper_reads_top_to_bottom_and_runs(capsys):

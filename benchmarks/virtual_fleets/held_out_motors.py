@@ -130,8 +130,10 @@ def adaptation(
     return results
 
 
-def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
-    """POPULATION samples of the prior against as many held-out motors, by their behaviour.
+def distribution(prior: MotorPrior, bench: BenchSettings, population: int = POPULATION) -> Results:
+    """Samples of the prior against as many held-out motors, by their behaviour.
+
+    ``population`` is the number of samples.
 
     Repeated COMPARISONS times with other samples, since an AUC of 256 against 256 varies by some
     hundredths.
@@ -143,8 +145,8 @@ def distribution(prior: MotorPrior, bench: BenchSettings) -> Results:
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, _SAMPLES])
     areas = []
     for _ in range(COMPARISONS):
-        sampled = behaviours(prior.sample(POPULATION, rng))
-        motors = bench.fleet.sample(POPULATION, rng)
+        sampled = behaviours(prior.sample(population, rng))
+        motors = bench.fleet.sample(population, rng)
         physical = behaviours(motors.after(MAX_WORK / 2).actuator())
         areas.append(two_sample_auc(sampled, physical, bench.seed))
 

@@ -7,23 +7,12 @@ import pytest
 
 from fleet_validation import validate_on_bench
 from motorprior.artifacts import read_json
-from motorprior.commands.bench import Bench, run_bench
-from motorprior.commands.identify import Identify, run_identify
 from motorprior.exceptions import ConfigError
 
 
-@pytest.fixture(scope="module")
-def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The file of a prior of twelve motors."""
-    root = tmp_path_factory.mktemp("fleet_validation")
-    run_bench(Bench(root / "bench", motors=12, steps=2000))
-    run_identify(Identify((root / "bench",), root / "prior", "pace"))
-    return root / "prior" / "prior.safetensors"
-
-
 @pytest.mark.slow
-def test_errors_and_coverage_on_both_sets_of_motors(prior: Path, tmp_path: Path):
-    results = validate_on_bench([prior], tmp_path, adapt_seconds=[1.0])
+def test_errors_and_coverage_on_both_sets_of_motors(bench_prior: Path, tmp_path: Path):
+    results = validate_on_bench([bench_prior], tmp_path, adapt_seconds=[1.0])
     figures = read_json(tmp_path / "figures.json")
 
     for quantity in ("bench_impact_rmse", "standing_rmse", "suspended_torque_hf"):
@@ -41,8 +30,8 @@ def test_errors_and_coverage_on_both_sets_of_motors(prior: Path, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_two_priors_of_a_preset_are_refused(prior: Path, tmp_path: Path):
+def test_two_priors_of_a_preset_are_refused(bench_prior: Path, tmp_path: Path):
     with pytest.raises(ConfigError, match="pace"):
-        validate_on_bench([prior, prior], tmp_path / "twice")
+        validate_on_bench([bench_prior, bench_prior], tmp_path / "twice")
     with pytest.raises(ConfigError):
         validate_on_bench([], tmp_path / "none")
