@@ -13,6 +13,7 @@ the adapted prior. published.png: the errors, a dot per log.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -74,9 +75,9 @@ class Settings:
 def compute(settings: Settings) -> dict[str, float]:
     """The figures of all models; draws the picture."""
     prior = mp.from_pretrained("so101")
-    paths = imported(LogSettings(settings.data, settings.out), "so101")
-    held_out = [path for path in paths if is_held_out("so101", path)]
-    logs = [read_parquet(path) for path in held_out[: settings.logs]]
+    log_settings = LogSettings(settings.data, settings.out, logs=settings.logs)
+    held_out = imported(log_settings, "so101", partial(is_held_out, "so101"))
+    logs = [read_parquet(path) for path in held_out]
 
     models = candidates(logs[0].num_joints, settings.out)
     tests = [errors_on_log(prior, log, models) for log in logs]

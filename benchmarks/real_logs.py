@@ -359,13 +359,18 @@ def robot_file(settings: Settings, name: str) -> Path:
     return Path(shutil.copy(EXAMPLES / f"{name}.toml", folder))
 
 
-def imported(settings: Settings, name: str) -> list[Path]:
+def imported(
+    settings: Settings, name: str, is_wanted: Callable[[Path], bool] | None = None
+) -> list[Path]:
     """Motor logs with loads, from the robot's rigid-body model if it has one.
 
-    They are imported if they do not exist.
+    They are imported if they do not exist. ``is_wanted`` selects raw logs; all if not given.
     """
     columns, pattern = LOGS[name]
-    raw_paths = sorted((settings.data / name).glob(pattern))[: settings.logs]
+    raw_paths = sorted((settings.data / name).glob(pattern))
+    if is_wanted is not None:
+        raw_paths = [raw for raw in raw_paths if is_wanted(raw)]
+    raw_paths = raw_paths[: settings.logs]
     robot = None
     robot_files: Sequence[Path] = ()
     if name != "xl330":  # its logs have the pendulum

@@ -54,7 +54,7 @@ SMALL_RUNS = {
         "{bench_prior} --out {out} --adapt-seconds 1 --population 16",
     ),
     "motor_cards": SmallRun(
-        "--data {data} --out {out} --work {out}/work --cards xl330 --seconds 2",
+        "--data {data} --out {out} --work {out}/work --cards xl330 --seconds 6",
         files=("xl330/prior.safetensors", "xl330/README.md"),
     ),
     "noise": SmallRun(
