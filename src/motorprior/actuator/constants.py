@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import PER_LOGGED, with_logged_gains
+from motorprior.actuator.geared_motor_step import with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from motorprior.actuator.latent import LatentNetwork
 
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
+# suffix of the names of constants that are multiples of a logged gain
+PER_LOGGED_GAIN = "_per_logged"
 _PER_UNIT = "of the firmware's gain"
 UNITS = {
     "kp": "N·m/rad",
@@ -34,8 +36,8 @@ UNITS = {
     "backlash": "rad",
     "gear_damping": "N·m·s/rad",
     "encoder_zero": "rad",
-    f"kp{PER_LOGGED}": f"N·m/rad per unit {_PER_UNIT}",
-    f"kd_over_kp{PER_LOGGED}": f"s per unit {_PER_UNIT}",
+    f"kp{PER_LOGGED_GAIN}": f"N·m/rad per unit {_PER_UNIT}",
+    f"kd_over_kp{PER_LOGGED_GAIN}": f"s per unit {_PER_UNIT}",
     **{constant.name: constant.unit for constant in CONSTANTS.values()},
 }
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
@@ -129,7 +131,7 @@ def named_constants(
     # with equal logged gains the ratio is a constant of the motor
     kd_is_logged = gains is None or not np.array_equal(*gains)
     multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
-    suffixes: dict[str, str] = {name: PER_LOGGED for name in multiples}
+    suffixes: dict[str, str] = {name: PER_LOGGED_GAIN for name in multiples}
     return {f"{name}{suffixes.get(name, '')}": value for name, value in values.items()}
 
 

@@ -8,27 +8,30 @@ t - h/2 to t + h/2, as the semi-implicit Euler of the engines: forces are evalua
 for EXTRA_DAMPING the step is second-order accurate. It is linearly implicit in the rotor's new
 velocity v'; the velocity at t is v̄ = (v + v')/2:
 
-    gear      s = twist ∓ backlash/2, or 0 within the backlash,  twist = rotor_pos - joint_pos,
-              in contact where
-              twist + h/2·(v - dq) is beyond the backlash
+    gear      twist = rotor_pos - joint_pos
+              s = twist ∓ backlash/2, or 0 within the backlash
               D = gear_damping + EXTRA_DAMPING·h·gear_stiffness
-              τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq)
+              τ_gear = gear_stiffness·(s + h/2·(v̄ - v)) + D·(v̄ - dq) in contact, 0 otherwise;
+              in contact means |twist + h/2·(v - dq)| > backlash/2
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)|
                   + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
-    encoder   θ = rotor_pos - softened·s + h/2·(v̄ - v) + encoder_zero
+    encoder   θ = rotor_pos - hidden_twist·s + h/2·(v̄ - v) + encoder_zero
     control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit)
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),
               v' = 0 if F can stop it
 
 The delayed target and the filtered velocity are means from t - h/2 to t + h/2. A gear that is too
-stiff for the step is softened; ``softened`` is the share of its twist s that this adds.
+stiff for the step is softened. Softening enlarges the twist s; the share ``hidden_twist`` of s is
+this enlargement, and the encoder does not see it.
 
-The joint gets torque = τ_gear + d·dq and, in gear contact, damping d = (gear_damping +
-h·gear_stiffness)/2, which the engine integrates implicitly: a stiff gear on a light shank is then
-stable. The rotor gets the momentum of that damping in the same step, for an expected velocity
-change, and the difference to the actual one a step later: momentum is conserved, and slow motions
-are second-order accurate. Expected is the smaller of the last two changes while the gear stays in
-contact, and 0 if their signs differ, so that impacts and vibrations are not extrapolated.
+The engine gets the torque τ_gear + d·dq of the joint and, in gear contact, the damping
+d = (gear_damping + h·gear_stiffness)/2, which it integrates implicitly. This keeps a stiff gear on
+a light shank stable. The damping takes the momentum h·d·Δ from the joint, where Δ is the change of
+dq in this step, and the rotor must get this momentum. Δ is not yet known, so the rotor gets the
+momentum of an expected change in this step, and the rest in the next step. Momentum is therefore
+conserved, and slow motions are second-order accurate. The expected change is the smaller one of the
+last two changes. It is 0 if their signs differ, or if the gear was not in contact, so that impacts
+and vibrations are not extrapolated.
 
 Optional terms add a firmware profile, an integral, a voltage limit and others (`optional_terms`).
 """
@@ -60,37 +63,41 @@ PARAMETERS = (
     "stribeck_torque", "viscous_damping", "load_friction", "gear_stiffness", "backlash",
     "gear_damping", "encoder_zero",
 )  # fmt: skip
-# Maximum gear_stiffness·h²/armature and gear_damping·h/armature: stiffer gears are softened to this
-# limit, since they would be unstable; encoders do not see the additional twist, which would act
-# like a longer delay
+# Maximum gear_stiffness·h²/armature and maximum gear_damping·h/armature. A gear above a maximum
+# would be unstable and is softened to it. The encoder does not see the additional twist, since the
+# twist would act like a longer delay.
 MAX_STIFFNESS = 1.5
 MAX_DAMPING = 1.0
-# kd of the twist's rate that encoders do not see, over the maximum gear damping; more is unstable
-MAX_RATE = 0.25
+# The encoder velocity lacks a share of the twist's rate, which acts like a negative gear damping of
+# kd times this share. Maximum of this product relative to the maximum gear damping [-]; more is
+# unstable.
+MAX_HIDDEN_DAMPING = 0.25
 MAX_DELAY = 0.04  # length of a motor's delay line [s]
-LOG_REACH = 5.0  # constants of motors are within a factor of 148 of the central motor's
+# maximum |log(constant of a motor / constant of the central motor)|, a factor of 148
+MAX_LOG_FACTOR = 5.0
 # additional gear damping over h·gear_stiffness, against chatter of a bare shank [-]
 EXTRA_DAMPING = 0.1
 STRIBECK_VELOCITY = 0.3  # [rad/s]
-PER_LOGGED = "_per_logged"  # suffix of constants that are multiples of a logged gain
 
 Values = Any  # one number per motor, in the type of the arithmetic
 
 
-# Rows that every motor has: as in PARAMETERS, but kd, delay in steps, half_backlash, and a gear
-# that is limited by MAX_STIFFNESS and MAX_DAMPING; gains of the velocity filter per step, and of
-# its mean over the step
+# Rows that every motor has. They are the constants of PARAMETERS with these changes: kd replaces
+# kd_over_kp, half_backlash replaces backlash, and the delay is in steps. MAX_STIFFNESS and
+# MAX_DAMPING limit the gear. filter_gain is the gain of the velocity filter per step, and
+# mean_filter_gain the gain of its mean over the step. hidden_twist and hidden_twist_rate are the
+# shares of the twist and of its rate that the encoder does not see.
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "half_backlash", "gear_damping",
-    "encoder_zero", "mean_filter_gain", "softened", "softened_rate",
+    "encoder_zero", "mean_filter_gain", "hidden_twist", "hidden_twist_rate",
 )  # fmt: skip
 BASE_CONSTANTS = len(_BASE)
-# Constants of motors for steps of one length; also the rows of the compiled step's table
+# Constants of motors for steps of one length, in the row order of the compiled step's table
 StepConstants = namedtuple("StepConstants", (*_BASE, *STEP_ROWS), defaults=[None] * len(STEP_ROWS))
 # State of motors, without the delay line of commands. joint_vel, damping (given to the engine) and
-# expected_change have the values of the previous step; vel_change is the last change of joint_vel.
-# Rows of optional terms follow, if any.
+# expected_change are from the previous step; vel_change is the last change of joint_vel. The rows
+# of optional terms follow.
 _STATE = (
     "rotor_pos",
     "rotor_vel",
@@ -112,10 +119,10 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
 def decode(
     raw: np.ndarray, terms: tuple[str, ...] = (), conditions: OperatingConditions = COLD
 ) -> dict[str, np.ndarray]:
-    """Constants by name, each (…), from decoder outputs (…, P).
+    """Constants by name, each (…), from decoder outputs ``raw`` (…, P).
 
-    exp(raw), or a multiple of raw for `optional_terms.SIGNED`; delays are limited to MAX_DELAY.
-    ``conditions`` are numbers or (…).
+    A positive constant is exp(raw). A constant of `optional_terms.SIGNED` is a multiple of raw.
+    Delays are limited to MAX_DELAY. ``conditions`` are numbers or arrays (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else np.exp(raw[..., row])
@@ -129,9 +136,11 @@ def decode(
 
 
 def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:
-    """Constants by name with gains kp and kd.
+    """Constants by name of motors with the logged gains ``kp`` and ``kd``.
 
-    kp' = decoded kp·kp,   kd' = decoded kp·decoded kd_over_kp·kd
+    The decoded constants are multiples of the logged gains:
+
+        kp' = decoded kp·kp,   kd' = decoded kp·decoded kd_over_kp·kd
     """
     return values | {"kp": values["kp"] * kp, "kd_over_kp": values["kd_over_kp"] * kd / kp}
 
@@ -141,32 +150,43 @@ def step_constants(
 ) -> StepConstants:
     """Constants for steps of ``h`` [s] from constants by name.
 
-    A filter with time constant T has the gain 1 - exp(-h/T) per step; its mean over the step has
-    the gain 1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the others get constants
-    without effect.
+    A velocity filter with time constant T has the gain 1 - exp(-h/T) per step; the mean of its
+    output over the step has the gain 1 - (1 - exp(-h/T))·T/h. If any optional term is enabled, the
+    constants of the other optional terms have no effect.
     """
-    steps = h / values["velocity_filter"]
-    filter_gain = -np.expm1(-steps)
-    same = {name: values[name] for name in PARAMETERS if name in _BASE}
     kd = values["kp"] * values["kd_over_kp"]
+    step_over_filter = h / values["velocity_filter"]
+    filter_gain = -np.expm1(-step_over_filter)
+
+    # a gear that is stable at this step
+    max_stiffness = MAX_STIFFNESS * values["armature"] / h**2
+    stiffness = np.minimum(values["gear_stiffness"], max_stiffness)
+    hidden_twist = 1.0 - stiffness / values["gear_stiffness"]
+
+    # the control law does not damp the hidden twist, so a softened gear is damped at least so much
     max_damping = MAX_DAMPING * values["armature"] / h
-    stiffness = np.minimum(values["gear_stiffness"], MAX_STIFFNESS * values["armature"] / h**2)
-    softened = 1.0 - stiffness / values["gear_stiffness"]
-    max_rate = MAX_RATE * max_damping
-    changed = {
+    min_damping = hidden_twist * max_damping
+    gear_damping = np.clip(values["gear_damping"], min_damping, max_damping)
+
+    # limits kd·hidden_twist_rate
+    max_hidden_damping = MAX_HIDDEN_DAMPING * max_damping
+    hidden_damping = hidden_twist * MAX_HIDDEN_DAMPING * max_damping
+    hidden_twist_rate = hidden_damping / np.maximum(max_hidden_damping, kd)
+
+    unchanged_rows = {name: values[name] for name in PARAMETERS if name in _BASE}
+    derived_rows = {
         "kd": kd,
         "filter_gain": filter_gain,
         "delay": values["delay"] / h,
         "gear_stiffness": stiffness,
         "half_backlash": 0.5 * values["backlash"],
-        # the control law does not damp the twist that the encoder does not see
-        "gear_damping": np.clip(values["gear_damping"], softened * max_damping, max_damping),
-        "mean_filter_gain": 1.0 - filter_gain / steps,
-        "softened": softened,
-        "softened_rate": softened * MAX_RATE * max_damping / np.maximum(max_rate, kd),
+        "gear_damping": gear_damping,
+        "mean_filter_gain": 1.0 - filter_gain / step_over_filter,
+        "hidden_twist": hidden_twist,
+        "hidden_twist_rate": hidden_twist_rate,
     }
-    optional = step_rows(terms, values, h, np.zeros_like(filter_gain)) if terms else {}
-    return StepConstants(**(same | changed | optional))
+    optional_rows = step_rows(terms, values, h, np.zeros_like(filter_gain)) if terms else {}
+    return StepConstants(**(unchanged_rows | derived_rows | optional_rows))
 
 
 class Arithmetic(NamedTuple):
@@ -194,9 +214,9 @@ def step(
 ) -> tuple[MotorState, Values, Values]:
     """Advance motors by one step of ``h`` [s], the length that the constants ``p`` are for.
 
-    ``target`` is the delayed position target, mean over the step [rad]; ``q`` and ``dq`` are
-    position [rad] and velocity [rad/s] of the joint. Returns the state after the step, and torque
-    [N·m] and damping [N·m·s/rad] of the joint for the engine.
+    ``target`` is the mean of the delayed position target over the step [rad]; ``q`` and ``dq`` are
+    the position [rad] and the velocity [rad/s] of the joint. Returns the state after the step, and
+    the torque [N·m] and the damping [N·m·s/rad] of the joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:
@@ -206,74 +226,79 @@ def step(
     filtered = state.filtered_vel
     half_h = 0.5 * h
 
-    # The rotor gets the momentum that the engine's implicit damping took from the joint, except for
-    # the part that it got in advance.
+    # In the last step, the engine's implicit damping took the momentum h·damping·change from the
+    # joint, and the rotor got h·damping·expected_change. The rotor gets the rest now.
     change = dq - state.joint_vel
+    remaining_momentum = h * state.damping * (change - state.expected_change)
+    v = state.rotor_vel + remaining_momentum / p.armature
+
+    # expected change of the joint's velocity in this step
     last_change = state.vel_change
-    v = state.rotor_vel + h * state.damping * (change - state.expected_change) / p.armature
     smaller_change = where(abs(change) < abs(last_change), change, last_change)
     expected = where(change * last_change * state.damping > 0.0, smaller_change, 0.0)
 
-    # Gear.
+    # Gear at v. If the gear is still within the backlash and comes into contact during the step,
+    # its deflection is 0: it already damps, but its spring has no torque.
     twist = r - q
-    # contact that begins within the step damps, but does not pull
     deflection = twist - arithmetic.clip(twist, p.half_backlash)
     contact = arithmetic.indicator(abs(twist + half_h * (v - dq)) > p.half_backlash)
     stiffness = contact * p.gear_stiffness
-    damping = 0.5 * (contact * p.gear_damping + h * stiffness)
-    damper = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness
-    gear = stiffness * deflection + damper * (v - dq)
-    lead = damper + half_h * stiffness
+    gear_damping = contact * p.gear_damping + EXTRA_DAMPING * h * stiffness
+    gear_torque = stiffness * deflection + gear_damping * (v - dq)
+    gear_slope = gear_damping + half_h * stiffness  # d(gear torque)/d(v̄)
+    damping = 0.5 * (contact * p.gear_damping + h * stiffness)  # for the engine
 
     # Friction.
     ratio = v / STRIBECK_VELOCITY
     friction = p.coulomb + p.stribeck_torque / (1.0 + ratio * ratio)
-    friction = friction + p.load_friction * abs(gear)
+    friction = friction + p.load_friction * abs(gear_torque)
 
-    # Encoder angle and velocity, without the twist that MAX_STIFFNESS adds; ``follows`` is the
-    # slope of the velocity by v.
-    twisting = where(abs(deflection) > 0.0, v - dq, 0.0)
-    encoder_pos = r - p.softened * deflection
-    encoder_vel = v - p.softened_rate * twisting
-    follows = 1.0
+    # Angle and velocity of the encoder, which does not see the hidden twist.
+    twist_rate = where(abs(deflection) > 0.0, v - dq, 0.0)
+    encoder_pos = r - p.hidden_twist * deflection
+    encoder_vel = v - p.hidden_twist_rate * twist_rate
+    encoder_slope = 1.0  # d(encoder velocity)/dv
     if "output_encoder" in terms:
         encoder_pos = encoder_pos + p.output_encoder * (q - encoder_pos)
         encoder_vel = encoder_vel + p.output_encoder * (dq - encoder_vel)
-        follows = 1.0 - p.output_encoder * (1.0 - contact)
+        encoder_slope = 1.0 - p.output_encoder * (1.0 - contact)
 
-    # Control law at v: ``push``. ``braking`` is its slope by v; ``active`` is 1 outside the dead
-    # zone, 0 within.
+    # Torque of the control law at v.
     error = target - encoder_pos - p.encoder_zero
-    active = 1.0
+    error_slope = 1.0  # 0 within the dead zone
     if "dead_zone" in terms:
-        active = arithmetic.indicator(abs(error) > p.dead_zone)
+        error_slope = arithmetic.indicator(abs(error) > p.dead_zone)
         error = error - arithmetic.clip(error, p.dead_zone)
-    push = p.kp * error - p.kd * (filtered + p.mean_filter_gain * (encoder_vel - filtered))
+    mean_filtered = filtered + p.mean_filter_gain * (encoder_vel - filtered)
+    law_torque = p.kp * error - p.kd * mean_filtered
     if "integral" in terms:
         integral = state.integral + h * p.integral_rate * p.kp * error
         state = state._replace(integral=arithmetic.clip(integral, p.integral_limit))
-        push = push + state.integral
+        law_torque = law_torque + state.integral
     for name in terms:
         law_of_term = TERMS[name].law
         if law_of_term is not None:
-            push = law_of_term(p, push, v, arithmetic)
-    braking = (p.kd * p.mean_filter_gain + half_h * p.kp * active) * follows
+            law_torque = law_of_term(p, law_torque, v, arithmetic)
+    # -d(law torque)/d(v̄)
+    law_slope = (p.kd * p.mean_filter_gain + half_h * p.kp * error_slope) * encoder_slope
 
-    # Torque of the motor = old + share·torque of the control law.
-    old = 0.0
-    share = 1.0
+    # The motor torque is lagging_torque + law_share·(torque of the control law).
+    lagging_torque = 0.0
+    law_share = 1.0
     if "current" in terms:
-        old = (1.0 - p.mean_current_gain) * state.current
-        share = p.mean_current_gain
+        lagging_torque = (1.0 - p.mean_current_gain) * state.current
+        law_share = p.mean_current_gain
 
     # Momentum balance of the rotor: forces at v, plus their slopes times v̄ - v = (v' - v)/2.
-    inertia = p.armature + half_h * (lead + p.viscous_damping)
-    carried = inertia * v - h * (gear + p.viscous_damping * v - damping * expected)
+    # ``momentum`` is the rotor's, without the motor torque and friction.
+    inertia = p.armature + half_h * (gear_slope + p.viscous_damping)
+    resistance = gear_torque + p.viscous_damping * v - damping * expected
+    momentum = inertia * v - h * resistance
 
     def velocity_after(impulse: Values, inertia: Values) -> tuple[Values, Values]:
-        """Rotor velocity after an impulse [N·m·s] less friction, and bristle deflection.
+        """Velocity of the rotor and deflection of the bristle after the step.
 
-        Friction cannot reverse the impulse.
+        ``impulse`` [N·m·s] is the momentum without friction; friction cannot reverse it.
         """
         limit = friction
         if "asymmetry" in terms:
@@ -282,35 +307,40 @@ def step(
             remaining = arithmetic.positive_part(abs(impulse) - h * limit)
             return arithmetic.with_sign_of(remaining, impulse) / inertia, state.bristle
 
+        # velocity if the bristle does not slip
         stiffness = p.bristle_stiffness
-        yielding = (impulse - h * stiffness * state.bristle) / (inertia + h * h * stiffness)
-        force = arithmetic.clip(stiffness * (state.bristle + h * yielding), limit)
+        bristle_impulse = h * stiffness * state.bristle
+        sticking_vel = (impulse - bristle_impulse) / (inertia + h * h * stiffness)
+        force = arithmetic.clip(stiffness * (state.bristle + h * sticking_vel), limit)
         return (impulse - h * force) / inertia, force / stiffness
 
-    # Velocity without and with the limits of the control law.
-    in_force = old + share * push
-    eased = share * braking
-    free, bristle = velocity_after(
-        carried + h * in_force + half_h * eased * v, inertia + half_h * eased
-    )
-    control_law = push - 0.5 * braking * (free - v)
-    bounded = arithmetic.clip(control_law, p.torque_limit)
-    if "torque_speed" in terms:
-        bounded = within_voltage(p, bounded, v, arithmetic)
-    bounded_vel, bounded_bristle = velocity_after(carried + h * (old + share * bounded), inertia)
-    if "torque_speed" in terms:
-        limited = abs(control_law - bounded) > 0.0
-    else:
-        limited = abs(control_law) > p.torque_limit
-    after = where(limited, bounded_vel, free)
+    # Velocity without the limits of the control law, whose torque depends on v̄.
+    motor_torque = lagging_torque + law_share * law_torque
+    motor_slope = law_share * law_slope
+    free_impulse = momentum + h * motor_torque + half_h * motor_slope * v
+    free_inertia = inertia + half_h * motor_slope
+    free_vel, free_bristle = velocity_after(free_impulse, free_inertia)
+    mean_law_torque = law_torque - 0.5 * law_slope * (free_vel - v)
 
-    # State after the step, and what the engine gets.
-    mean_vel = 0.5 * (v + after)
-    torque = gear + lead * (mean_vel - v) + damping * dq
-    mean_encoder_vel = encoder_vel + follows * (mean_vel - v)
+    # Velocity with the limits, at which the torque is constant in the step.
+    limited_torque = arithmetic.clip(mean_law_torque, p.torque_limit)
+    if "torque_speed" in terms:
+        limited_torque = within_voltage(p, limited_torque, v, arithmetic)
+    limited_impulse = momentum + h * (lagging_torque + law_share * limited_torque)
+    limited_vel, limited_bristle = velocity_after(limited_impulse, inertia)
+    if "torque_speed" in terms:
+        is_limited = abs(mean_law_torque - limited_torque) > 0.0
+    else:
+        is_limited = abs(mean_law_torque) > p.torque_limit
+    new_vel = where(is_limited, limited_vel, free_vel)
+
+    # State after the step, and torque and damping for the engine.
+    mean_vel = 0.5 * (v + new_vel)
+    torque = gear_torque + gear_slope * (mean_vel - v) + damping * dq
+    mean_encoder_vel = encoder_vel + encoder_slope * (mean_vel - v)
     moved = state._replace(
-        rotor_pos=r + h * after,
-        rotor_vel=after,
+        rotor_pos=r + h * new_vel,
+        rotor_vel=new_vel,
         filtered_vel=filtered + p.filter_gain * (mean_encoder_vel - filtered),
         joint_vel=dq,
         damping=damping,
@@ -318,11 +348,11 @@ def step(
         expected_change=expected,
     )
     if "current" in terms:
-        commanded = where(limited, bounded, control_law)
+        commanded = where(is_limited, limited_torque, mean_law_torque)
         current = state.current + p.current_gain * (commanded - state.current)
         moved = moved._replace(current=current)
     if "presliding" in terms:
-        moved = moved._replace(bristle=where(limited, bounded_bristle, bristle))
+        moved = moved._replace(bristle=where(is_limited, limited_bristle, free_bristle))
     if "output_damping" in terms:
         damping = damping + p.output_damping
     return moved, torque, damping

@@ -1,6 +1,6 @@
 """Grey boxes: compiled geared motors whose constants are decoded from a latent z.
 
-    log θ = center + zᵀ·slope,   within ±LOG_REACH of center
+    log θ = center + zᵀ·slope,   within ±MAX_LOG_FACTOR of center
 
 θ are the 14 PARAMETERS and the constants of the optional terms. Constants that may be negative
 (`optional_terms.SIGNED`) are linear in z.
@@ -25,8 +25,8 @@ from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
     BASE_STATE,
-    LOG_REACH,
     MAX_DELAY,
+    MAX_LOG_FACTOR,
     MotorState,
     StepConstants,
     decode,
@@ -49,8 +49,8 @@ from motorprior.exceptions import ConfigError
 
 # rows of the table
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
-_NAMES = ("delay", "encoder_zero", "half_backlash", "softened")
-_DELAY, _ZERO, _HALF_BACKLASH, SOFTENED = (StepConstants._fields.index(name) for name in _NAMES)
+_NAMES = ("delay", "encoder_zero", "half_backlash", "hidden_twist")
+_DELAY, _ZERO, _HALF_BACKLASH, HIDDEN_TWIST = (StepConstants._fields.index(name) for name in _NAMES)
 ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
 REFERENCE_ROW = MotorState._fields.index(REFERENCE)
 # rows of the memory: the state, the delayed target, the delay line
@@ -82,8 +82,10 @@ class GreyBox:
     slope: np.ndarray  # (Z, P)
     period: float  # sample period of the fitted logs, the largest physics step [s]
     terms: tuple[str, ...] = ()  # names in `optional_terms`, in that order
-    copula: Copula | None = None  # maps z ~ N(0, I) to the decoder's latents; None: z itself
-    # unit of logged gains (`MotorLog`) that kp and kd_over_kp are multiples of; "": absolute gains
+    # maps z ~ N(0, I) to the latents of the decoder; if it is None, these latents are z
+    copula: Copula | None = None
+    # unit of the logged gains (`MotorLog`), of which kp and kd_over_kp are multiples; "" if kp and
+    # kd_over_kp are absolute
     gain_unit: str = ""
 
     @property
@@ -100,12 +102,13 @@ class GreyBox:
     ) -> dict[str, np.ndarray]:
         """(n,) physical constants by name at these operating conditions.
 
-        By default the motors are cold and the other conditions nominal. With a ``gain_unit``, kp
-        and kd_over_kp are multiples of logged gains (`with_logged_gains`).
+        By default the motors are cold, at nominal supply voltage and temperature. With a
+        ``gain_unit``, kp and kd_over_kp are multiples of the logged gains (`with_logged_gains`).
         """
-        # not @, whose rounding depends on the number of motors
+        # einsum instead of @, whose rounding depends on the number of motors
         shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
-        return decode(self.center + np.clip(shift, -LOG_REACH, LOG_REACH), self.terms, conditions)
+        raw = self.center + np.clip(shift, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+        return decode(raw, self.terms, conditions)
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
@@ -134,7 +137,7 @@ class GreyBoxActuator:
     model: GreyBox  # shared by all motors
     z: np.ndarray  # (n, Z)
     conditions: OperatingConditions = HALF_WARM
-    # (2, n) kp and kd in the model's ``gain_unit``; if that is "", factors on gains
+    # (2, n) kp and kd in the model's ``gain_unit``; if the unit is "", factors on kp and kd
     gains: np.ndarray | None = None
     factors: Factors | None = None  # multiply the constants
 
@@ -168,7 +171,7 @@ class GreyBoxActuator:
         return replace(self, factors=factors)
 
     def constants(self) -> dict[str, np.ndarray]:
-        """(n,) constants by name, at these conditions, with gains and factors."""
+        """(n,) constants by name at the operating conditions, with the gains and factors."""
         if self.model.gain_unit and self.gains is None:
             problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
             raise ConfigError(problem, remedy="give their gains", argument="gains")
@@ -186,7 +189,7 @@ class GreyBoxActuator:
         return values
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:
-        """See `Actuator.arrays`; raises `ConfigError` if gains are missing, too."""
+        """See `Actuator.arrays`; also raises `ConfigError` if the gains are missing."""
         require_step(physics_dt, self.model.period)
         table = motor_table(self.constants(), physics_dt, self.model.terms)
         return empty_arrays(GREY_BOX, table, memory_rows(physics_dt), 1)
@@ -194,7 +197,7 @@ class GreyBoxActuator:
 
 @njit(cache=True, nogil=True)
 def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray) -> None:
-    """Static rotor at the angle of the joint, centred in the backlash."""
+    """Put static rotors at the angles of the joints, in the middle of the backlash."""
     memory = arrays.memory
     memory[:LINE, :] = 0.0
     memory[ROTOR_POS, :] = joint_pos
@@ -206,9 +209,9 @@ def reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nda
 def _update_targets(
     p: np.ndarray, memory: np.ndarray, now: int, position_target: np.ndarray
 ) -> None:
-    """Write delayed targets [rad], interpolated linearly.
+    """Write the delayed targets [rad], interpolated linearly.
 
-    They are means from half a step before to half a step after now.
+    A delayed target is the mean from half a step before now to half a step after now.
     """
     newest = write_line(memory, LINE, now, position_target)
     for motor in range(position_target.shape[0]):
@@ -220,8 +223,8 @@ def _emit_step(
 ) -> None:
     """Emit one physics step for ``width`` consecutive motors.
 
-    ``columns`` are (address of the first motor in the first row, bytes between rows) of table,
-    memory, joint_pos, joint_vel, torque and damping.
+    ``columns`` has a pair (address of the first motor in the first row, bytes between rows) for
+    each of table, memory, joint_pos, joint_vel, torque and damping.
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -321,26 +324,24 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
 
 @njit(cache=True, nogil=True)
 def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
-    """Write the encoder angles [rad]: the rotor's position plus encoder zero.
-
-    They do not contain the twist that only softening a gear for the step adds.
-    """
+    """Write the encoder angles [rad]: rotor position - `hidden_twist_of` + encoder zero."""
     for motor in range(out.shape[0]):
-        added = added_twist(arrays, motor, joint_pos[motor])
-        out[motor] = arrays.memory[ROTOR_POS, motor] - added + arrays.parameters[_ZERO, motor]
+        twist = hidden_twist_of(arrays, motor, joint_pos[motor])
+        out[motor] = arrays.memory[ROTOR_POS, motor] - twist + arrays.parameters[_ZERO, motor]
 
 
 @njit(cache=True, nogil=True)
-def added_twist(arrays: ActuatorArrays, motor: int, joint_pos: float) -> float:
-    """Twist [rad] of the gear that only its softening for the step adds."""
+def hidden_twist_of(arrays: ActuatorArrays, motor: int, joint_pos: float) -> float:
+    """Part [rad] of a gear's twist that only its softening for the step adds."""
     twist = arrays.memory[ROTOR_POS, motor] - joint_pos
-    half = arrays.parameters[_HALF_BACKLASH, motor]
-    return arrays.parameters[SOFTENED, motor] * (twist - min(max(twist, -half), half))
+    half_backlash = arrays.parameters[_HALF_BACKLASH, motor]
+    deflection = twist - min(max(twist, -half_backlash), half_backlash)
+    return arrays.parameters[HIDDEN_TWIST, motor] * deflection
 
 
 @njit(cache=True, nogil=True)
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
-    # the engine does not damp, so the rotors get no momentum from its damping in the next step
+    # the engine does not damp, so its damping adds no momentum to the rotors in the next step
     for motor in range(torque.shape[0]):
         torque[motor] -= arrays.damping[motor] * joint_vel[motor]
     arrays.damping[:] = 0.0
@@ -349,9 +350,10 @@ def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.nda
 
 def _limit_stiffness(arrays: ActuatorArrays, max_stiffness: float) -> None:
     stiffness = arrays.parameters[STIFFNESS]
-    softened = arrays.parameters[SOFTENED]
-    softened[:] = 1.0 - (1.0 - softened) * np.minimum(1.0, max_stiffness / stiffness)
-    np.minimum(stiffness, max_stiffness, out=stiffness)
+    hidden_twist = arrays.parameters[HIDDEN_TWIST]
+    stiffness_ratio = np.minimum(1.0, max_stiffness / stiffness)
+    arrays.parameters[HIDDEN_TWIST] = 1.0 - (1.0 - hidden_twist) * stiffness_ratio
+    arrays.parameters[STIFFNESS] = np.minimum(stiffness, max_stiffness)
 
 
 GREY_BOX = ActuatorKind(

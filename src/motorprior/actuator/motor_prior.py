@@ -17,6 +17,7 @@ from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import (
     COLUMNS,
     NUM_SAMPLES,
+    PER_LOGGED_GAIN,
     UNITS,
     Constants,
     named_constants,
@@ -25,7 +26,7 @@ from motorprior.actuator.constants import (
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.gains import checked_gains
-from motorprior.actuator.geared_motor_step import PER_LOGGED, parameters_of
+from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.artifacts import tensors_as_bytes, write_tensors
@@ -349,7 +350,7 @@ class MotorPrior(Printable):
         latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
         identified = {
-            name: self.metrics.identified.get(name.removesuffix(PER_LOGGED)) for name in values
+            name: self.metrics.identified.get(name.removesuffix(PER_LOGGED_GAIN)) for name in values
         }
         return Constants.of(values, UNITS, identified)
 

@@ -16,26 +16,27 @@ is the step. The terms act in this order:
                    I' = clip(I + h·kp·integral_rate·e, ±integral_limit)
     torque_speed   voltage limit: when driving,
                    |torque of the control law| <= stall_torque·(1 - v/no_load_speed)
-    current        torque of the control law reaches the rotor through a lag:
-                   τ' = τ + (1 - exp(-h/current_time))·(law - τ)
+    current        the motor torque τ follows the torque of the control law with a lag:
+                   τ' = τ + (1 - exp(-h/current_time))·(torque of the control law - τ)
     asymmetry      dry friction F → F·(1 + asymmetry·sign(v))
-    presliding     dry friction is the force σ·z of a bristle, at most F:
+    presliding     dry friction is the torque σ·z of a bristle with deflection z, at most F:
                    z' = z + h·v' until σ·|z| = F. A static rotor yields before it breaks away.
                    (Dahl, 1968; elasto-plastic limit of LuGre, Dupont et al., 2002)
     output_damping viscous damping of the joint, output_damping·dq, which the engine integrates
     heat           torques of the control law are scaled by (1 - heat_loss·warmth), with
-                   warmth = 1 - exp(-t/heat_time) at time t of the log, and 0.5 where the time is
-                   unknown
-    supply         torques of the control law are scaled by (1 + supply_share·(s - 1)), no-load
-                   speed and stall torque by s = supply voltage / nominal voltage. supply_share is 1
-                   if the control law commands the duty cycle of the bridge (most hobby servos), 0
-                   if it commands the current.
+                   warmth = 1 - exp(-t/heat_time) at time t of the log. The warmth is 0.5 if the
+                   time is unknown.
+    supply         with s = supply voltage / nominal voltage, torques of the control law are scaled
+                   by (1 + supply_share·(s - 1)), and no-load speed and stall torque by s.
+                   supply_share is 1 if the control law commands the duty cycle of the bridge (most
+                   hobby servos), and 0 if it commands the current.
     temperature    torques of the control law are scaled by
                    (1 - temperature_loss·(T - T_nominal)/50 K)
 
-Nominal values are the medians of the logs that a prior was trained on, and the default. A new term
-is an entry of TERMS: with ``law`` it changes the torque of the control law; others have a line in
-`geared_motor_step.step` or `at_conditions`.
+The nominal voltage and temperature are medians over the logs that a prior was trained on; they are
+the default. To add a term, add an entry to TERMS. A term with the function ``law`` changes the
+torque of the control law; any other term needs a line in `geared_motor_step.step` or
+`at_conditions`.
 """
 
 from collections.abc import Callable, Iterable
@@ -52,15 +53,17 @@ class TermConstant(NamedTuple):
     name: str
     unit: str
     initial: float  # value at the start of a search
-    negligible: float  # value at the start of a second search: almost no effect
-    # neutral value; None for a constant that changes other constants, not the step
+    # value with almost no effect; a second search starts from it
+    negligible: float
+    # value without any effect; None for a constant that changes other constants, not the step
     disabled: float | None = None
-    # value per unit of decoder output, if it may be negative; all others are exp(output)
+    # value per unit of decoder output of a constant that may be negative; 0 for other constants,
+    # which are exp(output)
     signed: float = 0.0
-    max: float = 0.0  # bound of the magnitude, 0: none
-    # a time constant X_time: steps have X_gain and mean_X_gain, see `step_constants`
+    max: float = 0.0  # bound of the magnitude; 0 if there is no bound
+    # whether this is a time constant X_time, for which `StepConstants` has X_gain and mean_X_gain
     is_lag: bool = False
-    # value if the log states that the term is off; small enough for float32
+    # value if the log states that the limit is switched off; it fits in float32
     unlimited: float = 0.0
 
     @property
@@ -75,11 +78,13 @@ class TermConstant(NamedTuple):
 class Term(NamedTuple):
     """An optional term.
 
-    A term without constants has a row of its own name in `StepConstants`: 1 if enabled, else 0.
+    A term without constants has a row of its own name in `StepConstants`, which is 1 if the term is
+    enabled, and 0 otherwise.
     """
 
     constants: tuple[TermConstant, ...] = ()
-    state: tuple[str, ...] = ()  # rows of `MotorState`; REFERENCE starts at the target, others at 0
+    # rows of `MotorState`; REFERENCE starts at the target, the other rows start at 0
+    state: tuple[str, ...] = ()
     is_usual: bool = False  # whether hobby servos usually have it
     # (constants, torque of the control law [N·m], rotor velocity [rad/s], arithmetic) -> changed
     # torque
@@ -149,12 +154,13 @@ STATE_ROWS = tuple(row for term in TERMS.values() for row in term.state)
 SIGNED = {"encoder_zero": 0.05} | {
     name: constant.signed for name, constant in CONSTANTS.items() if constant.signed
 }
-# constants that scale with torques of the control law, with the field of the magnets, and with the
-# voltage
-_OF_LAW = ("kp", "torque_limit", "integral_limit")
-_OF_MAGNETS = (*_OF_LAW, "stall_torque")
-_OF_VOLTAGE = ("stall_torque", "no_load_speed")
-TEMPERATURE_SCALE = 50.0  # temperature rise at which the loss is temperature_loss [K]
+# constants that scale with the torques of the control law
+_SCALED_BY_LAW = ("kp", "torque_limit", "integral_limit")
+# constants that scale with the field of the magnets
+_SCALED_BY_MAGNETS = (*_SCALED_BY_LAW, "stall_torque")
+# constants that scale with the supply voltage
+_SCALED_BY_VOLTAGE = ("stall_torque", "no_load_speed")
+TEMPERATURE_SCALE = 50.0  # temperature rise at which the torque loss is temperature_loss [K]
 
 
 class OperatingConditions(NamedTuple):
@@ -165,22 +171,24 @@ class OperatingConditions(NamedTuple):
     temperature_rise: Any = 0.0  # temperature above the nominal one [K]
 
 
-# nominal voltage and temperature; motor at the start of operation, and at an unknown time
+# Both have nominal voltage and temperature. COLD is the start of operation, HALF_WARM stands for an
+# unknown time of operation.
 COLD = OperatingConditions()
 HALF_WARM = OperatingConditions(warmth=0.5)
 
 
 def at_conditions(conditions: OperatingConditions, values: dict[str, Any]) -> dict[str, Any]:
-    """Constants by name at these conditions."""
+    """Constants by name at these operating conditions."""
     if "heat_loss" in values:
-        values = _scaled(1.0 - values["heat_loss"] * conditions.warmth, values, _OF_MAGNETS)
+        factor = 1.0 - values["heat_loss"] * conditions.warmth
+        values = _scaled(factor, values, _SCALED_BY_MAGNETS)
     if "supply_share" in values:
-        share = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
-        values = _scaled(np.maximum(share, 1.0 - MAX_SHARE), values, _OF_LAW)
-        values = _scaled(conditions.supply, values, _OF_VOLTAGE)
+        factor = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
+        values = _scaled(np.maximum(factor, 1.0 - MAX_SHARE), values, _SCALED_BY_LAW)
+        values = _scaled(conditions.supply, values, _SCALED_BY_VOLTAGE)
     if "temperature_loss" in values:
-        share = 1.0 - values["temperature_loss"] * conditions.temperature_rise / TEMPERATURE_SCALE
-        values = _scaled(np.maximum(share, 1.0 - MAX_SHARE), values, _OF_MAGNETS)
+        factor = 1.0 - values["temperature_loss"] * conditions.temperature_rise / TEMPERATURE_SCALE
+        values = _scaled(np.maximum(factor, 1.0 - MAX_SHARE), values, _SCALED_BY_MAGNETS)
     return values
 
 
@@ -208,9 +216,9 @@ def in_order(terms: Iterable[str]) -> tuple[str, ...]:
 def step_rows(
     terms: tuple[str, ...], values: dict[str, Any], h: float, zero: Any
 ) -> dict[str, Any]:
-    """Rows of `StepConstants` by name of all terms, for steps of ``h`` [s].
+    """Rows of all optional terms in `StepConstants`, by name, for steps of ``h`` [s].
 
-    The rows of terms that are not in ``terms`` have no effect.
+    The rows of terms that are not in ``terms`` have values without effect.
     """
     rows = {}
     for name, term in TERMS.items():
@@ -219,10 +227,10 @@ def step_rows(
         for constant in term.constants:
             value = values.get(constant.name, zero + (constant.disabled or 0.0))
             if constant.is_lag:
-                lags = h / value
+                step_over_lag = h / value
                 gain_row, mean_gain_row = constant.rows
-                rows[gain_row] = -np.expm1(-lags)
-                rows[mean_gain_row] = 1.0 + np.expm1(-lags) / lags
+                rows[gain_row] = -np.expm1(-step_over_lag)
+                rows[mean_gain_row] = 1.0 + np.expm1(-step_over_lag) / step_over_lag
             elif constant.rows:
                 rows[constant.name] = value
     return rows
@@ -235,22 +243,26 @@ def smaller(a: Any, b: Any, arithmetic: Any) -> Any:
 
 def profiled(p: Any, state: Any, target: Any, h: Any, arithmetic: Any) -> Any:
     """The state with the reference moved towards the target for one step."""
-    away = target - state.reference
-    distance = abs(away)
-    # change of speed in half a step: whole steps then end at the target
-    change = 0.5 * h * p.profile_acceleration
-    stopping = arithmetic.sqrt(change * change + 2.0 * p.profile_acceleration * distance) - change
-    speed = smaller(smaller(p.profile_speed, stopping, arithmetic), distance / h, arithmetic)
+    difference = target - state.reference
+    distance = abs(difference)
 
-    acceleration = arithmetic.with_sign_of(speed, away) - state.reference_vel
-    velocity = state.reference_vel + arithmetic.clip(acceleration, 2.0 * change)
+    # Speed from which whole steps can brake to the target; ``half_change`` is the change of speed
+    # in half a step.
+    half_change = 0.5 * h * p.profile_acceleration
+    square = half_change * half_change + 2.0 * p.profile_acceleration * distance
+    braking_speed = arithmetic.sqrt(square) - half_change
+    max_speed = smaller(p.profile_speed, braking_speed, arithmetic)
+    speed = smaller(max_speed, distance / h, arithmetic)
+
+    vel_change = arithmetic.with_sign_of(speed, difference) - state.reference_vel
+    velocity = state.reference_vel + arithmetic.clip(vel_change, 2.0 * half_change)
     return state._replace(reference=state.reference + h * velocity, reference_vel=velocity)
 
 
-def within_voltage(p: Any, law: Any, v: Any, arithmetic: Any) -> Any:
+def within_voltage(p: Any, law_torque: Any, v: Any, arithmetic: Any) -> Any:
     """Torque of the control law within the voltage limit at rotor velocity v."""
-    share = v / p.no_load_speed
-    upper = arithmetic.positive_part(p.stall_torque * (1.0 - share))
-    lower = arithmetic.positive_part(p.stall_torque * (1.0 + share))
-    law = smaller(law, upper, arithmetic)
-    return law + arithmetic.positive_part(-law - lower)
+    speed_ratio = v / p.no_load_speed
+    max_torque = arithmetic.positive_part(p.stall_torque * (1.0 - speed_ratio))
+    max_negative_torque = arithmetic.positive_part(p.stall_torque * (1.0 + speed_ratio))
+    torque = smaller(law_torque, max_torque, arithmetic)
+    return torque + arithmetic.positive_part(-torque - max_negative_torque)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR
 from motorprior.identification.search import NARROW, WIDE, Fit
 
 # candidates of each restart
@@ -17,7 +17,7 @@ FINEST = 0.01
 
 def reachable(candidates: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """(M, ..., K) candidates within the reach of a decoder, with 0 for ``fixed`` (K,) unknowns."""
-    return np.clip(np.where(fixed, 0.0, candidates), -LOG_REACH, LOG_REACH)
+    return np.clip(np.where(fixed, 0.0, candidates), -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
 
 
 def half_resampled(rng: np.random.Generator, samples: np.ndarray, best: Fit) -> np.ndarray:

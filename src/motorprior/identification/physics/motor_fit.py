@@ -1,19 +1,20 @@
 """Fit of motors to their logs: every motor alone, or together with a Gaussian over the motors.
 
-Unknowns are the logarithms of the constants (linear where they may be negative), relative to a
-central motor; one latent is one output.
+The unknowns are decoder outputs, one per constant, relative to a central motor: logarithms of
+positive constants, and multiples of the unit of signed constants.
 
 Each motor alone:
 
 1. Fit the simplest motor: a rigid gear with Coulomb and viscous friction, and a torque limit if it
    improves the fit. A descent that starts without a limit does not find one.
-2. Restart from this optimum with missing constants sampled around the initial motor, from the best
-   motor so far with a random half of its constants resampled, and from other motors' constants. A
-   motor never fits worse than a nested one.
+2. Restart from three kinds of candidates: from this optimum, with the constants that the simplest
+   motor lacks sampled around the initial motor; from the best motor so far, with a random half of
+   its constants resampled; and from other motors' constants. A motor never fits worse than its
+   simplest motor.
 3. Stop when the best optimum of each motor was found three times.
 
-Together: from these fits, `population_fit`. Both searches use short free runs; `refinement` takes
-the last steps.
+Motors together: `population_fit` continues from these fits. All searches use short free runs;
+`refinement` takes the last steps.
 """
 
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import constants_of
 from motorprior.identification.physics.descents import (
     CANDIDATES,
@@ -32,12 +33,12 @@ from motorprior.identification.physics.descents import (
     reachable,
 )
 from motorprior.identification.physics.motor_problem import (
-    WEAK,
+    WEAK_PRECISION,
     centred_search,
     fixed_constants,
     rigid_motor,
     scaled_center,
-    separate_prior,
+    single_motor_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.population_fit import (
@@ -50,12 +51,11 @@ from motorprior.identification.physics.refinement import without_unidentified_li
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import NARROW, Fit, GaussianPrior, Search
 
-# simplest motors: random searches, candidates of each, and standard deviation of the candidates
-RIGID_STARTS = 2
-RIGID_CANDIDATES = 256
-RIGID_RADIUS = 1.5
+RIGID_STARTS = 2  # random searches for the simplest motors
+RIGID_CANDIDATES = 256  # candidates of each of these searches
+RIGID_STD = 1.5  # standard deviation of these candidates
 RESTARTS = 48  # maximum number of restarts of a motor
-LEADERS = 6  # motors of a fleet that are searched fully; others also start from these
+LEADERS = 6  # motors of a fleet that are searched fully; the other motors also start from them
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
 _STREAM = 41
 _GEAR_STIFFNESS = PARAMETERS.index("gear_stiffness")
@@ -92,13 +92,13 @@ def fit_motors(
     Args:
         runs: free runs over the logs.
         terms: optional terms of the motors.
-        together: with a Gaussian over the motors, or each motor alone.
+        together: whether the motors are fitted with a Gaussian over the motors, or each alone.
         seed: of the candidates.
         report: called STAGES times.
-        subset: free runs over some of the rows, for all but the last descents; ``runs`` if not
+        subset: free runs over some of the rows, used by all descents but the last; ``runs`` if not
             given.
         nested: fit of simpler motors to start from; `fit_rigid_motors` if not given.
-        restarts: maximum number.
+        restarts: maximum number of restarts of a motor.
     """
     subset = subset or runs
     rng = np.random.default_rng([seed, _STREAM])
@@ -114,7 +114,7 @@ def fit_motors(
     # from here on with all rows
     if subset is not runs:
         search = centred_search(center, terms, runs)
-        prior = separate_prior(search, fit.x, fit.x, candidates.initial)
+        prior = single_motor_prior(search, fit.x, fit.x, candidates.initial)
         fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > MIN_OTHERS:
         fit = searched_near_others(search, rng, fit, fixed, runs.classes, restarts // 4)
@@ -123,11 +123,14 @@ def fit_motors(
     x = without_unidentified_limits(search, center, terms, runs, fit, fixed)
     x = np.where(fixed, 0.0, x)
 
-    # around a centre from which the decoder reaches every motor
-    middle = np.clip(np.median(x, axis=0), x.max(axis=0) - LOG_REACH, x.min(axis=0) + LOG_REACH)
-    center = center + middle
-    x = x - middle
-    return MotorFits(center, x, centred_search(center, terms, runs).losses(x), terms)
+    # move the centre to a point from which the decoder reaches every motor
+    min_shift = x.max(axis=0) - MAX_LOG_FACTOR
+    max_shift = x.min(axis=0) + MAX_LOG_FACTOR
+    shift = np.clip(np.median(x, axis=0), min_shift, max_shift)
+    center = center + shift
+    x = x - shift
+    losses = centred_search(center, terms, runs).losses(x)
+    return MotorFits(center, x, losses, terms)
 
 
 def fit_rigid_motors(
@@ -135,38 +138,39 @@ def fit_rigid_motors(
 ) -> MotorFits:
     """The simplest motors: the best of RIGID_STARTS random searches without a torque limit.
 
-    With ``limits``, as many searches have a torque limit. Other arguments as for `fit_motors`.
+    If ``limits``, there are also RIGID_STARTS searches with a torque limit. The other arguments are
+    as for `fit_motors`.
     """
     rng = np.random.default_rng([seed, _STREAM, 1])
     fixed = fixed_constants(terms, runs)
-    rigid, missing = rigid_motor(scaled_center(runs, terms), terms, runs)
+    rigid, is_simplified = rigid_motor(scaled_center(runs, terms), terms, runs)
     is_limit = np.array(parameters_of(terms)) == "torque_limit"
     search = centred_search(rigid, terms, runs)
 
     size = len(rigid)
-    weak = GaussianPrior(np.zeros(size), np.full(size, WEAK))
+    weak = GaussianPrior(np.zeros(size), np.full(size, WEAK_PRECISION))
     fit = search.at(np.zeros((runs.num_motors, size)), weak)
 
     # unknowns that the searches do not change: first without a torque limit, then with one
-    all_frozen = [fixed | missing]
+    all_frozen = [fixed | is_simplified]
     if limits:
-        all_frozen.append(fixed | (missing & ~is_limit))
+        all_frozen.append(fixed | (is_simplified & ~is_limit))
 
     shape = (runs.num_motors, RIGID_CANDIDATES, size)
     prior = weak
     for frozen in all_frozen:
         prior = weak.fixing(frozen)
         for _ in range(RIGID_STARTS):
-            candidates = RIGID_RADIUS * rng.standard_normal(shape) * ~frozen
-            # limits are anywhere below the one without effect
-            lowered = -LOG_REACH * rng.random((*shape[:2], 1))
+            candidates = RIGID_STD * rng.standard_normal(shape) * ~frozen
+            # the torque limit is anywhere below the limit without effect
+            lowered = -MAX_LOG_FACTOR * rng.random((*shape[:2], 1))
             candidates[:, :, is_limit] = lowered * ~frozen[is_limit]
             candidates[:, 0] = 0.0
-            start = search.best_of(np.clip(candidates, -LOG_REACH, LOG_REACH), prior)
+            start = search.best_of(np.clip(candidates, -MAX_LOG_FACTOR, MAX_LOG_FACTOR), prior)
             fit = fit.better(search.descend(start, prior, RIGID_STEPS[:1]))
 
     fit = search.descend(fit.x, prior, RIGID_STEPS[1:])
-    x = np.clip(fit.x, -LOG_REACH, LOG_REACH)
+    x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
     return MotorFits(rigid, x, fit.loss, terms, is_rigid=True)
 
 
@@ -175,9 +179,9 @@ class _Candidates:
     """Candidates (M, CANDIDATES, K) of the restarts, relative to the central motor."""
 
     rng: np.random.Generator
-    nested: np.ndarray  # (M, K) fits of motors without the missing constants
+    nested: np.ndarray  # (M, K) fits of simpler motors, without the missing constants
     initial: np.ndarray  # (K,) initial motor, with the missing constants
-    rigid: np.ndarray  # (K,) its rigid version, without them
+    rigid: np.ndarray  # (K,) rigid version of the initial motor, without the missing constants
     missing: np.ndarray  # (K,) mask of the constants that the nested motors lack
     fixed: np.ndarray  # (K,) mask of the constants that are not fitted
 
@@ -194,12 +198,12 @@ class _Candidates:
         return reachable(ways[restart % len(ways)](noise, best), self.fixed)
 
     def _nested_with_some(self, noise: np.ndarray, best: Fit) -> np.ndarray:
-        """The nested motor with a random half of the missing constants, among them a soft gear."""
+        """The nested motor with a random half of the missing constants and a soft gear."""
         near_nested = self.nested[:, None] + 0.2 * noise * ~self.missing
         sampled = self.missing & (self.rng.random(self.shape) < 0.5)
         candidates = np.where(sampled, self.initial + 1.5 * noise, near_nested)
 
-        # as much softer than the initial gear as that is softer than the rigid one
+        # the soft gear is to the initial gear as the initial gear is to the rigid gear
         gear = _GEAR_STIFFNESS
         if self.missing[gear]:
             soft = 2.0 * self.initial[gear] - self.rigid[gear]
@@ -207,7 +211,7 @@ class _Candidates:
         return candidates
 
     def _best_changed(self, noise: np.ndarray, best: Fit) -> np.ndarray:
-        """The best motor with a random half of its constants changed, and other motors."""
+        """The best motor with a random half of its constants changed, and the other motors."""
         changed = self.rng.random(self.shape) < 0.5
         candidates = np.where(changed, best.x[:, None] + 0.5 * noise, best.x[:, None])
         add_other_motors(self.rng, candidates, best.x)
@@ -243,18 +247,22 @@ def _starting_point(
 
     ``initial`` (K,) are decoder outputs of the initial motor; other arguments as for `fit_motors`.
     """
-    # constants that the nested motors lack: those of new terms, and of the gear if it is rigid
+    # The nested motors lack the constants of new terms and, if they are simplest motors, the other
+    # constants that `rigid_motor` simplifies.
     fixed = fixed_constants(terms, runs)
-    rigid, lacks = rigid_motor(initial, terms, runs)
+    rigid, is_simplified = rigid_motor(initial, terms, runs)
     names = parameters_of(terms)
     is_new = np.isin(names, constants_of(set(terms) - set(nested.terms)))
-    missing = lacks & (is_new | (nested.is_rigid & np.isin(names, PARAMETERS)))
+    is_lacked_by_rigid = nested.is_rigid & np.isin(names, PARAMETERS)
+    missing = is_simplified & (is_new | is_lacked_by_rigid)
 
-    # the central motor reaches rigid and initial values of missing constants, and all nested motors
+    # The central motor is halfway between the rigid and the initial values of missing constants,
+    # and in the middle of the nested motors for the other constants.
     start = with_more_terms(nested.outputs, nested.terms, terms, runs)  # (M, K)
-    middle = 0.5 * (start.min(axis=0) + start.max(axis=0))
-    center = np.where(missing, 0.5 * (rigid + initial), initial)
-    center = np.where(missing | fixed, center, middle)
+    middle_of_nested = 0.5 * (start.min(axis=0) + start.max(axis=0))
+    halfway = 0.5 * (rigid + initial)
+    center = np.where(missing, halfway, initial)
+    center = np.where(missing | fixed, center, middle_of_nested)
     candidates = _Candidates(
         rng=rng,
         nested=reachable(start - center, fixed),
@@ -274,23 +282,24 @@ def _fit_separately(
     initial = candidates.initial
     fixed = candidates.fixed
     mean = np.where(candidates.missing, candidates.rigid, 0.0)
-    prior = separate_prior(search, nested, mean, initial).fixing(fixed)
+    prior = single_motor_prior(search, nested, mean, initial).fixing(fixed)
 
     # start without and with the missing constants
     fit = search.descend(nested, prior, RIGID_STEPS[:1])
-    reachable_initial = np.clip(initial, -LOG_REACH, LOG_REACH)
+    reachable_initial = np.clip(initial, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
     complete = np.where(candidates.missing, reachable_initial, nested)
     fit = fit.better(search.descend(complete, prior, RIGID_STEPS[:1]))
 
-    # search some motors fully. The prior of filters is too strong at the loss of the simpler
-    # motors, so it is renewed after a quarter of the restarts
+    # Search some motors fully. The prior of the velocity filter depends on the loss. It is
+    # estimated again after a quarter of the restarts, since the loss of the simpler motors was
+    # larger.
     motors = len(fit.x)
     leaders = np.unique(np.linspace(0, motors - 1, min(LEADERS, motors)).astype(int))
     first_restarts = restarts // 4
     fit = search.until_found_again(
         fit, prior, candidates.draw, first_restarts, STEPS, report, leaders
     )
-    prior = separate_prior(search, fit.x, prior.mean, initial).fixing(fixed)
+    prior = single_motor_prior(search, fit.x, prior.mean, initial).fixing(fixed)
     fit = search.until_found_again(
         search.at(fit.x, prior),
         prior,
@@ -301,7 +310,7 @@ def _fit_separately(
         leaders,
     )
 
-    # others start from these as well
+    # the other motors also start from the motors that were searched fully
     followers = np.setdiff1d(search.all_problems, leaders)
     if len(followers):
         leader_x = fit.x[leaders]
@@ -313,5 +322,5 @@ def _fit_separately(
             fit, prior, draw_near_leaders, restarts // 3, STEPS, problems=followers
         )
 
-    prior = separate_prior(search, fit.x, prior.mean, initial).fixing(fixed)
+    prior = single_motor_prior(search, fit.x, prior.mean, initial).fixing(fixed)
     return search.descend(fit.x, prior, ((10, NARROW), (10, FINEST)))

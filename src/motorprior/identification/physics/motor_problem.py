@@ -4,11 +4,12 @@ The unknowns are decoder outputs, one per constant, relative to a central motor.
 
 A decoder reaches constants within a factor of 148 of its central motor, but kp of servos and
 quadrupeds spans 1 to 40 N·m/rad. Gains that are logged in N·m/rad set the scale of the initial
-motor. Without them, several scales of all torques, and of the gain alone, are tried on the logs,
-and the fit starts from the best if its loss is less than half the initial motor's.
+motor. Without such gains, motors with several scales of all torques, and of kp alone, are tried on
+the logs. The fit starts from the best of these motors if its loss is less than half the loss of the
+initial motor.
 
-Shapes: P outputs of a decoder, of which K = P are unknown; M motors; terms are names of optional
-dynamics terms.
+Shapes: a decoder has P outputs, a problem has K unknowns, and K = P. There are M motors. ``terms``
+are names of optional dynamics terms.
 """
 
 import itertools
@@ -18,7 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, MAX_DELAY, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import (
+    MAX_DELAY,
+    MAX_LOG_FACTOR,
+    PARAMETERS,
+    parameters_of,
+)
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
 from motorprior.identification.physics.window_runs import (
@@ -31,15 +37,16 @@ from motorprior.identification.presets import GEAR, Recipe
 from motorprior.identification.search import GaussianPrior, Search
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 
-# precision, per unit of the loss, of the prior that keeps unidentifiable constants at its mean
-WEAK = 1e-4
-# standard deviation of log(time constant) of velocity filters around the initial motor's: real ones
-# are short
+# precision of a weak prior, in the energy of `search`; it keeps unidentifiable constants at its
+# mean
+WEAK_PRECISION = 1e-4
+# standard deviation of log(time constant of the velocity filter) around the initial motor's value;
+# real filters are short
 FILTER_STD = 1.0
-# a limit so many times the largest request or speed in the log has no effect
-OFF = 4.0
-# factors on constants of the initial motor with which it is a rigid gear with Coulomb and viscous
-# friction
+# A limit has no effect if it is this factor times the largest requested torque or speed of the log.
+DISABLED_LIMIT_FACTOR = 4.0
+# factors on constants of the initial motor; they turn it into a motor with a rigid gear and with
+# Coulomb and viscous friction only
 RIGID = {
     "velocity_filter": 0.1,
     "stribeck_torque": 0.1,
@@ -78,11 +85,12 @@ TORQUES = (
 )
 # logarithms of the factors on torques, and on kp alone, that are tried on the logs
 _LOG_FACTORS = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
-# maximum standard deviation of the logarithm of kp in a class; motors of one make have 0.1
+# maximum standard deviation of log(kp) in a class of joints; it is 0.1 for motors of one make
 MAX_KP_STD = 0.7
 LIMITS = ("torque_limit", *SPEED_LIMITS, "profile_acceleration")
-# a constant is identifiable if half and double of it both raise the loss by more than this factor
-THRESHOLD = 1.02
+# A constant is identifiable if halving and doubling it both raise the loss by more than this
+# factor.
+MIN_LOSS_RATIO = 1.02
 
 
 class MotorProblem:
@@ -115,8 +123,8 @@ def centred_search(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns)
 def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     """(P,) decoder outputs of `initial_center`, or of a motor of another size.
 
-    The other size is used if its loss is less than half the initial motor's, and not if logged
-    gains set the size.
+    The motor of another size is used if its loss is less than half the loss of the initial motor.
+    If logged gains set the size, no other size is tried.
     """
     center = initial_center(terms, runs)
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
@@ -143,33 +151,41 @@ def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
 def rigid_motor(
     center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The simplest motor that is nested in motors with these ``terms``.
+    """The simplest motor, as a special case of motors with these ``terms``.
 
-    Limits and optional terms have no effect, and the gear is rigid with Coulomb and viscous
-    friction; other constants are as in ``center`` (K,).
+    Limits and optional terms have no effect. The gear is rigid, with Coulomb and viscous friction.
+    The other constants are as in ``center`` (K,).
 
     Returns:
-        Its decoder outputs (K,), and a mask (K,) of the constants that it lacks.
+        The decoder outputs (K,) of the simplest motor, and a mask (K,) of the fitted constants that
+        it simplifies.
     """
     names = parameters_of(terms)
-    max_torque = float(np.max(runs.max_request)) * np.exp(center[names.index("kp")]) or 1.0
-    without_effect = encoded(NEGLIGIBLE | {"torque_limit": OFF * max_torque}, terms)
+    kp = np.exp(center[names.index("kp")])
+    max_torque = float(np.max(runs.max_request)) * kp
+    if max_torque == 0.0:
+        max_torque = 1.0
+    without_effect = encoded(
+        NEGLIGIBLE | {"torque_limit": DISABLED_LIMIT_FACTOR * max_torque}, terms
+    )
 
     is_switched_off = np.isin(names, (*NEGLIGIBLE, "torque_limit"))
     outputs = np.where(is_switched_off, without_effect, center)
     outputs += np.array([np.log(RIGID.get(name, 1.0)) for name in names])
 
     fixed = fixed_constants(terms, runs)
-    missing = np.isin(names, (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")) & ~fixed
-    return np.where(fixed, center, outputs), missing
+    simplified_names = (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")
+    is_simplified = np.isin(names, simplified_names) & ~fixed
+    return np.where(fixed, center, outputs), is_simplified
 
 
 def with_more_terms(
     outputs: np.ndarray, old_terms: tuple[str, ...], terms: tuple[str, ...], runs: WindowRuns
 ) -> np.ndarray:
-    """(M, K) decoder outputs with ``terms`` of motors that have ``outputs`` with ``old_terms``.
+    """(M, K) decoder outputs with ``terms`` of motors with other optional terms.
 
-    Constants of new terms have no effect.
+    ``outputs`` are the motors' decoder outputs with ``old_terms``. The constants of new terms get
+    values with almost no effect.
     """
     neutral = encoded(NEGLIGIBLE | runs.recipe.logged_values, terms)
     extended = np.tile(neutral, (len(outputs), 1))
@@ -183,17 +199,18 @@ def with_more_terms(
 def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(M, K) lower bounds of candidates around a central motor (K,).
 
-    Limits of speed are above the logged speeds; other constants, and fixed ones, have -inf. A limit
-    far below the motor's own keeps a search in a poor optimum. An impact can drive a joint faster
-    than its motor for 0.1 s, so Gauss-Newton steps may go below the bound.
+    Limits of speed are bounded by the logged speeds: a candidate with a limit far below the motor's
+    own limit keeps a search in a poor optimum. Other constants, and fixed constants, have the bound
+    -inf. An impact can drive a joint faster than its motor for 0.1 s, so the true limit may be
+    below the bound. Gauss-Newton steps may therefore go below it.
     """
     motors = len(runs.sustained_speeds[SPEED_LIMITS[0]])
     lower = np.full((motors, len(center)), -np.inf)
     for column, name in enumerate(parameters_of(terms)):
         if name in SPEED_LIMITS:
             with np.errstate(divide="ignore"):
-                log_speeds = np.log(1.02 * runs.sustained_speeds[name])
-            lower[:, column] = np.minimum(log_speeds - center[column], LOG_REACH)
+                min_log_limit = np.log(1.02 * runs.sustained_speeds[name])
+            lower[:, column] = np.minimum(min_log_limit - center[column], MAX_LOG_FACTOR)
     lower[:, fixed_constants(terms, runs)] = -np.inf
     return lower
 
@@ -201,7 +218,7 @@ def lower_bounds(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -
 def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     """(K,) mask of the constants that are not fitted.
 
-    They are absent, logged, or hidden from the encoders.
+    The recipe leaves them out, the log states them, or the encoders do not see them.
     """
     fixed = {*runs.recipe.lacks, *runs.recipe.logged_values}
     if runs.at_rotor:
@@ -213,38 +230,46 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     return np.array([name in fixed for name in parameters_of(terms)])
 
 
-def separate_prior(
+def single_motor_prior(
     search: Search, x: np.ndarray, mean: np.ndarray, initial: np.ndarray
 ) -> GaussianPrior:
-    """Prior of single motors: WEAK about ``mean``, but informative for the velocity filter.
+    """Prior of motors that are fitted one by one.
 
-    The filter's mean is its value in ``initial`` (K,). Its standard deviation is FILTER_STD, at the
-    loss of motors with the unknowns x (M, K). A filter of 0.1 s would replay some logs of slow
-    motion slightly better, and no others.
+    The prior has WEAK_PRECISION about ``mean``, and is informative for the velocity filter only. A
+    filter of 0.1 s would replay some logs of slow motion slightly better, but not other logs. The
+    prior mean of the filter is its value in ``initial`` (K,), and its standard deviation is
+    FILTER_STD if a window with the loss at x (M, K) counts as one observation.
     """
     is_filter = np.arange(mean.shape[-1]) == PARAMETERS.index("velocity_filter")
-    precision = search.losses(x)[:, None] / search.problem.observations / FILTER_STD**2
-    return GaussianPrior(np.where(is_filter, initial, mean), np.where(is_filter, precision, WEAK))
+    loss_per_window = search.losses(x)[:, None] / search.problem.observations
+    filter_precision = loss_per_window / FILTER_STD**2
+    return GaussianPrior(
+        mean=np.where(is_filter, initial, mean),
+        precision=np.where(is_filter, filter_precision, WEAK_PRECISION),
+    )
 
 
 def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np.ndarray:
     """(P,) decoder outputs of the initial motor, adapted to the logs ``runs`` if they are given.
 
-    The logs then give its limits of speed, gains and firmware. Where gains are logged in N·m/rad,
-    every torque of the initial motor is scaled to a motor with such gains.
+    Limits of speed, gains and firmware are then from the logs. If the gains are logged in N·m/rad,
+    all torques of the initial motor are scaled to a motor with such gains.
     """
     if runs is None:
         return encoded(INITIAL_MOTOR, terms)
 
     constants = dict(INITIAL_MOTOR)
     for name in runs.recipe.lacks:
-        constants[name] = INITIAL_MOTOR[name] * RIGID[name] if name in GEAR else 1e-9
+        is_gear = name in GEAR
+        constants[name] = INITIAL_MOTOR[name] * RIGID[name] if is_gear else 1e-9
 
+    # Limits of speed start a little above the logged speeds: the fit raises a limit that is too
+    # low, but a limit that is too high has no effect.
     if runs.max_speed:
-        # a little above the logged speeds: a limit that is too low rises in the fit, one that is
-        # too high has no effect
         profile_speed = 1.1 * float(np.median(runs.sustained_speeds["profile_speed"]))
-        constants["profile_speed"] = profile_speed or runs.max_speed
+        if profile_speed == 0.0:
+            profile_speed = runs.max_speed
+        constants["profile_speed"] = profile_speed
         constants["no_load_speed"] = 1.3 * runs.max_speed
 
     constants |= runs.recipe.logged_values
@@ -254,23 +279,27 @@ def initial_center(terms: tuple[str, ...], runs: WindowRuns | None = None) -> np
 
 
 def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[str, float]:
-    """Constants relative to the logged gains, which replace constants of the initial motor.
+    """Constants that replace constants of the initial motor if the gains are logged.
 
-    Gains in N·m/rad also give the size of the motor, and so its torques.
+    kp and kd_over_kp become multiples of the logged gains. Gains in N·m/rad also give the size of
+    the motor, and thereby its torques.
     """
     kp = float(np.median(runs.gains[0]))
-    kd_over_kp = float(np.median(runs.gains[1] / runs.gains[0])) or 1.0
+    kd_over_kp = float(np.median(runs.gains[1] / runs.gains[0]))
+    if kd_over_kp == 0.0:
+        kd_over_kp = 1.0
     if runs.recipe.gain_unit != PHYSICAL_GAINS:
         return {"kp": constants["kp"] / kp, "kd_over_kp": constants["kd_over_kp"] / kd_over_kp}
 
     size = kp / INITIAL_MOTOR["kp"]
     scaled = {name: size * constants[name] for name in TORQUES if name in constants}
 
-    # the geometric mean of the scaled limit and of one that the motor does not reach, since the
-    # logs may saturate
+    # Torque limit: geometric mean of the limit of a motor of this size, and of a limit above all
+    # requested torques. The logs may saturate, so neither is certain.
+    limit_of_size = scaled["torque_limit"]
     max_torque = float(np.median(runs.max_request))
-    limit = scaled["torque_limit"]
-    scaled["torque_limit"] = float(np.sqrt(limit * max(limit, 2.0 * max_torque)))
+    high_limit = max(limit_of_size, 2.0 * max_torque)
+    scaled["torque_limit"] = float(np.sqrt(limit_of_size * high_limit))
 
     scaled["kp"] = 1.0
     if logs_kd(runs):
@@ -279,15 +308,15 @@ def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[st
 
 
 def logs_kd(runs: WindowRuns) -> bool:
-    """Whether the logs have kd: where they do not, it is set to kp (`windows`)."""
+    """Whether the logs have kd. If they do not, `windows` sets kd to kp."""
     return bool(np.any(runs.gains[1] != runs.gains[0]))
 
 
 def encoded(values: Mapping[str, Any], terms: tuple[str, ...]) -> np.ndarray:
     """(P,) or (P, n) decoder outputs of motors with these constants.
 
-    Positive constants are logarithms, signed ones multiples of their unit; the output of a constant
-    that is not given is 0.
+    The output of a positive constant is its logarithm. The output of a signed constant is a
+    multiple of its unit. The output of a constant that is not given is 0.
     """
     outputs = []
     for name in parameters_of(terms):
@@ -308,10 +337,11 @@ def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
 
     The unknowns x (M, K) are logarithms of constants, relative to the central motor (K,).
     """
-    near = np.abs(x) > 0.99 * LOG_REACH
+    is_near = np.abs(x) > 0.99 * MAX_LOG_FACTOR
     delay = PARAMETERS.index("delay")
-    near[:, delay] |= x[:, delay] + center[delay] > np.log(0.99 * MAX_DELAY)
-    return near
+    log_delay = x[:, delay] + center[delay]
+    is_near[:, delay] |= log_delay > np.log(0.99 * MAX_DELAY)
+    return is_near
 
 
 def identifiable_constants(
@@ -324,49 +354,53 @@ def identifiable_constants(
     ratios = _loss_ratios(model, runs, z, [(name,) for name in names])
     identifiable = set()
     for (name,), ratio in ratios.items():
-        if np.median(ratio, axis=1).min() > THRESHOLD:
+        median_ratios = np.median(ratio, axis=1)  # of half and double the constant
+        if median_ratios.min() > MIN_LOSS_RATIO:
             identifiable.add(name)
     return frozenset(identifiable)
 
 
 def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
-    """Fitted LIMITS -> mask (M,) of the motors whose own logs do not identify them.
+    """The fitted LIMITS, each with a mask (M,) of the motors whose logs do not identify it.
 
-    ``runs`` are the logs of the motors and ``z`` (M, Z) their latents. Limits that all motors
-    identify are left out.
+    ``runs`` are the logs of the motors and ``z`` (M, Z) their latents. A limit that the logs of all
+    motors identify is left out.
     """
     names = parameters_of(model.terms)
     fixed = fixed_constants(model.terms, runs)
     fitted = [(name,) for name in LIMITS if name in names and not fixed[names.index(name)]]
 
-    hidden = {}
+    unidentified = {}
     for (name,), ratio in _loss_ratios(model, runs, z, fitted).items():
-        is_hidden = ratio.min(axis=0) <= THRESHOLD
-        if is_hidden.any():
-            hidden[name] = is_hidden
-    return hidden
+        is_unidentified = ratio.min(axis=0) <= MIN_LOSS_RATIO
+        if is_unidentified.any():
+            unidentified[name] = is_unidentified
+    return unidentified
 
 
 def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
     """(M,) whether a motor's log does not identify the scale of its torques.
 
-    False if gains are logged in N·m/rad. True for a class of joints whose motors' kp differ by more
-    than MAX_KP_STD: their loads are wrong, or too small. Arguments as for `unidentifiable_limits`.
+    The scale is known if the gains are logged in N·m/rad. It counts as unknown for all motors of a
+    class of joints if the standard deviation of log(kp) in the class exceeds MAX_KP_STD: the loads
+    are then wrong, or too small. The arguments are as for `unidentifiable_limits`.
     """
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
 
-    is_hidden = _loss_ratios(model, runs, z, [TORQUES])[TORQUES].min(axis=0) <= THRESHOLD
+    ratios = _loss_ratios(model, runs, z, [TORQUES])[TORQUES]
+    is_unidentified = ratios.min(axis=0) <= MIN_LOSS_RATIO
+
     log_kp = z[:, PARAMETERS.index("kp")]
-    same_class = runs.classes[:, None] == runs.classes
-    differs = np.array([log_kp[row].std() > MAX_KP_STD for row in same_class])
-    return is_hidden | differs
+    is_same_class = runs.classes[:, None] == runs.classes  # (M, M)
+    kp_std = np.array([log_kp[in_class].std() for in_class in is_same_class])
+    return is_unidentified | (kp_std > MAX_KP_STD)
 
 
 def _loss_ratios(
     model: GreyBox, runs: WindowRuns, z: np.ndarray, groups: Iterable[tuple[str, ...]]
 ) -> dict[tuple[str, ...], np.ndarray]:
-    """(2, M) losses with half and with double of each group of constants, over the fit's losses."""
+    """Losses (2, M) with half and with double each group of constants, relative to the fit's."""
     fitted = motor_search(model, runs).losses(z)
     ratios = {}
     for names in groups:

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import NEGLIGIBLE
 from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
 from motorprior.identification.physics.motor_problem import (
-    OFF,
-    WEAK,
+    DISABLED_LIMIT_FACTOR,
+    WEAK_PRECISION,
     fixed_constants,
     initial_center,
     motor_search,
-    separate_prior,
+    single_motor_prior,
 )
 from motorprior.identification.physics.population_fit import population_prior, posterior_variance
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
@@ -40,7 +40,7 @@ MIN_LIMIT_SAVING = 0.02  # share of the loss that a limit must save, otherwise i
 # tried in this way: that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
 # less than `near_bounds`, which marks constants that the search could not reach
-_WITHIN = 0.98 * LOG_REACH
+_WITHIN = 0.98 * MAX_LOG_FACTOR
 # `longer_runs`
 LONGER_WINDOW = 200  # [steps]
 MIN_LONGER_WINDOWS = 10
@@ -60,23 +60,23 @@ def without_unidentified_limits(
     """(M, K) unknowns of the fit, with limits off where they save less than MIN_LIMIT_SAVING.
 
     With limits that the logs do not identify, the motor could saturate in other motions. A limit
-    that is off is OFF times the largest request or speed; a limit of acceleration that is off has
-    its value in `NEGLIGIBLE`.
+    that is off is DISABLED_LIMIT_FACTOR times the largest request or speed; a limit of acceleration
+    that is off has its value in `NEGLIGIBLE`.
     """
-    x = np.clip(fit.x, -LOG_REACH, LOG_REACH)
+    x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
     names = parameters_of(terms)
 
     kp = names.index("kp")
     requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request  # (M,) [N·m]
-    off_values = {"torque_limit": OFF * requested_torque.max()}
+    off_values = {"torque_limit": DISABLED_LIMIT_FACTOR * requested_torque.max()}
     for name in SPEED_LIMITS:
-        off_values[name] = OFF * runs.max_speed
+        off_values[name] = DISABLED_LIMIT_FACTOR * runs.max_speed
     off_values["profile_acceleration"] = NEGLIGIBLE["profile_acceleration"]
 
     for name, value in off_values.items():
         if name in names and value:
             column = names.index(name)
-            off = np.clip(np.log(value) - center[column], x[:, column], LOG_REACH)
+            off = np.clip(np.log(value) - center[column], x[:, column], MAX_LOG_FACTOR)
             x = _set_where_cheap(
                 search,
                 x,
@@ -144,7 +144,7 @@ def _set_where_cheap(
     for column, value in values.items():
         start[:, column] = value
         frozen[column] = True
-    precision = np.broadcast_to(np.where(frozen, FIXED, WEAK), x.shape)
+    precision = np.broadcast_to(np.where(frozen, FIXED, WEAK_PRECISION), x.shape)
     prior = GaussianPrior(start, precision)
     changed = search.descend(start, prior, steps)
 
@@ -182,14 +182,14 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
     The runs are longer than the runs of the search.
 
     The prior is the Gaussian over the motors, estimated at x, if they are fitted ``together``;
-    otherwise `separate_prior` around x.
+    otherwise `single_motor_prior` around x.
     """
     search = motor_search(model, runs)
     terms = model.terms
     fixed = fixed_constants(terms, runs)
     initial = initial_center(terms, runs) - model.center
 
-    prior = separate_prior(search, x, x, initial).fixing(fixed)
+    prior = single_motor_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:
         fit = search.at(x, prior)
         certain = population_prior(fit, runs.windows, 0.0, runs.classes).fixing(fixed)
@@ -199,4 +199,4 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
     # fixed constants stay at x, not at 0
     prior = replace(prior, mean=np.where(fixed, x, prior.mean))
     descended = search.descend(x, prior, REFINEMENT).x
-    return np.where(fixed, x, np.clip(descended, -LOG_REACH, LOG_REACH))
+    return np.where(fixed, x, np.clip(descended, -MAX_LOG_FACTOR, MAX_LOG_FACTOR))

@@ -28,7 +28,7 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import LOG_REACH, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
 from motorprior.identification.checkpoint import Checkpoint, unsaved
 from motorprior.identification.physics.descents import STEPS, reachable
@@ -40,7 +40,7 @@ from motorprior.identification.physics.motor_problem import (
     initial_center,
     motor_search,
     rigid_motor,
-    separate_prior,
+    single_motor_prior,
     with_more_terms,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -367,8 +367,8 @@ class _TermFits:
             candidates[:, 0] = best.x
             return reachable(candidates, fixed)
 
-        x = np.clip(outputs - center, -LOG_REACH, LOG_REACH)
-        prior = separate_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
+        x = np.clip(outputs - center, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+        prior = single_motor_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
 
         def fit_outputs() -> np.ndarray:
             fit = search.at(x, prior)
@@ -376,7 +376,7 @@ class _TermFits:
                 fit = search.at(search.best_of(draw(0, fit), prior), prior)
             fit = search.descend(fit.x, prior, steps)
             fit = search.until_found_again(fit, prior, draw, restarts, steps)
-            return center + np.where(fixed, 0.0, np.clip(fit.x, -LOG_REACH, LOG_REACH))
+            return center + np.where(fixed, 0.0, np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR))
 
         return self._evaluated(terms, fit_outputs)
 

@@ -25,7 +25,13 @@ import numpy as np
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor_step import StepConstants
-from motorprior.actuator.grey_box import ROTOR_POS, ROTOR_VEL, GreyBox, GreyBoxActuator, added_twist
+from motorprior.actuator.grey_box import (
+    ROTOR_POS,
+    ROTOR_VEL,
+    GreyBox,
+    GreyBoxActuator,
+    hidden_twist_of,
+)
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator, without_refcounts
 from motorprior.actuator.optional_terms import OperatingConditions
@@ -135,7 +141,7 @@ def _free_runs(
 
             # the observer follows the recording, at the encoder's side of the gear
             if at_rotor:
-                rotor = next_pos + added_twist(observer, lane, obs_q[lane])
+                rotor = next_pos + hidden_twist_of(observer, lane, obs_q[lane])
                 observer.memory[ROTOR_POS, lane] = rotor
                 observer.memory[ROTOR_VEL, lane] = next_vel
             else:
@@ -150,7 +156,7 @@ def _free_runs(
             encoder_pos = q[lane]
             encoder_vel = dq[lane]
             if at_rotor:
-                encoder_pos = free.memory[ROTOR_POS, lane] - added_twist(free, lane, q[lane])
+                encoder_pos = free.memory[ROTOR_POS, lane] - hidden_twist_of(free, lane, q[lane])
                 encoder_vel = free.memory[ROTOR_VEL, lane]
             out[lane, index, 0, within] = (encoder_pos - reading) / SCALES[0]
 
