@@ -13,7 +13,7 @@ registers.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numba import types
@@ -187,7 +187,7 @@ class NetworkActuator:
         """(n,) zero [N·m·s/rad]: the network's torque includes it."""
         return np.zeros(self.num_motors)
 
-    def with_factors(self, factors: Factors) -> "NetworkActuator":
+    def with_factors(self, factors: Factors) -> Self:
         """See `Actuator.with_factors`; a network has no constants to scale."""
         require_unchanged(LATENT, factors, *Factors._fields)
         return self
