@@ -10,7 +10,10 @@ from motorprior.actuator.kernels import reset_actuator, step_actuator
 def torques(
     actuator: Actuator, inputs: np.ndarray, dt: float = 0.002, arrays: ActuatorArrays | None = None
 ):
-    """(steps, n) torques [N·m] for targets, positions and velocities (3, steps, n), from rest at the first of them."""
+    """(steps, n) torques [N·m] for (3, steps, n) targets, positions and velocities.
+
+    The motors start at rest at the first target and position.
+    """
     arrays = actuator.arrays(dt) if arrays is None else arrays
     out = np.zeros(inputs.shape[1:])
     reset_actuator(arrays, inputs[0, 0].copy(), inputs[1, 0].copy())

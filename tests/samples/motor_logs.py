@@ -1,4 +1,4 @@
-"""Motor logs in memory, tables of them, and what the log doctor finds."""
+"""Motor logs in memory, tables of them, and findings of the log doctor."""
 
 from pathlib import Path
 from typing import Any
@@ -12,21 +12,28 @@ from motorprior.robots.robot import Robot
 TABLE_MAP = (
     'motor = "servo"\ntime = "t"\nposition_target = "goal_{joint}"\njoint_pos = "pos_{joint}"\n'
 )
-"""Of the tables of `write_table`, without joints."""
+"""Column map of the tables of `write_table`, without joints."""
 
 
 def log_of(
     time: np.ndarray, target: np.ndarray, pos: np.ndarray | None = None, /, **fields: Any
 ) -> MotorLog:
-    """Joints a, b, … with (N,) or (N, J) targets and angles, which are the targets if not given; or other fields."""
-    columns = [
-        np.reshape(each, (len(time), -1)) for each in (target, target if pos is None else pos)
-    ]
-    names = tuple("abcdef"[: columns[0].shape[1]])
-    known = {"joint_names": names, "robot": "r", "motor": "m", "source": "made"}
-    return MotorLog(
-        **(known | {"time": time, "position_target": columns[0], "joint_pos": columns[1]} | fields)
-    )
+    """Log of joints a, b, … with (N,) or (N, J) targets and angles.
+
+    Without angles, the joints are at their targets. ``fields`` are further fields of `MotorLog`.
+    """
+    targets = np.reshape(target, (len(time), -1))
+    angles = np.reshape(target if pos is None else pos, (len(time), -1))
+    made = {
+        "joint_names": tuple("abcdef"[: targets.shape[1]]),
+        "robot": "r",
+        "motor": "m",
+        "source": "made",
+        "time": time,
+        "position_target": targets,
+        "joint_pos": angles,
+    }
+    return MotorLog(**(made | fields))
 
 
 def joints_of(robot: Robot) -> dict[str, Any]:
@@ -35,7 +42,10 @@ def joints_of(robot: Robot) -> dict[str, Any]:
 
 
 def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
-    """A joint that swings a known load: a sine at 500 Hz, its target 10 mrad ahead, and what the log states besides."""
+    """Log at 500 Hz of a joint that swings a known load in a sine, its target 10 mrad ahead.
+
+    ``stated`` are further fields of `MotorLog`.
+    """
     time = 0.002 * np.arange(rows)
     angle = np.sin(9.0 * time)[:, None]
     load = {"load_inertia": np.full_like(angle, 0.01), "external_torque": 0.0 * angle}
@@ -43,7 +53,7 @@ def swinging_load(rows: int = 400, /, **stated: Any) -> MotorLog:
 
 
 def write_table(log: MotorLog, path: Path, second: float = 1.0, radian: float = 1.0) -> Path:
-    """A CSV of time, targets and angles, with these numbers for a second and a radian."""
+    """Path of a CSV of time, targets and angles; ``second`` and ``radian`` are its units."""
     names = [f"{what}_{joint}" for what in ("goal", "pos") for joint in log.joint_names]
     rows = np.column_stack(
         [second * log.time, radian * log.position_target, radian * log.joint_pos]

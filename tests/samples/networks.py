@@ -11,7 +11,7 @@ from motorprior.actuator.latent import LatentNetwork
 def network(
     neurons: int = 8, latents: int = 3, taps: tuple[int, ...] = (0, 2, 5), **changes: Any
 ) -> LatentNetwork:
-    """Softsign layers of ``neurons``; ``changes`` are fields of `LatentNetwork`."""
+    """Network with softsign layers of ``neurons``; ``changes`` are fields of `LatentNetwork`."""
     rng = np.random.default_rng(0)
     inputs = 2 * len(taps)
     shapes = {

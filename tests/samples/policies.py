@@ -1,4 +1,4 @@
-"""Policies that nobody trained."""
+"""Policies without training."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,7 +18,7 @@ ACTIONS = action_size(ROBOT.num_joints)
 def random_policy(
     scale: float, seed: int, mean: float = 0.0, std: float = 1.0, units: int = 0
 ) -> PolicyArrays:
-    """Normal weights of this standard deviation; those of hidden units have 1."""
+    """Policy with normal weights of standard deviation ``scale``; into hidden units, of 1."""
     rng = np.random.default_rng(seed)
     weights = scale * rng.standard_normal((ACTIONS, OBSERVATIONS + 1))
     hidden = rng.standard_normal((units, OBSERVATIONS + 1))
@@ -35,6 +35,7 @@ def stats_of(observations: np.ndarray) -> RunningStats:
 
 
 def as_file_content(arrays: PolicyArrays, **changes: Any) -> Policy:
-    """The policy, for motors with the gains that the wire sends."""
-    kp, kd = (np.array([getattr(joint, name) for joint in ROBOT.joints]) for name in ("kp", "kd"))
+    """The policy with the gains of the robot's joints; ``changes`` are fields of `Policy`."""
+    kp = np.array([joint.kp for joint in ROBOT.joints])
+    kd = np.array([joint.kd for joint in ROBOT.joints])
     return replace(Policy.of(ROBOT, arrays, kp, kd), **changes)

@@ -17,7 +17,7 @@ LEAD_IN = 500
 def record_log(
     actuator: Actuator, suspended: bool = True, seed: int = 0, speed: float = 1.0
 ) -> MotorLog:
-    """Sines of hips and knees, read by encoders."""
+    """Log of sines of hips and knees, read by encoders; ``speed`` scales the frequencies."""
     world = World(ROBOT, 0.001, suspended, COMMAND_PERIOD)
     rng = np.random.default_rng(seed)
     time = COMMAND_PERIOD * np.arange(STEPS)
@@ -26,10 +26,17 @@ def record_log(
         for joint in leg.joints[1:]:
             frequency = speed * rng.uniform(0.8, 2.5)
             phase = rng.uniform(0.0, 2.0 * np.pi)
-            targets[:, joint] += 0.25 * (
-                np.sin(2.0 * np.pi * frequency * time + phase) - np.sin(phase)
-            )
+            wave = np.sin(2.0 * np.pi * frequency * time + phase)
+            targets[:, joint] += 0.25 * (wave - np.sin(phase))
+
     lead_in = np.tile(ROBOT.nominal_pose, (LEAD_IN, 1))
     played = replay(world, actuator, targets, ROBOT.nominal_pose, lead_in)
-    known = {"base_orientation": np.zeros((STEPS, 2)), "encoder": ROBOT.encoder}
-    return checked(log_of(time, targets, played.measured_joint_pos, **known, **joints_of(ROBOT)))
+    log = log_of(
+        time,
+        targets,
+        played.measured_joint_pos,
+        base_orientation=np.zeros((STEPS, 2)),
+        encoder=ROBOT.encoder,
+        **joints_of(ROBOT),
+    )
+    return checked(log)

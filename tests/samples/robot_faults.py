@@ -12,7 +12,10 @@ from simulated_port import SimulatedPort
 
 
 class FaultyPort(SimulatedPort):
-    """A simulated robot with faults; ``events`` are (time [s], IDLE or "command"), one per command that was sent."""
+    """A simulated robot with faults.
+
+    ``events`` are (time [s], IDLE or "command"), one per command that was sent.
+    """
 
     def __init__(
         self,
@@ -31,9 +34,12 @@ class FaultyPort(SimulatedPort):
         super().__init__(robot, 0, suspended=suspended, period=period, corrupt=corrupt)
         self.firmware = Firmware(robot, FaultyBody(self.body, self), period, currents)
 
-    def inject(self, kind: str, joint: int = 0) -> None:
-        """Inject a fault, see `FaultyBody`; or telemetry_stops, telemetry_late, restart (its clock)."""
-        self.faults[kind] = self.now, joint
+    def inject(self, fault: str, joint: int = 0) -> None:
+        """Inject a fault of `FaultyBody`, or of the line: telemetry_stops, telemetry_late, restart.
+
+        At a restart, the clock of the robot begins at 0.
+        """
+        self.faults[fault] = self.now, joint
 
     def pause_host(self, seconds: float) -> None:
         """Pause the host before its next command."""
@@ -52,18 +58,24 @@ class FaultyPort(SimulatedPort):
         messages = super().wait(until)
         if "telemetry_stops" in self.faults and self.now >= self.faults["telemetry_stops"][0]:
             return []
+
         if "restart" in self.faults:
             ahead = 1e3 * self.faults["restart"][0]
-            messages = [
-                (at, replace(m, ts=m.ts - ahead) if isinstance(m, Telemetry) else m)
-                for at, m in messages
-            ]
+            messages = [(at, earlier(message, ahead)) for at, message in messages]
+
         if "telemetry_late" in self.faults:  # later and later: buffers fill up
             delay = 0.5 * (self.now - self.faults["telemetry_late"][0])
             self._late += [(at + delay, message) for at, message in messages]
             messages = [(self.now, message) for at, message in self._late if at <= self.now]
             self._late = [(at, message) for at, message in self._late if at > self.now]
         return messages
+
+
+def earlier(message: Telemetry | str, milliseconds: float) -> Telemetry | str:
+    """The message with an earlier time stamp; lines of text have none."""
+    if isinstance(message, Telemetry):
+        return replace(message, ts=message.ts - milliseconds)
+    return message
 
 
 class FaultyBody:
@@ -78,12 +90,15 @@ class FaultyBody:
         target = command.target.copy()
         kp = command.kp.copy()
         kd = command.kd.copy()
-        for kind, (_, joint) in self._port.faults.items():
-            if kind == "dead":
-                kp[joint] = kd[joint] = 0.0
-            elif kind == "stalled":
-                target[joint] = self._frozen.setdefault(kind, float(self._body.sense().pos[joint]))
+        for fault, (_, joint) in self._port.faults.items():
+            if fault == "dead":
+                kp[joint] = 0.0
+                kd[joint] = 0.0
+            elif fault == "stalled":
+                held_pos = float(self._body.sense().pos[joint])
+                target[joint] = self._frozen.setdefault(fault, held_pos)
                 kp[joint] *= 10.0
+
         self._body.advance(milliseconds, MotorCommand(target, kp, kd, command.max_current))
 
     def sense(self) -> SensorReadings:
@@ -93,21 +108,21 @@ class FaultyBody:
         current = sensors.current
         attitude = sensors.attitude
         changes: dict[str, np.ndarray] = {}
-        for kind, (_, joint) in self._port.faults.items():
-            if kind == "frozen":
-                pos[joint] = self._frozen.setdefault(kind, float(pos[joint]))
+
+        for fault, (_, joint) in self._port.faults.items():
+            if fault == "frozen":
+                pos[joint] = self._frozen.setdefault(fault, float(pos[joint]))
                 vel[joint] = 0.0
-            elif kind == "jumping":
+            elif fault == "jumping":
                 pos[joint] += 0.8 * (1 if round(100.0 * self._port.now) % 2 else -1)
-            elif kind == "hot_current":
-                current[joint] = 9.5
-            elif kind == "surge":
+            elif fault == "hot_current":
+                current[joint] = 9.5  # [A]
+            elif fault == "surge":
                 current[joint] = 1.2 * MAX_CURRENT
-            elif kind == "tilted":
-                attitude[0] = 1.0
-            elif kind in ("imu_repeats", "imu_zeros"):
-                changes = {
-                    "attitude": np.full(3, 0.01 if kind == "imu_repeats" else 0.0),
-                    "rates": np.zeros(3),
-                }
+            elif fault == "tilted":
+                attitude[0] = 1.0  # [rad]
+            elif fault in ("imu_repeats", "imu_zeros"):
+                repeated = 0.01 if fault == "imu_repeats" else 0.0
+                changes = {"attitude": np.full(3, repeated), "rates": np.zeros(3)}
+
         return replace(sensors, **changes)

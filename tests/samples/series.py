@@ -6,7 +6,10 @@ from motorprior.identification.windows import CHANNELS, KD, KP, POS, READING, SU
 
 
 def complete(series: np.ndarray) -> np.ndarray:
-    """With zeros for the channels (...) that are not given, gains of 1 and the usual voltage."""
+    """The series with all channels: gains and supply factor of 1, zeros in the others.
+
+    The reading of the encoder is the position.
+    """
     missing = CHANNELS - series.shape[-1]
     whole = np.pad(series, [(0, 0)] * (series.ndim - 1) + [(0, missing)])
     whole[..., [KP, KD, SUPPLY]] = 1.0

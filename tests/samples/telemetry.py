@@ -4,10 +4,10 @@ import numpy as np
 
 from motorprior.hardware.protocol import Telemetry
 
+SCALARS = ("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate")
+
 
 def telemetry(**values) -> Telemetry:
-    """Zeros, but for ``values``."""
-    zeros = dict.fromkeys(
-        ("ts", "yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), 0.0
-    )
-    return Telemetry(**{**zeros, "pos": np.zeros(12), "vel": np.zeros(12), **values})
+    """Telemetry with ``values``; the other fields are zero."""
+    still = dict.fromkeys(SCALARS, 0.0) | {"pos": np.zeros(12), "vel": np.zeros(12)}
+    return Telemetry(**(still | values))

@@ -37,17 +37,19 @@ def csv_columns(num_joints: int) -> tuple[str, ...]:
 
 
 def write_bam(folder: Path, **changes: Any) -> Path:
-    entries = [
-        {
-            "timestamp": t,
-            "goal_position": g,
-            "position": q,
+    """Path of a recording of the pendulum of BAM; ``changes`` are keys of the file."""
+    entries = []
+    for row in range(ROWS):
+        entry = {
+            "timestamp": float(TIME[row]),
+            "goal_position": float(TARGET[row, 0]),
+            "position": float(ANGLE[row, 0]),
             "speed": 0.0,
             "torque_enable": True,
             "load": 65535,
         }
-        for t, g, q in zip(TIME.tolist(), TARGET[:, 0].tolist(), ANGLE[:, 0].tolist(), strict=True)
-    ]
+        entries.append(entry)
+
     whole = {
         "mass": 0.5,
         "length": 0.1,
@@ -62,32 +64,38 @@ def write_bam(folder: Path, **changes: Any) -> Path:
 
 
 def write_sage(folder: Path, control_late: float = 0.0) -> Path:
+    """Path of a recording of SAGE whose commands have time stamps that are late [s]."""
     path = folder / "motion"
     path.mkdir(exist_ok=True)
     (path / "joint_list.txt").write_text("\n".join(JOINTS) + "\n")
+
     controls = [
         f'CONTROL,{1e6 * (t + control_late)},"{g}"'
         for t, g in zip(TIME, TARGET.tolist(), strict=True)
     ]
+    (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
+
     zeros = [0.0] * len(JOINTS)
     states = [
         f'STATE_MOTOR,{1e6 * t},"{q}","{zeros}","{zeros}"'
         for t, q in zip(TIME, ANGLE.tolist(), strict=True)
     ]
-    (path / "control.csv").write_text("\n".join(["type,timestamp,positions", *controls]) + "\n")
     header = "type,timestamp,positions,velocities,torques"
     (path / "state_motor.csv").write_text("\n".join([header, *states]) + "\n")
     return path
 
 
 def write_lerobot(folder: Path) -> Path:
+    """Path of a LeRobot dataset with two episodes, in degrees."""
     path = folder / "dataset"
     (path / "meta").mkdir(parents=True, exist_ok=True)
     (path / "data" / "chunk-000").mkdir(parents=True, exist_ok=True)
+
     feature = {"dtype": "float32", "shape": [2], "names": [f"{joint}.pos" for joint in JOINTS]}
     features = {"action": feature, "observation.state": feature}
     info = {"codebase_version": "v3.0", "robot_type": "arm", "fps": 50.0, "features": features}
     (path / "meta" / "info.json").write_text(json.dumps(info))
+
     half = ROWS // 2
     table = {
         "action": list(np.rad2deg(TARGET).astype(np.float32)),
@@ -102,14 +110,20 @@ def write_lerobot(folder: Path) -> Path:
 
 
 def write_csv(folder: Path, suffix: str = "csv") -> Path:
+    """Path of a table, with its column map beside it."""
     (folder / "columns.toml").write_text(TENSOR_MAP.replace("[{joint}]", "_{joint}"))
     series = {"des_dof_pos": TARGET, "dof_pos": ANGLE}
-    columns = {
-        f"{name}_{k}": values[:, k] for name, values in series.items() for k in range(len(JOINTS))
-    }
-    table = pa.table({"time": TIME, **columns})
+    columns = {"time": TIME}
+    for name, values in series.items():
+        for joint in range(len(JOINTS)):
+            columns[f"{name}_{joint}"] = values[:, joint]
+    table = pa.table(columns)
+
     path = folder / f"log.{suffix}"
-    (pq.write_table if suffix == "parquet" else pa_csv.write_csv)(table, path)
+    if suffix == "parquet":
+        pq.write_table(table, path)
+    else:
+        pa_csv.write_csv(table, path)
     return path
 
 
@@ -118,10 +132,10 @@ def write_parquet(folder: Path) -> Path:
 
 
 class Storage:
-    """Becomes a reference of torch.save to the numbers of a storage."""
+    """Pickles as the reference by which torch.save names the numbers of a storage."""
 
-    def __init__(self, kind: str, key: str, count: int):
-        self.reference = ("storage", Name("torch", kind), key, "cpu", count)
+    def __init__(self, type_name: str, key: str, count: int):
+        self.reference = ("storage", Name("torch", type_name), key, "cpu", count)
 
 
 class Name:
@@ -144,7 +158,8 @@ class Tensor:
         self.call = (storage, offset, size, stride, False, {})
 
 
-_PICKLER: Any = getattr(pickle, "_Pickler")  # noqa: B009  # the one written in Python can write any global
+# Only the pickler written in Python can write any global.
+_PICKLER: Any = getattr(pickle, "_Pickler")  # noqa: B009
 
 
 class TensorPickler(_PICKLER):
@@ -165,6 +180,7 @@ class TensorPickler(_PICKLER):
 
 
 def write_tensors(path: Path, content: dict[str, Any], storages: dict[str, bytes]) -> Path:
+    """Path of a file of torch.save with these contents and numbers of storages."""
     stream = io.BytesIO()
     TensorPickler(stream, 2).dump(content)
     with zipfile.ZipFile(path, "w") as archive:
@@ -176,15 +192,16 @@ def write_tensors(path: Path, content: dict[str, Any], storages: dict[str, bytes
 
 
 def write_pt(folder: Path) -> Path:
+    """Path of a file of tensors, with its column map beside it."""
     arrays = {"time": TIME, "des_dof_pos": TARGET, "dof_pos": np.asfortranarray(ANGLE)}
     content = {}
     storages = {}
     for index, (name, array) in enumerate(arrays.items()):
         raw = array.astype("<f4").tobytes(order="A")
         stride = tuple(step // array.itemsize for step in array.strides)
-        content[name] = Tensor(
-            Storage("FloatStorage", str(index), array.size), 0, array.shape, stride
-        )
+        storage = Storage("FloatStorage", str(index), array.size)
+        content[name] = Tensor(storage, 0, array.shape, stride)
         storages[str(index)] = raw
+
     (folder / "columns.toml").write_text(TENSOR_MAP)
     return write_tensors(folder / "log.pt", content, storages)

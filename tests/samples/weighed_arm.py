@@ -1,4 +1,4 @@
-"""An arm on a fixed base whose motors give way under its weight, recorded in slow motion as a user would."""
+"""An arm on a fixed base whose motors give way under its weight, recorded in slow motion."""
 
 from pathlib import Path
 
@@ -10,10 +10,16 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.load import load_robot
 
 JOINTS = ("shoulder", "elbow")
+
 KP = 20.0
+"""Stiffness of the motors [N·m/rad]."""
+
 FRICTION = 0.01
+"""Error of position by dry friction [rad]."""
+
 LAG = 0.03
-"""[N·m/rad], and errors of position by friction [rad] and per speed [s]."""
+"""Error of position per speed [s]."""
+
 DESCRIPTION = """
 name = "arm"
 motor = "servo"
@@ -32,14 +38,14 @@ MODEL = """<mujoco><worldbody><body><inertial pos="0 0 0" mass="1" diaginertia="
 
 
 def write_arm(folder: Path) -> str:
-    """The robot's description, with its model beside it."""
+    """Path of the robot's description, with its model beside it."""
     (folder / "arm.toml").write_text(DESCRIPTION, "utf-8")
     (folder / "arm.xml").write_text(MODEL, "utf-8")
     return str(folder / "arm.toml")
 
 
 def slow_motion(robot: str) -> MotorLog:
-    """20 s at 100 Hz, both joints up to 0.3 rad/s."""
+    """Log of 20 s at 100 Hz, both joints up to 0.3 rad/s."""
     time = 0.01 * np.arange(2000)
     rate = 2.0 * np.pi * np.array([0.05, 0.07])
     phase = np.array([0.0, 1.0])
@@ -48,15 +54,19 @@ def slow_motion(robot: str) -> MotorLog:
     log = log_of(time, angle, angle.copy(), joint_names=JOINTS, robot="arm", motor="servo")
     gravity = gravity_torque(log, load_robot(robot))
     assert gravity is not None
-    log.position_target[:] = angle - gravity(angle) / KP + FRICTION * np.sign(speed) + LAG * speed
+
+    sag = gravity(angle) / KP
+    log.position_target[:] = angle - sag + FRICTION * np.sign(speed) + LAG * speed
     return log
 
 
 def arm_table(log: MotorLog, folder: Path, turned: str = "") -> tuple[Path, str]:
-    """A table in rad, and its column map, in which the sign of a joint may be turned."""
+    """Paths of a table in rad and of its column map, in which the sign of a joint may be turned."""
     columns = folder / "columns.toml"
-    signs = "".join(
-        f"[joints.{joint}]\nsign = {-1 if joint == turned else 1}\n" for joint in JOINTS
-    )
+    signs = ""
+    for joint in JOINTS:
+        sign = -1 if joint == turned else 1
+        signs += f"[joints.{joint}]\nsign = {sign}\n"
+
     columns.write_text(f'robot = "arm"\n{TABLE_MAP}{signs}', "utf-8")
     return write_table(log, folder / "arm.csv"), str(columns)
