@@ -1,4 +1,4 @@
-"""Augmented Random Search: the update by hand, convergence, reproducibility, statistics and resume."""
+"""Augmented Random Search: update by hand, convergence, resumption and running statistics."""
 
 import numpy as np
 import pytest
@@ -16,50 +16,53 @@ def quadratic(parameters):
 
 def iterate(search, score=quadratic):
     """One iteration with two made-up observations per candidate."""
-    tried = [search.candidate(*each) for each in search.ask()]
-    returns = np.array([score(parameters) for parameters in tried]).reshape(-1, 2)
-    search.tell(
-        returns, [stats_of(np.stack([parameters[:2], parameters[2:4]])) for parameters in tried]
-    )
+    candidates = [search.candidate(*task) for task in search.ask()]
+    returns = np.array([score(parameters) for parameters in candidates]).reshape(-1, 2)
+    observations = [np.stack([parameters[:2], parameters[2:4]]) for parameters in candidates]
+    search.tell(returns, [stats_of(values) for values in observations])
 
 
-def test_update_by_hand():
-    search = Ars(
-        ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5), 2, 1
-    )
+def test_an_update_is_the_step_by_hand():
+    config = ArsConfig(num_directions=3, num_top_directions=2, step_size=0.1, delta_std=0.5)
+    search = Ars(config, 2, 1)
     d = [search.direction(k) for k in range(3)]
-    # max(r+, r-) is 4, 1, 3: directions 0 and 2 are on top. Their returns 4, 2, 1, 3 have mean 2.5
-    # and σ² = (2.25 + 0.25 + 2.25 + 0.25) / 4 = 1.25. Δ = 0.1 / (2 · √1.25) · ((4 - 2) δ0 + (1 - 3)
-    # δ2).
+
     search.tell(np.array([[4.0, 2.0], [1.0, 0.0], [1.0, 3.0]]), [])
-    np.testing.assert_allclose(
-        search.parameters, 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2])
-    )
+
+    # max(r+, r-) is 4, 1, 3: directions 0 and 2 are on top. Their returns 4, 2, 1, 3 have mean 2.5
+    # and σ² = (2.25 + 0.25 + 2.25 + 0.25) / 4 = 1.25.
+    # Δ = 0.1 / (2 · √1.25) · ((4 - 2) δ0 + (1 - 3) δ2)
+    step = 0.1 / (2.0 * np.sqrt(1.25)) * (2.0 * d[0] - 2.0 * d[2])
+    np.testing.assert_allclose(search.parameters, step)
     assert search.iteration == 1
 
 
-def test_climbs_a_quadratic_to_its_top_also_when_resumed():
+def test_a_search_climbs_a_quadratic_to_its_top_also_when_resumed():
     config = ArsConfig(step_size=0.05, delta_std=0.05, seed=1)
     through = Ars(config, 5, 2)
     resumed = Ars(config, 5, 2)
-    for iteration in range(300):
+
+    for _ in range(290):
         iterate(through)
-        if iteration == 289:
-            resumed.restore(through.state())
-        elif iteration > 289:
-            iterate(resumed)
+    resumed.restore(through.state())
+    for _ in range(10):
+        iterate(through)
+        iterate(resumed)
+
     np.testing.assert_allclose(through.parameters, TARGET, atol=0.1)
-    for one, other in zip(resumed.state().values(), through.state().values(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for name, array in through.state().items():
+        np.testing.assert_array_equal(resumed.state()[name], array)
 
 
 def test_merged_statistics_equal_numpy_over_everything():
     rng = np.random.default_rng(0)
-    parts = [rng.normal(50.0, 3.0, (n, 4)) for n in (7, 0, 1, 120)]
+    samples = [rng.normal(50.0, 3.0, (n, 4)) for n in (7, 0, 1, 120)]
+
     merged = RunningStats.empty(4)
-    for part in parts:
-        merged = merged.merge(stats_of(part))
-    everything = np.concatenate(parts)
+    for sample in samples:
+        merged = merged.merge(stats_of(sample))
+
+    everything = np.concatenate(samples)
     assert merged.count == 128
     np.testing.assert_allclose(merged.mean, everything.mean(axis=0), rtol=1e-13)
     np.testing.assert_allclose(merged.m2 / merged.count, everything.var(axis=0), rtol=1e-11)
@@ -67,7 +70,6 @@ def test_merged_statistics_equal_numpy_over_everything():
 
 
 def test_a_return_that_is_not_finite_is_an_error():
+    search = Ars(ArsConfig(num_directions=2, num_top_directions=1), 5, 2)
     with pytest.raises(SimulationFault):
-        Ars(ArsConfig(num_directions=2, num_top_directions=1), 5, 2).tell(
-            np.array([[0.0, 1.0], [2.0, np.nan]]), []
-        )
+        search.tell(np.array([[0.0, 1.0], [2.0, np.nan]]), [])

@@ -1,5 +1,6 @@
-"""Parameters stand for a policy and back; the search keeps the best policy of its evaluations."""
+"""Parameters of policies, their mirror symmetry, and the best policy of a search."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -39,19 +40,24 @@ def seen() -> RunningStats:
 def test_a_search_that_starts_from_a_policy_begins_with_that_very_policy(units, symmetric, seen):
     shape = shape_of(units, symmetric)
     arrays = shape.policy(0.2 * np.random.default_rng(1).standard_normal(shape.size), seen)
-    again = PolicySearch(ArsConfig(), shape, arrays).policy(0, 0)
-    for one, other in zip(arrays, again, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+
+    first = PolicySearch(ArsConfig(), shape, arrays).policy(0, 0)
+
+    for array, array_of_search in zip(arrays, first, strict=True):
+        np.testing.assert_allclose(array, array_of_search, rtol=1e-9, atol=1e-12)
 
 
-def test_a_symmetric_search_sees_what_it_would_have_seen_in_a_mirror(seen):
+def test_statistics_of_a_symmetric_search_include_the_mirrored_observations(seen):
     swap = mirror_of(PUPPER_V2).inputs[:-1, :-1]
     observations = np.random.default_rng(3).normal(0.4, 1.0, (30, OBSERVATIONS))
     together = stats_of(np.concatenate([observations, observations @ swap]))
+
     merged = shape_of().symmetric_stats(stats_of(observations))
+
     np.testing.assert_allclose(merged.mean, together.mean, atol=1e-13)
     np.testing.assert_allclose(merged.std(), together.std(), rtol=1e-12)
-    assert merged.count == 60 and shape_of(symmetric=False).symmetric_stats(seen) is seen
+    assert merged.count == 60
+    assert shape_of(symmetric=False).symmetric_stats(seen) is seen
 
 
 class Constant(ThreadExecutor):
@@ -66,10 +72,8 @@ class Constant(ThreadExecutor):
         self.walked.append(shared.policy(*tasks[0][:2]))
         self.tasks.append(list(tasks))
         nothing = np.zeros(OBSERVATIONS)
-        return [
-            Episode(self.total, 1, 0.0, np.zeros(2), 0, nothing, nothing, nothing, nothing)
-            for _ in tasks
-        ]
+        episode = Episode(self.total, 1, 0.0, np.zeros(2), 0, nothing, nothing, nothing, nothing)
+        return [episode for _ in tasks]
 
     def close(self) -> None:
         pass
@@ -78,35 +82,42 @@ class Constant(ThreadExecutor):
 def test_the_averaged_policy_replaces_the_best_only_if_it_is_better():
     search = PolicySearch(ArsConfig(), shape_of())
     evaluator = Constant(1.0)
-    search.ars.parameters, search.ars.average = np.full((2, search.shape.size), [[0.5], [0.1]])
+    search.ars.parameters = np.full(search.shape.size, 0.5)
+    search.ars.average = np.full(search.shape.size, 0.1)
     search.evaluate(evaluator)
     averaged = search.shape.policy(search.ars.average, search.ars.observations)
     np.testing.assert_allclose(evaluator.walked[0].weights, averaged.weights)
-    assert search.best_return == 1.0 and search.best_iteration == 0
+    assert search.best_return == 1.0
+    assert search.best_iteration == 0
+
     search.ars.average = np.full(search.shape.size, 0.2)
     best = search.best
     search.evaluate(evaluator)
     assert search.best is best, "as good is not better"
+
     evaluator.total = 1.1
     search.evaluate(evaluator)
-    assert search.best is not best and search.best_return == 1.1
+    assert search.best is not best
+    assert search.best_return == 1.1
 
 
 def test_both_signs_of_a_direction_meet_the_same_motors_and_no_two_directions_do():
     walker = Constant(1.0)
     search = PolicySearch(ArsConfig(num_directions=5, num_top_directions=5), shape_of())
+
     for _ in range(3):
         search.advance(walker)
-    pairs: dict[tuple[int, int], list[tuple[int, int]]] = {}
+
+    signs: dict[tuple[int, int], set[int]] = {}
+    seeds: dict[tuple[int, int], set[int]] = {}
     for iteration, tasks in enumerate(walker.tasks):
         for direction, sign, seed in tasks:
-            pairs.setdefault((iteration, direction), []).append((sign, seed))
-    assert len(pairs) == 15
-    assert all(
-        {sign for sign, _ in met} == {-1, 1} and len({seed for _, seed in met}) == 1
-        for met in pairs.values()
-    )
-    assert len({met[0][1] for met in pairs.values()}) == 15
+            signs.setdefault((iteration, direction), set()).add(sign)
+            seeds.setdefault((iteration, direction), set()).add(seed)
+    assert len(signs) == 15  # 3 iterations of 5 directions
+    assert all(signs_of_direction == {-1, 1} for signs_of_direction in signs.values())
+    assert all(len(seeds_of_direction) == 1 for seeds_of_direction in seeds.values())
+    assert len(set.union(*seeds.values())) == 15
 
 
 @pytest.mark.parametrize(("patience", "ends"), [(1, 20), (3, 40), (None, 45)])
@@ -114,13 +125,18 @@ def test_a_training_ends_when_its_return_has_not_increased_often_enough(patience
     search = PolicySearch(ArsConfig(), shape_of())
     candidates = Constant(5.0)
     evaluator = Constant(1.0)
+
     search.train(candidates, 45, evaluator, patience)
-    assert search.best_iteration == 0 and search.ars.iteration == ends
-    assert len(evaluator.walked) == 1 + -(-ends // 10) and len(candidates.walked) == ends
+
+    assert search.best_iteration == 0
+    assert search.ars.iteration == ends
+    assert len(candidates.walked) == ends
+    # at the start, after every 10 iterations, and at the end
+    assert len(evaluator.walked) == 1 + math.ceil(ends / 10)
 
 
 class Rising(Constant):
-    """Walks with returns that rise for 30 iterations."""
+    """An executor whose returns rise for 30 iterations."""
 
     def map(self, function: Any, shared: Any, tasks: Sequence[Any]) -> list[Any]:
         self.total = min(len(self.walked), 30.0)
@@ -147,52 +163,57 @@ def rng() -> np.random.Generator:
     ("forward", "yaw_rate"), [(0.3, 0.4), (-0.2, 0.4), (0.0, 0.6), (-0.03, 0.6)]
 )
 def test_a_mirrored_robot_observes_the_mirrored_observation(forward: float, yaw_rate: float, rng):
-    """Both gaits run from the same phase, the mirrored one half a cycle later."""
+    """Both gaits begin in the same pose; the phase of the mirrored one is half a cycle later."""
     inputs, actions = mirror_of(PUPPER_V2)
     walker = walker_arrays(PUPPER_V2)._replace(levelling_gain=0.2)
-    one = new_gait(walker)
-    other = new_gait(walker)
-    other.scalars[0] = 0.5
+    gait = new_gait(walker)
+    mirrored_gait = new_gait(walker)
+    mirrored_gait.scalars[0] = 0.5
 
-    def seen(state, quat, rates, joints, yaw_rate):
+    def observed(gait_of_robot, quat, rates, joints, yaw_rate):
         nothing = np.zeros(3)
-        at = RobotState(
-            nothing, quat, nothing, rates, joints + PUPPER_V2.nominal_pose, np.zeros((4, 3)), 0.0
-        )
-        observe(walker, at, state.observation)
-        follow_command(walker, state, forward, yaw_rate)
-        return state.observation
+        pose = joints + PUPPER_V2.nominal_pose
+        state = RobotState(nothing, quat, nothing, rates, pose, np.zeros((4, 3)), 0.0)
+        observe(walker, state, gait_of_robot.observation)
+        follow_command(walker, gait_of_robot, forward, yaw_rate)
+        return gait_of_robot.observation
 
     for _ in range(60):
-        w, x, y, z = np.array([1.0, 0.0, 0.0, 0.0]) + rng.uniform(0.1, 0.2, 4)
+        quat = np.array([1.0, 0.0, 0.0, 0.0]) + rng.uniform(0.1, 0.2, 4)
+        quat /= np.linalg.norm(quat)
         rates = rng.standard_normal(3)
         joints = rng.standard_normal(12)
-        length = np.sqrt(w * w + x * x + y * y + z * z)
-        straight = seen(one, np.array([w, x, y, z]) / length, rates, joints, yaw_rate)
-        turned = rates * [-1.0, 1.0, -1.0], ABDUCTIONS * joints[RIGHT_TO_LEFT]
-        reflected = seen(other, np.array([w, -x, y, -z]) / length, *turned, -yaw_rate)
-        np.testing.assert_allclose(inputs[:-1, :-1] @ straight, reflected, atol=1e-12)
+        observation = observed(gait, quat, rates, joints, yaw_rate)
+
+        mirrored_observation = observed(
+            mirrored_gait,
+            quat * [1.0, -1.0, 1.0, -1.0],
+            rates * [-1.0, 1.0, -1.0],
+            ABDUCTIONS * joints[RIGHT_TO_LEFT],
+            -yaw_rate,
+        )
+        reflection = inputs[:-1, :-1] @ observation
+        np.testing.assert_allclose(reflection, mirrored_observation, atol=1e-12)
+
         action = rng.uniform(-1.0, 1.0, ACTIONS)
-        command_step(walker, one, action)
-        command_step(walker, other, actions @ action)
-        np.testing.assert_allclose(ABDUCTIONS * one.target[RIGHT_TO_LEFT], other.target, atol=1e-12)
+        command_step(walker, gait, action)
+        command_step(walker, mirrored_gait, actions @ action)
+        mirrored_target = ABDUCTIONS * gait.target[RIGHT_TO_LEFT]
+        np.testing.assert_allclose(mirrored_target, mirrored_gait.target, atol=1e-12)
 
 
 @pytest.mark.parametrize("units", [0, 5])
 def test_a_symmetric_policy_answers_the_mirrored_observation_with_the_mirrored_action(units, rng):
     shape = PolicyShape.of(PUPPER_V2, 2 * units, symmetric=True)
     seen = stats_of(rng.normal(0.3, 1.0, (40, OBSERVATIONS)))
-    policy, (inputs, actions) = (
-        shape.policy(0.15 * rng.standard_normal(shape.size), seen),
-        mirror_of(PUPPER_V2),
-    )
+    policy = shape.policy(0.15 * rng.standard_normal(shape.size), seen)
     assert len(policy.hidden) == 2 * units
-    one = np.zeros(ACTIONS)
-    other = np.zeros(ACTIONS)
-    clipped = 0
+    inputs, actions = mirror_of(PUPPER_V2)
+    action = np.zeros(ACTIONS)
+    mirrored_action = np.zeros(ACTIONS)
+
     for observation in rng.normal(0.0, 1.0, (50, OBSERVATIONS)):
-        act(policy, observation, one)
-        act(policy, inputs[:-1, :-1] @ observation, other)
-        np.testing.assert_allclose(other, actions @ one, atol=1e-12)
-        clipped += int(np.all(np.abs(one) == 1.0))
-    assert clipped == 0, "a policy at its limits answers nothing"
+        act(policy, observation, action)
+        act(policy, inputs[:-1, :-1] @ observation, mirrored_action)
+        np.testing.assert_allclose(mirrored_action, actions @ action, atol=1e-12)
+        assert not np.all(np.abs(action) == 1.0), "a policy at its limits shows nothing"

@@ -1,4 +1,4 @@
-"""Feet in stance move with the ground, feet in swing return smoothly, and a robot commanded to stand stands."""
+"""Feet in stance move with the ground and carry the weight; feet in swing return smoothly."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -47,18 +47,21 @@ def targets(
 
 @pytest.fixture(scope="module")
 def feet():
-    """From (steps, joints) angles to (steps, legs, 3) centres of the feet in the body's frame [m], by MuJoCo."""
+    """Function from (steps, joints) angles to (steps, legs, 3) feet in the body's frame [m].
+
+    It uses the kinematics of MuJoCo.
+    """
     model = build_model(PUPPER_V2, suspended=True)
     data = mujoco.MjData(model)
     geoms = [model.geom(leg.foot).id for leg in PUPPER_V2.legs]
 
     def places(angles: np.ndarray) -> np.ndarray:
-        found = []
+        feet_of_steps = []
         for row in angles:
             data.qpos[:] = row
             mujoco.mj_kinematics(model, data)
-            found.append(data.geom_xpos[geoms] - data.xpos[1])
-        return np.array(found)
+            feet_of_steps.append(data.geom_xpos[geoms] - data.xpos[1])
+        return np.array(feet_of_steps)
 
     return places
 
@@ -70,49 +73,63 @@ def stance_of(leg: int, ratio: float) -> np.ndarray:
 
 
 def velocities(feet, leg: int, phases: np.ndarray, **command) -> np.ndarray:
-    """(phases, 3) of one foot relative to the body [m/s], by central differences over 2 µs."""
+    """(phases, 3) velocities of a foot relative to the body [m/s].
+
+    They are central differences over 2 µs.
+    """
     step = 1e-6 * FREQUENCY
-    now, later = (np.array([targets(p + s, **command) for p in phases]) for s in (-step, step))
-    return (feet(later)[:, leg] - feet(now)[:, leg]) / 2e-6
+    earlier = np.array([targets(phase - step, **command) for phase in phases])
+    later = np.array([targets(phase + step, **command) for phase in phases])
+    return (feet(later)[:, leg] - feet(earlier)[:, leg]) / 2e-6
 
 
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("speed", [-0.2, 0.1, 0.5])
 def test_a_foot_in_stance_moves_back_at_the_commanded_speed(feet, speed, ratio):
     for leg in range(LEGS):
-        moving = velocities(feet, leg, stance_of(leg, ratio)[1:-1], forward=speed, ratio=ratio)
-        np.testing.assert_allclose(moving, np.tile([-speed, 0.0, 0.0], (len(moving), 1)), atol=1e-6)
+        phases = stance_of(leg, ratio)[1:-1]
+        velocity = velocities(feet, leg, phases, forward=speed, ratio=ratio)
+        ground = np.tile([-speed, 0.0, 0.0], (len(phases), 1))
+        np.testing.assert_allclose(velocity, ground, atol=1e-6)
 
 
 @pytest.mark.parametrize(("speed", "turn"), [(0.0, 0.6), (0.0, -0.6), (0.3, 0.5)])
 def test_a_foot_in_stance_moves_as_the_ground_does_under_a_turning_body(feet, speed, turn):
     for leg, (x, y) in enumerate(WALKER.nominal_feet[:, :2]):
-        moving = velocities(feet, leg, stance_of(leg, 1.0)[1:-1], forward=speed, yaw_rate=turn)
-        ground = -np.array([speed - turn * y, turn * x])
-        # the leg turns about its abduction axis, not about the hip's: a few percent of a slow
-        # motion
-        np.testing.assert_allclose(moving[:, :2], np.tile(ground, (len(moving), 1)), atol=0.004)
-        assert np.abs(moving[:, 2]).max() < 0.03
+        phases = stance_of(leg, 1.0)[1:-1]
+        velocity = velocities(feet, leg, phases, forward=speed, yaw_rate=turn)
+        ground = np.tile([-speed + turn * y, -turn * x], (len(phases), 1))
+        # The leg turns about its abduction axis instead of the hip: a few percent of a slow motion.
+        np.testing.assert_allclose(velocity[:, :2], ground, atol=0.004)
+        assert np.abs(velocity[:, 2]).max() < 0.03
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.75])
-def test_the_way_of_a_foot_and_its_speed_are_continuous_all_around(share):
+def test_the_path_of_a_foot_is_continuous_and_lifts_it_in_swing_only(share):
+    path = np.array([foot_path(phase, share) for phase in np.arange(0.0, 1.0, 1e-3)])
+    height = path[:, 1]
+
+    assert np.abs(np.diff(path, axis=0)).max() < 0.02
+    assert height.max() == pytest.approx(1.0, abs=1e-4)
+    assert np.all(height >= 0.0)
+    assert np.mean(height == 0.0) == pytest.approx(share, abs=2e-3)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.75])
+def test_a_foot_touches_down_and_lifts_off_at_the_speed_of_stance(share):
     small = 1e-7
+
+    def position(phase):
+        return np.array(foot_path(phase % 1.0, share))
+
+    def speed(phase):
+        return (position(phase + small)[0] - position(phase - small)[0]) / (2 * small)
+
     for corner in (0.0, share):
-        (before, low), (after, high) = (
-            foot_path((corner + side) % 1.0, share) for side in (-small, small)
-        )
-        assert abs(before - after) < 1e-5 and abs(low - high) < 1e-5
-        speeds = [
-            (foot_path((u + small) % 1.0, share)[0] - foot_path((u - small) % 1.0, share)[0])
-            / (2 * small)
-            for u in (corner - 3 * small, corner + 3 * small)
-        ]
-        assert speeds == pytest.approx([-1.0 / share] * 2, rel=1e-4), "that of stance"
-    way = np.array([foot_path(u, share) for u in np.arange(0.0, 1.0, 1e-3)])
-    assert np.abs(np.diff(way, axis=0)).max() < 0.02
-    assert way[:, 1].max() == pytest.approx(1.0, abs=1e-4) and np.all(way[:, 1] >= 0.0)
-    assert np.mean(way[:, 1] == 0.0) == pytest.approx(share, abs=2e-3)
+        jump = position(corner + small) - position(corner - small)
+        assert np.abs(jump).max() < 1e-5
+        for phase in (corner - 3 * small, corner + 3 * small):
+            assert speed(phase) == pytest.approx(-1.0 / share, rel=1e-4)
 
 
 def test_a_swing_lifts_the_foot_by_the_stated_height(feet):
@@ -124,51 +141,57 @@ def test_a_swing_lifts_the_foot_by_the_stated_height(feet):
 
 
 def support(phase, share):
-    """(legs, 3) torques of the support [N·m], by the gains of the robot's own motors."""
+    """(legs, 3) torques of the support [N·m], from the compliance of the robot's motors."""
     out = np.zeros(PUPPER_V2.num_joints)
     add_support(WALKER, phase, 1.0, share, targets(phase), out)
     return (out / WALKER.compliance).reshape(LEGS, 3)
 
 
 def test_legs_in_stance_share_the_weight_and_legs_in_swing_carry_nothing(feet):
-    """A foot pushed down by F does the work F dz when a joint moves: virtual work, by the model's kinematics."""
+    """Virtual work: a foot pushed down by F does the work F dz when a joint moves."""
     for phase in (0.1, 0.3, 0.6, 0.9):
         pose = targets(phase)
         torques = support(phase, 1.0)
+        assert not torques[:, 0].any(), "abductions carry nothing"
+
         for leg, joints in enumerate(WALKER.legs):
-            down = (phase + WALKER.phases[leg]) % 1.0 < 0.5
-            for place, joint in enumerate(joints[1:], start=1):
+            in_stance = (phase + WALKER.phases[leg]) % 1.0 < 0.5
+            for column, joint in enumerate(joints[1:], start=1):
                 nudge = 1e-6 * np.eye(PUPPER_V2.num_joints)[joint]
                 low, high = feet(np.array([pose - nudge, pose + nudge]))[:, leg, 2]
                 work = -(high - low) / 2e-6 * WALKER.weight / 2.0
-                assert torques[leg, place] == pytest.approx(work if down else 0.0, abs=1e-6)
-        assert not torques[:, 0].any()
+                torque = work if in_stance else 0.0
+                assert torques[leg, column] == pytest.approx(torque, abs=1e-6)
 
 
 def test_with_support_a_pd_stands_in_the_commanded_pose_and_without_it_sags():
     motors = IdealPd.uniform(12, PUPPER_V2.joints[0].kp, PUPPER_V2.joints[0].kd, 5.0, 0.003)
-    sag = []
     pose = PUPPER_V2.nominal_pose
-    for share in (0.0, None):
-        target = pose.copy()
-        if share is not None:
-            add_support(WALKER, 0.0, 1.0, share, pose, target)
+    supported = pose.copy()
+    add_support(WALKER, 0.0, 1.0, 0.0, pose, supported)
+
+    def sag(target):
         played = replay(World(PUPPER_V2), motors, np.tile(target, (100, 1)))
-        sag.append(PUPPER_V2.standing_height - played.base[-1, 2])
-    assert abs(sag[0]) < 0.3 * sag[1] and sag[1] > 0.003
+        return PUPPER_V2.standing_height - played.base[-1, 2]
+
+    assert sag(pose) > 0.003  # [m]
+    assert abs(sag(supported)) < 0.3 * sag(pose)
 
 
 def test_the_diagonal_pairs_of_a_trot_touch_down_in_turn():
     names = [leg.name for leg in PUPPER_V2.legs]
     cycle = (np.arange(400) + 0.5) / 400
-    down = np.array(
-        [
-            [foot_path(float((phase + own) % 1.0), 0.5)[1] == 0.0 for own in WALKER.phases]
-            for phase in cycle
-        ]
-    )
-    touched = down & ~np.roll(down, 1, axis=0)
-    order = [{names[leg] for leg in np.flatnonzero(row)} for row in touched if row.any()]
+
+    down = np.zeros((len(cycle), LEGS), bool)
+    for row, phase in enumerate(cycle):
+        for leg, phase_of_leg in enumerate(WALKER.phases):
+            _, height = foot_path(float((phase + phase_of_leg) % 1.0), 0.5)
+            down[row, leg] = height == 0.0
+
+    order = []
+    for touchdowns in down & ~np.roll(down, 1, axis=0):
+        if touchdowns.any():
+            order.append({names[leg] for leg in np.flatnonzero(touchdowns)})
     assert order == [{"FR", "RL"}, {"FL", "RR"}]
     np.testing.assert_allclose(down.mean(axis=0), 0.5, atol=0.005)
 
@@ -181,8 +204,11 @@ def test_the_diagonal_pairs_of_a_trot_touch_down_in_turn():
     side=st.sampled_from([-1.0, 1.0]),
 )
 @settings(deadline=None)  # the first call compiles
-def test_inverse_of_forward_kinematics_for_both_sides_of_the_knee(thigh, ratio, hip, knee, side):
+def test_leg_angles_invert_the_reach_for_both_sides_of_the_knee(thigh, ratio, hip, knee, side):
     leg = replace(PUPPER_V2.legs[0], thigh=thigh, shank=ratio * thigh)
-    found = leg_angles(leg.thigh, leg.shank, *leg.reach(np.array([0.0, hip, side * knee])), side)
-    assert found[1] == pytest.approx(side * knee, abs=1e-9)
-    assert math.remainder(found[0] - hip, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    reach = leg.reach(np.array([0.0, hip, side * knee]))
+
+    hip_angle, knee_angle = leg_angles(leg.thigh, leg.shank, *reach, side)
+
+    assert knee_angle == pytest.approx(side * knee, abs=1e-9)
+    assert math.remainder(hip_angle - hip, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)

@@ -19,21 +19,29 @@ pytest.importorskip("pybullet", reason="PyBullet is not installed: its wheels en
 
 PD = IdealPd.uniform(12, kp=8.8, kd=0.84, torque_limit=1.26, armature=0.003, delay=0.006)
 PHYSICAL = load_fleet("pupper_v2").sample(12, np.random.default_rng(0)).actuator()
-KNEE_INERTIA = 1.8e-4 + 0.0381 * (0.00075**2 + 0.0658**2)
-"""Of the shank about the knee [kg·m²]."""
+
+SHANK_MASS = 0.0381
+"""Mass of the shank [kg]."""
+
+SHANK_X = -0.00075
+SHANK_Z = -0.0658
+"""Centre of mass of the shank relative to the knee [m]."""
+
+KNEE_INERTIA = 1.8e-4 + SHANK_MASS * (SHANK_X**2 + SHANK_Z**2)
+"""Inertia of the shank about the knee [kg·m²]."""
 
 
 @pytest.fixture(params=["ideal_pd", "physical", "grey_box"])
 def motors(request, grey_box) -> tuple[str, Actuator]:
     z = np.random.default_rng(1).standard_normal((12, 3))
     boxes = GreyBoxActuator(grey_box(spread=0.1), z)
-    known = {"ideal_pd": PD, "physical": PHYSICAL, "grey_box": boxes}
-    return request.param, known[request.param]
+    actuators = {"ideal_pd": PD, "physical": PHYSICAL, "grey_box": boxes}
+    return request.param, actuators[request.param]
 
 
 @pytest.fixture
 def make():
-    """Makes a suspended robot and closes its world after the test."""
+    """Function that makes a suspended robot; its worlds are closed after the test."""
     worlds = []
 
     def world() -> BulletWorld:
@@ -41,11 +49,12 @@ def make():
         return worlds[-1]
 
     yield world
-    for one in worlds:
-        one.close()
+    for made in worlds:
+        made.close()
 
 
 def trot(steps):
+    """(steps, 12) targets [rad] of a slow trot."""
     walker = walker_arrays(PUPPER_V2)._replace(swing_height=0.02)
     return open_loop_gait(walker, steps, 0.15, 1.5, 0.0, 1.0)
 
@@ -55,16 +64,18 @@ def played(world, motors, targets):
     simulation = world.reset(motors)
     joint_pos = []
     joint_torque = []
+
     for target in targets:
         for _ in range(world.substeps):
             simulation.physics_step(target)
             joint_torque.append(simulation.torque.copy())
             joint_pos.append(simulation.joints()[0])
+
     return np.array(joint_pos), np.array(joint_torque)
 
 
 def moved(world, motors, pose, steps):
-    """(steps, 12) joint angles of a suspended robot let go in ``pose``, in either engine."""
+    """(steps, 12) joint angles [rad] of a suspended robot released in ``pose``."""
     simulation = world.reset(motors, pose)
     angles = np.zeros((steps, 12))
     for row in angles:
@@ -80,41 +91,44 @@ def moved(world, motors, pose, steps):
 @pytest.mark.parametrize("armature", [0.0, 5e-4])
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 def test_a_limp_shank_is_a_pendulum(make, engine, armature):
-    # thighs hang down, held by rotors of 1e3 kg·m²; (KNEE_INERTIA + armature)·ddq = -m·g·l·sin(q -
-    # rest)
-    mass = 0.0381
-    x = -0.00075
-    z = -0.0658
+    # The thighs hang down, and rotors of 1e3 kg·m² keep them there.
+    rotors = np.array([1e3, 1e3, armature] * 4)
+    limp = IdealPd(np.zeros(12), np.zeros(12), np.ones(12), rotors, np.zeros(12))
     amplitude = 0.1
-    rest = -np.arctan2(-x, -z)
-    held = IdealPd(
-        np.zeros(12), np.zeros(12), np.ones(12), np.array([1e3, 1e3, armature] * 4), np.zeros(12)
-    )
+    rest = -np.arctan2(-SHANK_X, -SHANK_Z)
     world = make() if engine == "pybullet" else World(PUPPER_V2, 0.001, suspended=True)
-    angles = moved(world, held, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
-    wave = np.sqrt(mass * GRAVITY * np.hypot(x, z) / (KNEE_INERTIA + armature))
+
+    angles = moved(world, limp, np.tile([0.0, 0.0, rest + amplitude], 4), 1000)
+
+    # (KNEE_INERTIA + armature)·ddq = -m·g·l·sin(q - rest)
+    weight = SHANK_MASS * GRAVITY * np.hypot(SHANK_X, SHANK_Z)
+    wave = np.sqrt(weight / (KNEE_INERTIA + armature))
     t = 0.001 * np.arange(1, 1001)
+    swing = np.tile(amplitude * np.cos(wave * t), (4, 1)).T
     # Euler errs by dt·wave/2 of the amplitude, 4e-4 rad; a finite swing is slower by amplitude²/16,
-    # 5e-4 rad in 1 s
-    np.testing.assert_allclose(
-        angles[:, 2::3] - rest, np.tile(amplitude * np.cos(wave * t), (4, 1)).T, atol=1.2e-3
-    )
+    # 5e-4 rad in 1 s.
+    np.testing.assert_allclose(angles[:, 2::3] - rest, swing, atol=1.2e-3)
     assert np.abs(np.delete(angles, np.s_[2::3], axis=1)).max() < 1e-3
 
 
 TOLERANCE = {"physical": (1e-9, 1e-6), "ideal_pd": (1e-5, 1e-3), "grey_box": (0.004, 0.25)}
-"""Of suspended joints [rad] and torques [N·m] over 1 s: rounding; the solver of the rotors' gears; a gear's damping,
-its own and that of its stiffness, which is explicit here: a blow through the play is another, and
-falls in another millisecond, so that torques differ by a fifth of their limit for as long."""
+"""Largest differences of suspended joints [rad] and their torques [N·m] over 1 s.
+
+physical: rounding. ideal_pd: the solver of the rotors' gears. grey_box: the damping of a gear and
+of its stiffness, which is explicit here. A blow through the backlash is another one and falls in
+another millisecond, so that torques differ by a fifth of their limit for that time.
+"""
 
 
 def test_a_suspended_robot_trots_as_in_mujoco(make, motors):
-    # without contacts both integrate the same equations
+    # Without contacts both engines integrate the same equations.
     name, actuator = motors
     targets = trot(100)
-    there = replay(World(PUPPER_V2, 0.001, suspended=True), actuator, targets)
+
+    in_mujoco = replay(World(PUPPER_V2, 0.001, suspended=True), actuator, targets)
     joint_pos, joint_torque = played(make(), actuator, targets)
-    angle, torque = TOLERANCE[name]
-    np.testing.assert_allclose(joint_pos, there.joint_pos, atol=angle)
-    assert np.abs(joint_torque - there.joint_torque).max() < torque
+
+    angle_tolerance, torque_tolerance = TOLERANCE[name]
+    np.testing.assert_allclose(joint_pos, in_mujoco.joint_pos, atol=angle_tolerance)
+    assert np.abs(joint_torque - in_mujoco.joint_torque).max() < torque_tolerance
     assert np.ptp(joint_pos, axis=0)[1::3].min() > 0.2

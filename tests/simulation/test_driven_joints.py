@@ -16,16 +16,20 @@ from motorprior.simulation.driven_joints import DrivenJoints
 
 HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <site name="out" pos=".1 0 0"/><body name="palm"><joint name="wrist" axis="0 1 0"/>
-<site name="in" pos=".02 0 -.05"/><geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
+<site name="in" pos=".02 0 -.05"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.12" size=".01" mass=".06"/>
 <body pos="0 0 -.12"><joint name="finger_l" axis="0 1 0"/>
   <geom type="capsule" fromto="0 0 0 .02 0 -.05" size=".006" mass=".02" contype="0"/></body>
 <body pos="0 0 -.12"><joint name="finger_r" axis="0 -1 0"/>
   <geom type="capsule" fromto="0 0 0 -.02 0 -.05" size=".006" mass=".02" contype="0"/></body>
-<body pos="0 0 -.2"><joint name="slide" type="slide"/><geom size=".01" mass=".1" contype="0"/></body>
+<body pos="0 0 -.2"><joint name="slide" type="slide"/>
+  <geom size=".01" mass=".1" contype="0"/></body>
 </body></worldbody>
 <tendon><fixed name="pull"><joint joint="finger_r" coef="1"/></fixed>
 <spatial name="cable"><site site="out"/><site site="in"/></spatial></tendon>
 <equality><joint joint1="finger_r" joint2="finger_l"/></equality></mujoco>"""
+
+UNCOUPLED_HAND = HAND.replace("<equality>", "<!--").replace("</equality>", "-->")
 
 
 @pytest.fixture
@@ -43,84 +47,102 @@ def compiled(xml: str = HAND) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 def tracking(xml: str, motors: GreyBoxActuator) -> np.ndarray:
-    """RMS errors of wrist and left finger [rad] over 2 s."""
+    """Root-mean-square errors of wrist and left finger [rad] over 2 s."""
     model, data = compiled(xml)
     driven = DrivenJoints(model, data, motors, ["wrist", "finger_l"])
     errors = []
+
     for _ in range(1000):
         target = 0.4 * np.sin(np.pi * data.time + np.arange(2))
         driven.drive(target)
         mujoco.mj_step(model, data)
         errors.append(target - data.qpos[:2])
+
     assert not data.warning.number.sum()
     return np.sqrt(np.mean(np.square(errors), axis=0))
 
 
 def test_a_finger_that_an_equality_couples_to_a_driven_one_follows_it(motors):
-    alone = tracking(HAND.replace("<equality>", "<!--").replace("</equality>", "-->"), motors(2))
+    alone = tracking(UNCOUPLED_HAND, motors(2))
     coupled = tracking(HAND, motors(2))
+
     assert (coupled < 1.5 * alone + 0.005).all(), (alone, coupled)
 
 
-def test_the_damping_is_the_implicit_one(motors):
-    """The same motion as with the damping in ``dof_damping``, which MuJoCo's Euler treats implicitly."""
-    xml = (
-        HAND.replace("implicitfast", "Euler")
-        .replace("<equality>", "<!--")
-        .replace("</equality>", "-->")
-    )
+def test_driven_joints_are_damped_implicitly(motors):
+    """The motion is the same with ``dof_damping``, which MuJoCo's Euler treats implicitly."""
+    xml = UNCOUPLED_HAND.replace("implicitfast", "Euler")
     model, data = compiled(xml)
-    other, there = compiled(xml)
     driven = DrivenJoints(model, data, motors(1), ["wrist"])
+    reference_model, reference_data = compiled(xml)
     loose = Motors(motors(1), 0.002, np.zeros(1))
-    other.dof_armature[0] = loose.armature[0]
+    reference_model.dof_armature[0] = loose.armature[0]
+
     for step in range(200):
         target = np.array([0.5 * np.sin(0.02 * step)])
         driven.drive(target)
         mujoco.mj_step(model, data)
-        torque, damping = loose.step(target, there.qpos[:1], there.qvel[:1])
-        there.qfrc_applied[0] = torque[0]
-        other.dof_damping[0] = damping[0]
-        mujoco.mj_step(other, there)
-    np.testing.assert_allclose(data.qpos, there.qpos, atol=1e-9)
+
+        pos = reference_data.qpos[:1]
+        vel = reference_data.qvel[:1]
+        torque, damping = loose.step(target, pos, vel)
+        reference_data.qfrc_applied[0] = torque[0]
+        reference_model.dof_damping[0] = damping[0]
+        mujoco.mj_step(reference_model, reference_data)
+
+    np.testing.assert_allclose(data.qpos, reference_data.qpos, atol=1e-9)
     assert abs(data.qpos[0]) > 0.1
 
 
-@pytest.mark.parametrize(
-    ("joints", "change", "problem"),
-    [
-        (
-            ["wrist"],
-            ("</mujoco>", '<actuator><position name="servo" joint="wrist"/></actuator></mujoco>'),
-            "'servo'",
-        ),
-        (
-            ["wrist"],
-            ("</mujoco>", '<actuator><motor name="m" jointinparent="wrist"/></actuator></mujoco>'),
-            "'m'",
-        ),
-        (
-            ["finger_r"],
-            ("</mujoco>", '<actuator><motor name="t" tendon="pull"/></actuator></mujoco>'),
-            "'t'",
-        ),
-        (
-            ["wrist"],
-            ("</mujoco>", '<actuator><motor name="c" tendon="cable"/></actuator></mujoco>'),
-            "'c'",
-        ),
-        (["elbow"], ("", ""), "no joint 'elbow'"),
-        (["slide"], ("", ""), "'slide' is no hinge"),
-        (["wrist"], ("implicitfast", "RK4"), "RK4"),
-        (["wrist", "wrist"], ("", ""), "2 joints for 1 motors"),
-        (["finger_l", "finger_r"], ("", ""), "'finger_r' to 'finger_l': one motor drives both"),
-    ],
-)
-def test_every_guard_fires(motors, joints: list[str], change: tuple[str, str], problem: str):
-    model, data = compiled(HAND.replace(*change))
-    count = 1 if "for 1" in problem else len(joints)
-    with pytest.raises(ConfigError, match=problem) as refused:
-        DrivenJoints(model, data, motors(count), joints)
+def with_actuator(actuator: str) -> str:
+    return HAND.replace("</mujoco>", f"<actuator>{actuator}</actuator></mujoco>")
+
+
+REFUSED = {
+    "servo on the joint": (
+        with_actuator('<position name="servo" joint="wrist"/>'),
+        ["wrist"],
+        "'servo'",
+    ),
+    "motor in the frame of the parent": (
+        with_actuator('<motor name="m" jointinparent="wrist"/>'),
+        ["wrist"],
+        "'m'",
+    ),
+    "motor at a fixed tendon": (
+        with_actuator('<motor name="t" tendon="pull"/>'),
+        ["finger_r"],
+        "'t'",
+    ),
+    "motor at a spatial tendon": (
+        with_actuator('<motor name="c" tendon="cable"/>'),
+        ["wrist"],
+        "'c'",
+    ),
+    "unknown joint": (HAND, ["elbow"], "'elbow'"),
+    "sliding joint": (HAND, ["slide"], "'slide'"),
+    "integrator": (HAND.replace("implicitfast", "RK4"), ["wrist"], "RK4"),
+    "coupled joints": (HAND, ["finger_l", "finger_r"], "'finger_r' to 'finger_l'"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_model_that_the_motors_would_drive_wrongly_is_refused_with_a_remedy(motors, name: str):
+    xml, joints, value = REFUSED[name]
+    model, data = compiled(xml)
+
+    with pytest.raises(ConfigError, match=value) as refused:
+        DrivenJoints(model, data, motors(len(joints)), joints)
+
+    assert refused.value.remedy
+
+
+def test_one_motor_for_two_joints_is_refused_with_both_numbers(motors):
+    model, data = compiled()
+
+    with pytest.raises(ConfigError, match="2 joints for 1 motors") as refused:
+        DrivenJoints(model, data, motors(1), ["wrist", "wrist"])
+
     assert refused.value.remedy
 
 
@@ -128,9 +150,11 @@ def test_a_simulation_that_mujoco_reset_is_a_fault(motors):
     model, data = compiled()
     driven = DrivenJoints(model, data, motors(1), ["wrist"])
     driven.drive(np.zeros(1))
+
     data.qvel[1] = 1e20
     mujoco.mj_step(model, data)
-    with pytest.raises(SimulationFault, match="diverged"):
+    with pytest.raises(SimulationFault):
         driven.drive(np.zeros(1))
+
     mujoco.mj_resetData(model, data)
     driven.drive(np.zeros(1))

@@ -11,7 +11,10 @@ from motorprior.simulation.scene import Scene, WalkConfig, WalkEnv
 
 
 class GlidingWorld:
-    """Joints follow at once, the base glides forward by 3 mm per step; falls or fails on request."""
+    """A world whose joints follow at once and whose base glides forward by 3 mm per step.
+
+    It falls at step ``fall_at`` and has a fault at step ``fail_at``.
+    """
 
     def __init__(self, fall_at=10**9, fail_at=10**9):
         self.fall_at = fall_at
@@ -28,16 +31,19 @@ class GlidingWorld:
         return self.state()
 
     def state(self):
+        base_quat = np.array([1.0, 0.0, 0.0, 0.0])
+        joint_pos = self.joints.copy()
+        if self.count >= self.fall_at:
+            base_quat = np.array([0.8, 0.6, 0.0, 0.0])  # a roll of 74°
+        if self.count >= self.fail_at:
+            joint_pos = np.full(12, np.nan)
+
         return RobotState(
             base_pos=np.array([0.003 * self.count, 0.0, 0.17]),
-            base_quat=np.array([1.0, 0.0, 0.0, 0.0])
-            if self.count < self.fall_at
-            else np.array([0.8, 0.6, 0, 0]),
+            base_quat=base_quat,
             base_lin_vel=np.array([0.3, 0.0, 0.0]),
             base_ang_vel=np.zeros(3),
-            measured_joint_pos=self.joints.copy()
-            if self.count < self.fail_at
-            else np.full(12, np.nan),
+            measured_joint_pos=joint_pos,
             foot_pos=np.full((4, 3), np.nan),
             torque_squared_sum=2.0,
             fault=int(self.count >= self.fail_at),
@@ -51,15 +57,18 @@ def env_of(walk=WalkConfig(), **ends):  # noqa: B008
 
 
 def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
-    alone = TaskWeights(
+    only_alive = TaskWeights(
         speed=0.0, lateral=0.0, heading=0.0, yaw_rate=0.0, tilt=0.0, torque=0.0, slip=0.0
     )
-    env = env_of(WalkConfig(task=alone), fall_at=2)
+    env = env_of(WalkConfig(task=only_alive), fall_at=2)
     env.reset(seed=0)
-    _, upright, terminated, _, _ = env.step(np.zeros(17))
-    _, falling, down, truncated, _ = env.step(np.zeros(17))
-    assert not terminated and down and not truncated
-    assert (upright, falling) == (pytest.approx(0.01 * alone.alive), 0.0)
+
+    _, reward, terminated, _, _ = env.step(np.zeros(17))
+    assert reward == pytest.approx(0.01 * only_alive.alive) and not terminated
+
+    _, reward, terminated, truncated, _ = env.step(np.zeros(17))
+    assert reward == 0.0 and terminated and not truncated
+
     with pytest.raises(ConfigError, match="reset"):
         env.step(np.zeros(17))
 
@@ -67,9 +76,13 @@ def test_a_fall_ends_the_episode_without_the_reward_for_staying_up():
 def test_a_fault_ends_the_episode_with_a_finite_observation():
     env = env_of(fail_at=2)
     env.reset(seed=0)
-    before = env.step(np.zeros(17))[0]
-    observation, earned, terminated, _, info = env.step(np.zeros(17))
-    assert (earned, terminated, info["fault"]) == (0.0, True, 1)
-    np.testing.assert_array_equal(observation, before)
+
+    last_observation = env.step(np.zeros(17))[0]
+    observation, reward, terminated, _, info = env.step(np.zeros(17))
+    assert reward == 0.0 and terminated and info["fault"] == 1
+    np.testing.assert_array_equal(observation, last_observation)
+
+
+def test_a_fault_at_reset_is_an_error():
     with pytest.raises(SimulationFault):
         env_of(fail_at=0).reset(seed=0)

@@ -1,4 +1,4 @@
-"""One short search has the bytes it had when this was written, where libraries and processor are the same."""
+"""A short search has recorded bytes, where libraries and processor are those of the record."""
 
 import hashlib
 import platform
@@ -20,8 +20,8 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.randomization import Randomization
 from motorprior.simulation.scene import DrawMotors, Scene, WalkConfig, WalkSimulator
 
-# Compiled code is made for the processor; numpy and the C library choose theirs by it: other sums,
-# other bits.
+# Compiled code is made for the processor, and numpy and the C library choose theirs by it. Another
+# processor or library adds in another order and rounds otherwise.
 HOLDS_FOR = {
     "mujoco": "4.0.0",
     "numba": "0.68.1",
@@ -33,14 +33,17 @@ HOLDS_FOR = {
     "cpu's features": "11ec95ab57aa",
     "numpy's SIMD": "X86_V3",
 }
-# SHA-256 of the result of the search below. A commit that changes one must state why.
+LIBRARIES = ("mujoco", "numba", "llvmlite", "numpy")
+
+# SHA-256 of the result of `digest_of_search`. A commit that changes one must state why.
 DIGESTS = {
     "ideal_pd": "e3f4603a8c3a0c2ffb6664f3b4666db2f13376cbcdec9cd9fcd24d99e72a71d6",
     "grey_box": "11479e9759907d82aea7e3187ae181f984816120aabe072dc7331015258d41d5",
 }
 
 
-def found(draw: DrawMotors) -> str:
+def digest_of_search(draw: DrawMotors) -> str:
+    """SHA-256 of the state of a search on these motors after three iterations."""
     everything = Randomization(
         armature=(0.0, 0.002),
         damping=(0.0, 0.05),
@@ -62,12 +65,13 @@ def found(draw: DrawMotors) -> str:
     shape = PolicyShape.of(PUPPER_V2, hidden_units=4, symmetric=True)
     search = PolicySearch(ArsConfig(num_directions=4, num_top_directions=2, seed=11), shape)
     executor = make_executor(lambda: WalkSimulator(Scene(PUPPER_V2, draw, walk)), 1)
+
     for _ in range(3):
         search.advance(executor)
     search.evaluate(executor)
-    return hashlib.sha256(
-        b"".join(array.tobytes() for array in search.state().values())
-    ).hexdigest()
+
+    content = b"".join(array.tobytes() for array in search.state().values())
+    return hashlib.sha256(content).hexdigest()
 
 
 @pytest.fixture(params=DIGESTS)
@@ -81,36 +85,36 @@ def motors(request, grey_box) -> tuple[str, DrawMotors]:
 
 
 def here() -> dict[str, str]:
-    """What HOLDS_FOR names, of this machine."""
-    libraries = {name: version(name) for name in ("mujoco", "numba", "llvmlite", "numpy")}
-    simd = np.show_config(mode="dicts")["SIMD Extensions"]["found"]  # pyright: ignore[reportOptionalSubscript]
-    return libraries | {
+    """Values of the keys of HOLDS_FOR on this machine."""
+    numpy_config = np.show_config(mode="dicts")
+    assert numpy_config is not None
+    features = get_host_cpu_features().flatten().encode()
+    machine = {
         "machine": platform.machine(),
         "libc": " ".join(platform.libc_ver()),
         "cpu": get_host_cpu_name(),
-        "cpu's features": hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[
-            :12
-        ],
-        "numpy's SIMD": " ".join(simd),
+        "cpu's features": hashlib.sha256(features).hexdigest()[:12],
+        "numpy's SIMD": " ".join(numpy_config["SIMD Extensions"]["found"]),
     }
+    return {name: version(name) for name in LIBRARIES} | machine
 
 
-def test_the_bytes_are_those_of_the_golden_run(motors):
-    other = {
-        name: f"{value}, not {HOLDS_FOR[name]}"
-        for name, value in here().items()
-        if value != HOLDS_FOR[name]
-    }
-    if other:
-        pytest.skip(f"the golden digest holds for other libraries or another processor: {other}")
-    assert found(motors[1]) == DIGESTS[motors[0]]
+def test_a_search_has_the_bytes_of_the_golden_run(motors):
+    differences = {}
+    for name, value in here().items():
+        if value != HOLDS_FOR[name]:
+            differences[name] = f"{value}, not {HOLDS_FOR[name]}"
+    if differences:
+        pytest.skip(f"the golden digest holds for another machine: {differences}")
+
+    name, draw = motors
+    assert digest_of_search(draw) == DIGESTS[name]
 
 
 def test_the_digests_are_of_the_libraries_that_the_project_installs():
-    """Otherwise the test above would be skipped unnoticed after an upgrade."""
+    """Otherwise the golden run would be skipped unnoticed after an upgrade."""
     lock = (Path(__file__).parents[2] / "requirements.lock").read_text(encoding="utf-8")
     pinned = dict(re.findall(r"^([a-z]+)==(\S+)", lock, flags=re.MULTILINE))
-    libraries = ("mujoco", "numba", "llvmlite", "numpy")
-    assert {name: HOLDS_FOR[name] for name in libraries} == {
-        name: pinned[name] for name in libraries
-    }
+
+    for name in LIBRARIES:
+        assert HOLDS_FOR[name] == pinned[name], name

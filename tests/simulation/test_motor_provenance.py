@@ -1,7 +1,8 @@
-"""A policy contains the names and digests of the files that it was trained on, and only those files are used."""
+"""A policy names the files that it was trained on, with their digests, and accepts no other."""
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -18,26 +19,29 @@ OPTIONS = {
     "fleet": ("fleet",),
     "pd": ("fleet",),
 }
+"""Options that name a file, per model of motors."""
+
+MORE_OPTIONS = {
+    "posterior": {"limit_follows_gain": True},
+    "prior": {"latent_spread": 0.5},
+    "pd": {"kp": 3.0},
+}
 
 
 @pytest.fixture(params=OPTIONS)
 def text(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """Motors of files in a folder next to that of the policy."""
+    """Text of motors whose files are in a folder next to the folder of the policy."""
+    actuator_name = request.param
     folder = tmp_path / "inputs"
-    kind = request.param
     folder.mkdir()
-    files = {
-        name: folder / f"{name}.{'toml' if name == 'fleet' else 'safetensors'}"
-        for name in OPTIONS[kind]
-    }
-    for file in files.values():
-        shutil.copy(fleet_path("mixed"), file)
-    more = {
-        "posterior": {"limit_follows_gain": True},
-        "prior": {"latent_spread": 0.5},
-        "pd": {"kp": 3.0},
-    }
-    return motor_text(kind, **files, **more.get(kind, {}))
+
+    files = {}
+    for option in OPTIONS[actuator_name]:
+        suffix = "toml" if option == "fleet" else "safetensors"
+        files[option] = folder / f"{option}.{suffix}"
+        shutil.copy(fleet_path("mixed"), files[option])
+
+    return motor_text(actuator_name, **files, **MORE_OPTIONS.get(actuator_name, {}))
 
 
 @pytest.fixture
@@ -51,26 +55,36 @@ def test_motors_are_read_back_after_their_files_moved(text: str, policy: Path, t
     assert str(tmp_path) not in json.dumps(stored)
     expected = hashlib.sha256(fleet_path("mixed").read_bytes()).hexdigest()
     assert {record["sha256"] for record in stored["files"].values()} == {expected}
-    (tmp_path / "elsewhere").mkdir()
+
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
     for folder in ("inputs", "walk"):
-        (tmp_path / folder).rename(tmp_path / "elsewhere" / folder)
-    again = motors_from_json(stored, tmp_path / "elsewhere" / "walk" / policy.name)
-    (kind, options), (same_kind, same) = parsed(text), parsed(again)
-    assert kind == same_kind and options.keys() == same.keys()
-    for name, value in options.items():
+        (tmp_path / folder).rename(elsewhere / folder)
+    text_read_back = motors_from_json(stored, elsewhere / "walk" / policy.name)
+
+    actuator_name, options = parsed(text)
+    name_read_back, options_read_back = parsed(text_read_back)
+    assert name_read_back == actuator_name
+    assert options_read_back.keys() == options.keys()
+    for option, value in options.items():
         if isinstance(value, str):
-            value = tmp_path / "elsewhere" / "inputs" / Path(value).name
-            same[name] = Path(same[name]).resolve()
-        assert same[name] == value
+            file = Path(options_read_back[option]).resolve()
+            assert file == elsewhere / "inputs" / Path(value).name
+        else:
+            assert options_read_back[option] == value
 
 
 def test_a_changed_file_is_rejected(text: str, policy: Path):
     stored = motors_as_json(text, policy.parent)
-    options = parsed(text)[1]
-    for name in stored["files"]:
-        file = Path(str(options[name]))
-        before = file.read_bytes()
+    _, options = parsed(text)
+
+    for option in stored["files"]:
+        file = Path(str(options[option]))
+        content = file.read_bytes()
         file.write_text("changed")
-        with pytest.raises(ConfigError, match=f"the {name} it was trained on"):
+
+        with pytest.raises(ConfigError, match=re.escape(file.name)) as refused:
             motors_from_json(stored, policy)
-        file.write_bytes(before)
+
+        assert option in str(refused.value)
+        file.write_bytes(content)

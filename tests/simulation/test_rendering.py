@@ -1,4 +1,4 @@
-"""The camera shows the robot, stick figures are its kinematics, and a rolling foot does not slide."""
+"""The camera shows the robot, and its feet have the clearance and sliding of its kinematics."""
 
 # pyright: reportAttributeAccessIssue=false
 
@@ -13,6 +13,7 @@ from motorprior.simulation.rendering import foot_motion, set_view_and_light
 
 def test_a_robot_of_collision_shapes_alone_is_visible():
     model = build_model(PUPPER_V2)
+
     for group, shown in ((0, 0), (2, 0), (3, 1)):
         model.geom_group[1:] = group
         option = mujoco.MjvOption()
@@ -33,34 +34,45 @@ def standing(frames: int = 1) -> tuple[np.ndarray, np.ndarray]:
     return qpos, qvel
 
 
-def test_feet_of_a_robot_at_rest_lifted_turned_and_sliding():
+def test_feet_have_the_height_and_the_horizontal_speed_of_a_robot_that_glides():
     qpos, qvel = standing(4)
+    # Frame 0: at rest. Frame 1: lifted by 5 cm.
     qpos[1, 2] += 0.05
+    # Frame 2: at another place and heading, it glides at 0.5 m/s.
     qpos[2, :2] = (3.0, -1.0)
     qpos[2, 3:7] = (np.cos(1.25), 0.0, 0.0, np.sin(1.25))
     qvel[2, :2] = (0.3, -0.4)
+    # Frame 3: it moves down.
     qvel[3, 2] = -1.0
+
     clearance, sliding = foot_motion(PUPPER_V2, qpos, qvel)
+
     np.testing.assert_allclose(clearance, np.tile([[0.0], [0.05], [0.0], [0.0]], 4), atol=1e-9)
     np.testing.assert_allclose(sliding, np.tile([[0.0], [0.0], [0.5], [0.0]], 4), atol=1e-12)
 
 
 @pytest.mark.parametrize("yaw", [0.0, -2.0])
 def test_a_foot_that_rolls_does_not_slide_and_one_that_spins_on_the_spot_does(yaw: float):
-    """The body turns forward about +y at ω; where its centre of a foot moves by ω·radius, the lowest point rests."""
-    omega = 1.5
-    for leg, one in enumerate(PUPPER_V2.legs):
+    """The body turns forward about +y at ω.
+
+    The lowest point of a foot rests where the centre of the foot moves by ω·radius.
+    """
+    omega = 1.5  # [rad/s]
+    for index, leg in enumerate(PUPPER_V2.legs):
         qpos, qvel = standing()
         qpos[0, 3:7] = np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
-        x, _ = one.rest
-        # of the foot's centre relative to the base: ω y × (x, y, -h) = ω (-h, 0, -x); rolling wants
-        # (ω r, 0, 0)
+
+        # The centre of the foot has the velocity ω y × (x, y, -h) = ω (-h, 0, -x) relative to the
+        # base, and (ω r, 0, 0) in the world if it rolls.
+        x, _ = leg.rest
         below = PUPPER_V2.standing_height - RADIUS
         speed = omega * (RADIUS + below)
         qvel[0, :3] = speed * np.cos(yaw), speed * np.sin(yaw), omega * x
         qvel[0, 4] = omega
-        assert foot_motion(PUPPER_V2, qpos, qvel)[1][0, leg] == pytest.approx(0.0, abs=1e-9)
-        qvel[0, :2] *= below / (RADIUS + below)  # its centre stays where it is
-        assert foot_motion(PUPPER_V2, qpos, qvel)[1][0, leg] == pytest.approx(
-            omega * RADIUS, abs=1e-9
-        )
+        _, sliding = foot_motion(PUPPER_V2, qpos, qvel)
+        assert sliding[0, index] == pytest.approx(0.0, abs=1e-9)
+
+        # Now the centre of the foot stays where it is.
+        qvel[0, :2] *= below / (RADIUS + below)
+        _, sliding = foot_motion(PUPPER_V2, qpos, qvel)
+        assert sliding[0, index] == pytest.approx(omega * RADIUS, abs=1e-9)
