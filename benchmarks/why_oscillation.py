@@ -11,7 +11,6 @@ history is the growth of disturbances per step; above 1 the legs oscillate up to
 """
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +22,9 @@ from matplotlib.figure import Figure
 
 import motorprior as mp
 from figures import markdown
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.families import require_geared
-from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.latent import LatentNetwork, NetworkActuator
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.actuator.physical import PhysicalMotors
@@ -39,7 +38,7 @@ from motorprior.identification.windows import training_data
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.signals import high_frequency_rms
-from virtual_fleets.held_out_trials import HELD_OUT_SEED
+from virtual_fleets.held_out_trials import HELD_OUT_SEED, ModelOfMotors
 from virtual_fleets.robot_fidelity import CUTOFF, robot_fidelity
 
 # range of load inertias [kg·m²]
@@ -130,7 +129,7 @@ class Learned:
     armature: np.ndarray  # (n,) armature of the training motors in the engine [kg·m²]
     damping: np.ndarray  # (n,) damping of the training motors in the engine [N·m·s/rad]
 
-    def motors(self, index: np.ndarray) -> GreyBoxActuator | EngineAssisted:
+    def motors(self, index: np.ndarray) -> Actuator:
         """The training motors at ``index``."""
         if not isinstance(self.model, LatentNetwork):
             return self.model.motors(self.mean[index])
@@ -258,7 +257,7 @@ def compute(settings: Settings) -> dict[str, Any]:
     motors = require_geared(training_motors(fleet, settings.motors, settings.seed))
     loads = settings.load_inertias()
 
-    models: dict[str, Callable[[np.ndarray], GreyBoxActuator | EngineAssisted]] = {}
+    models: dict[str, ModelOfMotors] = {}
     variants: dict[str, dict[str, Any]] = {}
     for name in settings.variants:
         learned, log = train(settings, VARIANTS[name], motors)
