@@ -16,17 +16,18 @@ def make_log() -> Callable[..., MotorLog]:
 
     def make(rows: int = 200, period: float = 0.01, **changes: Any) -> MotorLog:
         time = period * np.arange(rows) + 0.25
-        angle = 0.3 * np.sin(2 * np.pi * 1.0 * time[:, None] + np.array([0.0, 1.0]))
-        late = 0.3 * np.sin(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
-        speed = (
-            0.3
-            * 2
-            * np.pi
-            * np.cos(2 * np.pi * 1.0 * (time[:, None] - 0.05) + np.array([0.0, 1.0]))
-        )
-        return log_of(
-            time, angle, late, **({"joint_vel": speed, "joint_names": ("left", "right")} | changes)
-        )
+        phase_of_joint = np.array([0.0, 1.0])  # rad
+
+        # 0.3 rad at 1 Hz
+        phase = 2 * np.pi * time[:, None] + phase_of_joint
+        late_phase = 2 * np.pi * (time[:, None] - 0.05) + phase_of_joint
+        target = 0.3 * np.sin(phase)
+        angle = 0.3 * np.sin(late_phase)
+        speed = 0.3 * 2 * np.pi * np.cos(late_phase)
+
+        fields = {"joint_vel": speed, "joint_names": ("left", "right")} | changes
+
+        return log_of(time, target, angle, **fields)
 
     return make
 
@@ -35,24 +36,22 @@ def make_log() -> Callable[..., MotorLog]:
 def rich_log() -> MotorLog:
     """A good bench log: 12 s of 2 joints that follow sums of sines 50 ms late, on known loads."""
     time = 0.01 * np.arange(1200)
-    ways = ((0.3, 0.4), (0.15, 1.1), (0.06, 2.7))  # rad, Hz
+    sines = ((0.3, 0.4), (0.15, 1.1), (0.06, 2.7))  # amplitude [rad], frequency [Hz]
 
     def motion(late: float, order: int) -> np.ndarray:
-        """Derivative of that order."""
-        angular = [
-            2 * np.pi * rate * (time[:, None] - late) + [0.0, 1.0] + np.pi / 2 * order
-            for _, rate in ways
-        ]
-        return sum(
-            (
-                size * (2 * np.pi * rate) ** order * np.sin(phase)
-                for (size, rate), phase in zip(ways, angular, strict=True)
-            ),
-            start=np.zeros((len(time), 2)),
-        )
+        """Derivative of the motion, ``late`` [s] behind the command; order 0 is the angle."""
+        motion = np.zeros((len(time), 2))
+        for amplitude, frequency in sines:
+            rate = 2 * np.pi * frequency
+            # each derivative turns the phase by a quarter
+            phase = rate * (time[:, None] - late) + [0.0, 1.0] + np.pi / 2 * order
+            motion = motion + amplitude * rate**order * np.sin(phase)
+
+        return motion
 
     inertia = np.full((len(time), 2), 0.004)
     external = -0.3 * np.sin(motion(0.05, 0))
+
     return log_of(
         time,
         motion(0.0, 0),
@@ -69,9 +68,10 @@ def rich_log() -> MotorLog:
 def full_log(make_log: Callable[..., MotorLog]) -> MotorLog:
     """Every optional channel, two segments, values that decimal text would not keep."""
     rng = np.random.default_rng(3)
-    time = np.concatenate(
-        [np.cumsum(rng.uniform(1e-3, 2e-3, 100)), np.cumsum(rng.uniform(1e-3, 2e-3, 100))]
-    )
+    first = np.cumsum(rng.uniform(1e-3, 2e-3, 100))
+    second = np.cumsum(rng.uniform(1e-3, 2e-3, 100))
+    time = np.concatenate([first, second])
+
     return make_log(
         time=time,
         joint_torque=rng.normal(size=(200, 2)) * 1e-300,

@@ -1,4 +1,4 @@
-"""A folder of logs: every format, what is no log left out with a reason, and an error that suggests a remedy."""
+"""A folder of logs is read in every format; files that are no logs are named with the reason."""
 
 from pathlib import Path
 
@@ -19,20 +19,29 @@ def folder(tmp_path: Path) -> Path:
     logs = tmp_path / "logs"
     logs.mkdir()
     (tmp_path / "map.toml").write_text(f"{TABLE_MAP}[joints.a]\n", "utf-8")
+
     for name in "ab":
         write_table(log_of(0.01 * np.arange(5), 0.1 * np.arange(5)), logs / f"{name}.csv")
+
     (logs / "notes.csv").write_text("who,when\nme,today\n", "utf-8")
     (logs / "README.md").write_text("logs", "utf-8")
+
     return logs
 
 
-def test_tables_that_a_map_fits_are_read_and_others_named(folder: Path):
-    found = read_log_folder(folder, None, str(folder.parent / "map.toml"))
-    assert list(found.logs) == ["a", "b"] and found.files == [folder / "a.csv", folder / "b.csv"]
-    assert len(found.unreadable) == 1 and found.unreadable[0].startswith("notes.csv: no column 't'")
+def test_tables_that_fit_the_map_are_read_and_the_unreadable_ones_are_named(folder: Path):
+    logs_of_folder = read_log_folder(folder, None, str(folder.parent / "map.toml"))
+
+    assert list(logs_of_folder.logs) == ["a", "b"]
+    assert logs_of_folder.files == [folder / "a.csv", folder / "b.csv"]
+    assert len(logs_of_folder.unreadable) == 1
+    assert logs_of_folder.unreadable[0].startswith("notes.csv: ")
+    assert "'t'" in logs_of_folder.unreadable[0], "the column that it lacks"
 
 
-def test_a_folder_without_logs_says_what_would_help(tmp_path: Path):
+def test_a_folder_without_logs_is_refused_with_the_remedy_to_name_columns(tmp_path: Path):
     for robot in (None, ROBOT):
-        with pytest.raises(LogError, match=r"no log in it .*read tables with columns"):
+        with pytest.raises(LogError) as refusal:
             read_log_folder(tmp_path, robot)
+        assert refusal.value.where == tmp_path
+        assert "columns" in str(refusal.value)

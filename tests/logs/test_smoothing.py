@@ -8,55 +8,62 @@ from motorprior.logs.smoothing import noise_of, smoothed, smoothing_of
 
 DT = 0.002
 ROWS = 1000
-PARTS = (slice(0, 450), slice(450, ROWS))
+SEGMENTS = (slice(0, 450), slice(450, ROWS))
 TIME = DT * np.arange(ROWS)[:, None]
 RATES = np.array([7.0, 11.0, 16.0])
 WAVE = 0.3 * np.sin(RATES * TIME)
 SPEED = 0.3 * RATES * np.cos(RATES * TIME)
-"""Of three motors; the segments are one motion here."""
+"""Angles [rad] and speeds [rad/s] of three motors, (ROWS, 3); one motion in two segments."""
 
 
 def noisy(deviation: float, seed: int = 0) -> np.ndarray:
     return WAVE + deviation * np.random.default_rng(seed).standard_normal(WAVE.shape)
 
 
-def found_in(readings: np.ndarray) -> tuple[float, float]:
-    found = smoothing_of(readings, PARTS, DT)
-    assert found is not None
-    return found
+def settings_for(readings: np.ndarray) -> tuple[float, float]:
+    settings = smoothing_of(readings, SEGMENTS, DT)
+    assert settings is not None
+
+    return settings
 
 
 @pytest.mark.parametrize("deviation", [1e-4, 1e-3])
 def test_positions_and_velocities_get_closer_to_the_truth(deviation: float):
     readings = noisy(deviation)
-    position, velocity = smoothed(readings, PARTS, DT, *found_in(readings))
+    position, velocity = smoothed(readings, SEGMENTS, DT, *settings_for(readings))
+
     assert position.shape == velocity.shape == readings.shape
     assert np.std(position - WAVE) < 0.6 * deviation
-    differences = np.concatenate([np.gradient(readings[part], DT, axis=0) for part in PARTS])
+
+    differences = np.concatenate([np.gradient(readings[rows], DT, axis=0) for rows in SEGMENTS])
+
     assert np.std(velocity - SPEED) < 0.35 * np.std(differences - SPEED)
     assert np.std(velocity - SPEED) < 0.1 * np.std(SPEED)
 
 
 def test_a_log_without_noise_is_left_as_it_is():
-    assert smoothing_of(WAVE, PARTS, DT) is None
-    assert smoothing_of(noisy(1e-5), PARTS, DT) is None
+    assert smoothing_of(WAVE, SEGMENTS, DT) is None
+    assert smoothing_of(noisy(1e-5), SEGMENTS, DT) is None
     assert smoothing_of(np.zeros((400, 2)), (slice(0, 400),), DT) is None
 
 
-def test_the_steps_of_an_encoder_are_noise():
+def test_the_steps_of_an_encoder_are_smoothed_as_noise():
     step = 2 * np.pi / 4096
     readings = step * np.round(WAVE / step)
-    found = smoothed(readings, PARTS, DT, *found_in(readings))
-    assert np.std(found[0] - WAVE) < 0.8 * np.std(readings - WAVE)
-    assert (
-        0.5 * step / np.sqrt(12) < noise_of(readings[:, 0], PARTS, DT)[0] < 2.0 * step / np.sqrt(12)
-    )
+    position, _ = smoothed(readings, SEGMENTS, DT, *settings_for(readings))
+
+    assert np.std(position - WAVE) < 0.8 * np.std(readings - WAVE)
+
+    # a rounding error is uniform: its standard deviation is step/√12
+    deviation = step / np.sqrt(12)
+
+    assert 0.5 * deviation < noise_of(readings[:, 0], SEGMENTS, DT)[0] < 2.0 * deviation
 
 
-def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
-    """Rounded angles of a first-order lag, and its simulation on the commands of the log on a grid; readings stay."""
+def test_smoothed_commands_move_a_motor_to_its_smoothed_angles(make_log):
+    """The motor is a first-order lag whose angles are rounded; the readings are kept."""
     time = DT * np.arange(1200)
-    step = 4096 / (2 * np.pi)
+    ticks_per_radian = 4096 / (2 * np.pi)
     target = 0.3 * (np.sin(1.3 * time - 0.5) > 0.0)
 
     def lagged(command: np.ndarray) -> np.ndarray:
@@ -66,7 +73,7 @@ def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
             angle[row] = late + (angle[row - 1] - late) * np.exp(-DT / 0.03)
         return angle
 
-    readings = np.round(lagged(target) * step) / step
+    readings = np.round(lagged(target) * ticks_per_radian) / ticks_per_radian
     log = smooth_on_grid(
         make_log(
             rows=len(time),
@@ -85,6 +92,6 @@ def test_smoothed_commands_move_a_motor_as_its_smoothed_angles(make_log):
     assert error(log.position_target[:, 0]) < 0.8 * error(target)
     assert (
         np.abs(log.readings[:, 0] - lagged(target)).max()
-        < 0.6 / step
+        < 0.6 / ticks_per_radian
         < np.abs(log.joint_pos[:, 0] - readings).max()
     )

@@ -1,4 +1,4 @@
-"""The log doctor finds joint signs that contradict the gravity of a model, and none where gravity has no effect."""
+"""The log doctor finds joint signs that contradict gravity, where gravity has an effect."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,21 +24,23 @@ def turned(log: MotorLog, *signs: float) -> MotorLog:
     )
 
 
-def found(log: MotorLog, robot: str) -> list[Finding]:
+def findings_of_gravity(log: MotorLog, robot: str) -> list[Finding]:
     return of_check(check_log(log, load_robot(robot)), "gravity")
 
 
-def test_signs_of_the_model_are_no_finding(arm: str):
-    assert not found(slow_motion(arm), arm)
+def test_a_log_with_the_signs_of_the_model_has_no_finding(arm: str):
+    assert not findings_of_gravity(slow_motion(arm), arm)
 
 
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
-    (finding,) = found(
-        turned(slow_motion(arm), *(-1.0 if each == joint else 1.0 for each in JOINTS)), arm
-    )
+    signs = [-1.0 if name == joint else 1.0 for name in JOINTS]
+
+    (finding,) = findings_of_gravity(turned(slow_motion(arm), *signs), arm)
+
     assert (finding.severity, finding.joint) == ("warning", joint)
-    assert finding.value > 0.99 and f"0.0 mrad with {joint} reversed" in finding.message
+    assert finding.value > 0.99
+    assert f"0.0 mrad with {joint} reversed" in finding.message
 
 
 @pytest.mark.parametrize(
@@ -50,5 +52,7 @@ def test_a_turned_sign_is_a_warning_that_names_its_joint(arm: str, joint: str):
         lambda log: log.rows(slice(0, 25)),
     ],
 )
-def test_what_shows_no_weight_is_no_finding(arm: str, change):
-    assert not found(change(turned(slow_motion(arm), -1.0, 1.0)), arm)
+def test_a_log_in_which_gravity_has_no_effect_has_no_finding(arm: str, change):
+    log = turned(slow_motion(arm), -1.0, 1.0)
+
+    assert not findings_of_gravity(change(log), arm)

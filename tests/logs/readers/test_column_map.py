@@ -44,22 +44,26 @@ sign = -1
 zero = 0.5
 """
 RNG = np.random.default_rng(0)
-NAMES = [f"{kind}_{joint}" for kind in ("goal", "pos", "vel", "load") for joint in ("1", "2")]
+NAMES = [f"{channel}_{joint}" for channel in ("goal", "pos", "vel", "load") for joint in (1, 2)]
 COLUMNS = {"stamp": 20.0 * np.arange(ROWS), "episode": np.repeat([3, 4], ROWS // 2)}
-COLUMNS |= {name: np.rint(1000 * RNG.standard_normal(ROWS)) for name in NAMES} | {
-    "unused": np.zeros(ROWS)
-}
-TICK = TURN / 4096
-RPM = TURN / 60
+COLUMNS |= {name: np.rint(1000 * RNG.standard_normal(ROWS)) for name in NAMES}
+COLUMNS |= {"unused": np.zeros(ROWS)}
+TICK = TURN / 4096  # [rad]
+RPM = TURN / 60  # [rad/s]
 
 
 def write(path: Path, columns: dict[str, np.ndarray] = COLUMNS) -> Path:
     if path.suffix == ".parquet":
-        pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), path)
+        arrays = {name: pa.array(values) for name, values in columns.items()}
+        pq.write_table(pa.table(arrays), path)
         return path
+
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    text = "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n"
-    path.write_bytes(gzip.compress(text.encode()) if path.suffix == ".gz" else text.encode())
+    lines = [",".join(columns)]
+    lines += [",".join(map(str, row)) for row in rows]
+    data = ("\n".join(lines) + "\n").encode()
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+
     return path
 
 
@@ -74,30 +78,39 @@ def a_map(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
 @pytest.mark.parametrize("name", ["log.csv", "log.csv.gz", "log.parquet"])
 def test_units_signs_and_zeros_are_those_of_the_map(tmp_path: Path, name: str):
     log = read_log(write(tmp_path / name), columns=a_map(tmp_path, TICKS))
-    assert (log.joint_names, log.robot, log.motor, log.encoder) == (
-        ("pan", "lift"),
-        "arm",
-        "servo",
-        "rotor",
-    )
+
+    assert log.joint_names == ("pan", "lift")
+    assert (log.robot, log.motor, log.encoder) == ("arm", "servo", "rotor")
     np.testing.assert_allclose(log.time, 0.02 * np.arange(ROWS))
     np.testing.assert_allclose(log.joint_pos[:, 0], TICK * COLUMNS["pos_1"])
     np.testing.assert_allclose(log.joint_pos[:, 1], 0.5 - TICK * COLUMNS["pos_2"])
     np.testing.assert_allclose(log.position_target[:, 1], 0.5 - TICK * COLUMNS["goal_2"])
-    assert log.joint_vel is not None and log.joint_torque is not None
-    assert log.segment is not None and log.posture is not None
+    assert log.joint_vel is not None
+    assert log.joint_torque is not None
+    assert log.segment is not None
+    assert log.posture is not None
     np.testing.assert_allclose(log.joint_vel[:, 1], -RPM * COLUMNS["vel_2"])
     np.testing.assert_allclose(log.joint_torque[:, 0], 0.0980665 * COLUMNS["load_1"])
     assert log.segment.tolist() == COLUMNS["episode"].tolist()
     assert set(log.posture) == {POSTURES.index("suspended")}
 
 
-def test_what_a_channel_states_counts_before_what_its_joint_states(tmp_path: Path):
-    of_pan = 'name = "pan"\nsign = -1.0\nzero = 0.2\n[joints.1.position_target]\nsign = 1\n[joints.1.joint_vel]\n'
-    of_lift = 'ticks_per_turn = 1024\n[joints.2.joint_pos]\nscale = 0.1\n[joints.2.joint_torque]\ntorque = "mN·m"'
-    changes = ('name = "pan"', f"{of_pan}sign = 1\nscale = 3.0"), ("sign = -1\nzero = 0.5", of_lift)
+def test_an_entry_of_a_channel_overrides_the_entry_of_its_joint(tmp_path: Path):
+    of_pan = (
+        'name = "pan"\nsign = -1.0\nzero = 0.2\n'
+        "[joints.1.position_target]\nsign = 1\n"
+        "[joints.1.joint_vel]\nsign = 1\nscale = 3.0"
+    )
+    of_lift = (
+        "ticks_per_turn = 1024\n"
+        "[joints.2.joint_pos]\nscale = 0.1\n"
+        '[joints.2.joint_torque]\ntorque = "mN·m"'
+    )
+    changes = [('name = "pan"', of_pan), ("sign = -1\nzero = 0.5", of_lift)]
+
     log = read_log(write(tmp_path / "log.csv"), columns=a_map(tmp_path, TICKS, *changes))
-    assert log.joint_vel is not None and log.joint_torque is not None
+    assert log.joint_vel is not None
+    assert log.joint_torque is not None
     np.testing.assert_allclose(log.position_target[:, 0], 0.2 + TICK * COLUMNS["goal_1"])
     np.testing.assert_allclose(log.joint_pos[:, 0], 0.2 - TICK * COLUMNS["pos_1"])
     np.testing.assert_allclose(log.joint_vel[:, 0], 3.0 * COLUMNS["vel_1"])
@@ -114,47 +127,52 @@ def test_gains_of_the_map_hold_for_every_row(tmp_path: Path):
     )
     path = write(tmp_path / "log.csv")
     log = read_log(path, columns=a_map(tmp_path, TICKS, *gains))
-    assert (
-        log.gains is not None
-        and log.gains.tolist() == [[32.0, 16.0], [0.0, 2.0]]
-        and log.gain_unit == "N·m/rad"
-    )
-    own = ('velocity = "rpm"', 'gain = "firmware"\nvelocity = "rpm"')
-    assert read_log(path, columns=a_map(tmp_path, TICKS, *gains, own)).gain_unit == "firmware"
+    assert log.gains is not None
+    assert log.gains.tolist() == [[32.0, 16.0], [0.0, 2.0]]
+    assert log.gain_unit == "N·m/rad"
+
+    unit = ('velocity = "rpm"', 'gain = "firmware"\nvelocity = "rpm"')
+
+    assert read_log(path, columns=a_map(tmp_path, TICKS, *gains, unit)).gain_unit == "firmware"
 
 
-def test_conditions_are_columns_of_a_joint_or_of_all_or_numbers(tmp_path: Path):
-    volts = 74.0 + np.arange(ROWS) % 3
-    degrees = 30.0 + np.arange(ROWS) / ROWS
-    path = write(
-        tmp_path / "log.csv", COLUMNS | {"bus": volts, "temp_1": degrees, "temp_2": degrees + 5.0}
-    )
+def test_operating_conditions_are_columns_of_one_or_all_joints_or_numbers(tmp_path: Path):
+    decivolts = 74.0 + np.arange(ROWS) % 3
+    degrees = 30.0 + np.arange(ROWS) / ROWS  # [°C]
+    columns = {"bus": decivolts, "temp_1": degrees, "temp_2": degrees + 5.0}
+    path = write(tmp_path / "log.csv", COLUMNS | columns)
     entries = 'supply_voltage = "bus"\nmotor_temperature = "temp_{joint}"\n[units]\nvoltage = "dV"'
     log = read_log(path, columns=a_map(tmp_path, TICKS, ("[units]", entries)))
-    assert log.supply_voltage is not None and log.motor_temperature is not None
-    np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([volts, volts], axis=1))
+    assert log.supply_voltage is not None
+    assert log.motor_temperature is not None
+    np.testing.assert_allclose(log.supply_voltage, 0.1 * np.stack([decivolts] * 2, axis=1))
     np.testing.assert_allclose(log.motor_temperature, np.stack([degrees, degrees + 5.0], axis=1))
+
     number = ("[units]", 'supply_voltage = 74\n[units]\nvoltage = "dV"')
-    np.testing.assert_allclose(
-        read_log(path, columns=a_map(tmp_path, TICKS, number)).operating_conditions[
-            "supply_voltage"
-        ],
-        7.4,
-    )
+    log = read_log(path, columns=a_map(tmp_path, TICKS, number))
+
+    np.testing.assert_allclose(log.operating_conditions["supply_voltage"], 7.4)
 
 
-def test_joints_come_in_the_robots_order(tmp_path: Path):
+def test_joints_are_in_the_order_of_the_robot(tmp_path: Path):
     names = PUPPER_V2.joint_names[::-1]
     table = {"t": 0.01 * np.arange(ROWS)}
-    table |= {
-        f"{kind}_{name}": RNG.standard_normal(ROWS) for name in names for kind in ("goal", "pos")
-    }
-    text = PLAIN.split("[joints]")[0] + "[joints]\n" + "\n".join(f"{name} = {{}}" for name in names)
+
+    for name in names:
+        table[f"goal_{name}"] = RNG.standard_normal(ROWS)
+        table[f"pos_{name}"] = RNG.standard_normal(ROWS)
+
+    entries = "\n".join(f"{name} = {{}}" for name in names)
+    text = f"{TABLE_MAP}[joints]\n{entries}"
     path = write(tmp_path / "log.csv", table)
     log = read_log(path, PUPPER_V2, a_map(tmp_path, text))
-    assert log.joint_names == PUPPER_V2.joint_names and log.robot == PUPPER_V2.name
+
+    assert log.joint_names == PUPPER_V2.joint_names
+    assert log.robot == PUPPER_V2.name
     np.testing.assert_allclose(log.joint_pos[:, 0], table[f"pos_{PUPPER_V2.joint_names[0]}"])
+
     strange = a_map(tmp_path, text, (f"{names[0]} = {{}}", f'{names[0]} = {{ name = "tail" }}'))
+
     with pytest.raises(LogError, match=r"'tail'.*FR_hip"):
         read_log(path, PUPPER_V2, strange)
 
@@ -162,29 +180,32 @@ def test_joints_come_in_the_robots_order(tmp_path: Path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('motor = "servo"', "", "missing keys"),
-        ('time = "t"', "", "neither time"),
-        ("goal_{joint}", "goal", "lacks {joint}"),
+        ('motor = "servo"', "", "motor"),
+        ('time = "t"', "", "time"),
+        ("goal_{joint}", "goal", "{joint}"),
         ("a = {}", "a = {sign = 2}", "sign = 2"),
-        ("a = {}", 'a = {name = "b"}', "two joints are named 'b'"),
+        ("a = {}", 'a = {name = "b"}', "'b'"),
         ("[joints]", '[units]\nangle = "tick"\n[joints]', "ticks_per_turn"),
         ("[joints]", '[units]\nangle = "grad"\n[joints]', "angle = 'grad'"),
-        ("[joints]", "[joints", "not valid TOML"),
-        ("a = {}", "a = {kp = 3}", "joint 'b' lacks kp"),
+        ("[joints]", "[joints", "TOML"),
+        ("a = {}", "a = {kp = 3}", "'b' lacks kp"),
     ],
 )
-def test_a_bad_map_is_rejected(tmp_path: Path, old: str, new: str, message: str):
+def test_an_invalid_map_is_refused_by_its_key_and_value(
+    tmp_path: Path, old: str, new: str, message: str
+):
     with pytest.raises(ArtifactError, match=r"columns\.toml") as error:
         load_column_map(a_map(tmp_path, PLAIN, (old, new)))
     assert message in str(error.value)
 
 
-def test_a_column_that_is_there_twice_is_refused(tmp_path: Path):
-    known = a_map(tmp_path, TICKS)
+def test_a_repeated_column_is_refused(tmp_path: Path):
+    column_map = a_map(tmp_path, TICKS)
     path = write(tmp_path / "log.csv")
     path.write_text(path.read_text().replace("unused", "pos_2", 1))
+
     with pytest.raises(LogError, match="'pos_2'"):
-        read_log(path, columns=known)
+        read_log(path, columns=column_map)
 
 
 def test_shipped_maps_can_be_loaded():

@@ -1,4 +1,4 @@
-"""A log comes back from disk bit for bit, or not at all."""
+"""A log is read from disk bit for bit, or refused."""
 
 import json
 
@@ -29,8 +29,9 @@ def written(tmp_path, full_log):
     return path
 
 
-def test_round_trip_is_exact(written, full_log):
+def test_a_written_log_is_read_bit_for_bit(written, full_log):
     log = read_parquet(written)
+
     assert channels(log).keys() == channels(full_log).keys()
     for name, value in channels(full_log).items():
         assert getattr(log, name).tobytes() == np.ascontiguousarray(value).tobytes(), name
@@ -41,7 +42,7 @@ def test_round_trip_is_exact(written, full_log):
 @pytest.mark.parametrize(
     ("header", "problem"),
     [
-        ({"schema_version": 1}, "schema_version = 1 is not 4"),
+        ({"schema_version": 1}, "schema_version = 1 .*4"),
         ({"joint_names": ["left", "middle"]}, "position_target_rad/middle"),
         ({"encoder": "belt"}, "encoder 'belt'.*joint or rotor"),
         ({"firmware": {"dead_zone": 2}}, "firmware.dead_zone 2"),
@@ -53,16 +54,19 @@ def test_a_header_that_does_not_fit_is_refused(written, header, problem):
         read_parquet(written)
 
 
-def test_other_parquet_files_are_refused(written):
-    other = written.with_name("other.parquet")
-    pq.write_table(pq.read_table(written).replace_schema_metadata(None), other)
-    with pytest.raises(LogError, match="not a motor log"):
-        read_parquet(other)
+def test_a_parquet_file_that_is_no_motor_log_is_refused(written):
+    path = written.with_name("table.parquet")
+    pq.write_table(pq.read_table(written).replace_schema_metadata(None), path)
+
+    with pytest.raises(LogError, match="motor log") as refusal:
+        read_parquet(path)
+    assert refusal.value.where == path
 
 
 def test_a_small_file_that_unpacks_to_much_is_refused(tmp_path):
     path = tmp_path / "equal.parquet"
     pq.write_table(pa.table({"t": np.zeros(MAX_BYTES // 8 + 1, np.int8)}), path)
+
     assert path.stat().st_size < 1_000_000
     with pytest.raises(LogError, match=str(MAX_BYTES)):
         parquet_table(path)

@@ -14,26 +14,29 @@ from motorprior.logs.pickles import load_pickle
 
 
 @pytest.mark.parametrize("protocol", [0, 2, pickle.HIGHEST_PROTOCOL])
-def test_plain_containers_and_arrays_come_through(protocol: int):
+def test_plain_containers_and_arrays_are_loaded_exactly(protocol: int):
     value = {
         "t": [0.1, 1e-300, True, None, "µ", b"\xff"],
         "x": np.arange(6.0).reshape(2, 3),
         "y": np.float32(0.5),
     }
     loaded = load_pickle(pickle.dumps(value, protocol))
-    assert loaded["t"] == value["t"] and loaded["y"] == 0.5
+
+    assert loaded["t"] == value["t"]
+    assert loaded["y"] == 0.5
     np.testing.assert_array_equal(loaded["x"], value["x"])
 
 
 @pytest.mark.parametrize("function", [os.system, np.load])
-def test_a_pickle_calls_nothing_else(tmp_path: Path, function):
+def test_a_pickle_cannot_call_other_functions(tmp_path: Path, function):
     class Call:
         def __reduce__(self):
             return function, (str(victim),)
 
     victim = tmp_path / "victim"
     victim.touch()
-    with pytest.raises(LogError, match=rf"{function.__name__}, which is not allowed"):
+
+    with pytest.raises(LogError, match=function.__name__):
         load_pickle(pickle.dumps({"t": Call()}))
     assert victim.exists()
 
@@ -53,8 +56,8 @@ def test_a_small_pickle_cannot_ask_for_much_memory(pickled: bytes):
     assert load_pickle(b"c_codecs\nencode\n(Vff\nVhex\ntR.") == b"ff", "no encoding that grows"
 
 
-def test_a_truncated_pickle_is_an_error():
-    with pytest.raises(LogError, match="not a complete pickle"):
+def test_a_truncated_pickle_is_refused():
+    with pytest.raises(LogError, match="pickle"):
         load_pickle(pickle.dumps([1.0, 2.0])[:-3])
 
 
@@ -68,12 +71,12 @@ def test_raw_bytes_never_become_addresses_of_objects():
                 (1, (1,), dtype, False, 8 * b"A"),
             )
 
-    with pytest.raises(LogError, match="'O8', not plain numbers"):
+    with pytest.raises(LogError, match="'O8'"):
         load_pickle(pickle.dumps({"t": Forged()}))
 
 
 def slow_hash() -> bytes:
-    """A table with a key whose hash takes 2**40 steps."""
+    """A pickled table whose key takes 2**40 steps to hash."""
     key = ()
     for _ in range(40):
         key = (key, key)
@@ -83,8 +86,8 @@ def slow_hash() -> bytes:
 @pytest.mark.parametrize(
     ("bomb", "problem"),
     [
-        (slow_hash(), "takes more than 3 s"),
-        (b"\x80\x04" + 20_000_000 * b"]" + b".", "more memory"),
+        (slow_hash(), "3 s"),
+        (b"\x80\x04" + 20_000_000 * b"]" + b".", "memory"),
     ],
 )
 def test_a_pickle_that_takes_much_time_or_memory_is_refused_soon(
@@ -93,9 +96,11 @@ def test_a_pickle_that_takes_much_time_or_memory_is_refused_soon(
     path = tmp_path / "bomb.pkl"
     path.write_bytes(bomb)
     began = time.process_time()
+
     with pytest.raises(LogError, match=problem) as refusal:
         pickled_arrays(path)
-    assert refusal.value.where == path and refusal.value.remedy
+    assert refusal.value.where == path
+    assert refusal.value.remedy
     assert time.process_time() - began < 2.0, "the child process works, not this one"
 
 
@@ -112,7 +117,9 @@ def test_arrays_of_the_child_process_are_those_of_the_pickle(tmp_path: Path):
     path = tmp_path / "log.pkl"
     path.write_bytes(pickle.dumps(content))
     arrays = pickled_arrays(path)
+
     assert set(arrays) == {"run.q", "x", "n", "µ/.."}
     np.testing.assert_array_equal(arrays["run.q"], [step["q"] for step in content["run"]])
     np.testing.assert_array_equal(arrays["x"], content["x"])
-    assert arrays["n"].tolist() == big_endian.tolist() and arrays["µ/.."].tolist() == [True, False]
+    assert arrays["n"].tolist() == big_endian.tolist()
+    assert arrays["µ/.."].tolist() == [True, False]

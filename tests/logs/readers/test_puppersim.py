@@ -1,4 +1,4 @@
-"""The published Pupper recordings read the same from either container; damage is named."""
+"""The published Pupper recordings are the same logs from either container; damage is named."""
 
 import gzip
 import pickle
@@ -19,7 +19,13 @@ CSV_COLUMNS = csv_columns(PUPPER_V2.num_joints)
 RNG = np.random.default_rng(0)
 TABLE = np.round(RNG.normal(size=(ROWS, len(CSV_COLUMNS))), 6)  # six decimals, as published
 TABLE[:, 0] = np.round(np.cumsum(RNG.uniform(1e-3, 2e-3, ROWS)), 6)
-LINES = [",".join(CSV_COLUMNS), *(",".join(f"{value:.6f}" for value in row) for row in TABLE)]
+
+
+def csv_line(row: np.ndarray) -> str:
+    return ",".join(f"{value:.6f}" for value in row)
+
+
+LINES = [",".join(CSV_COLUMNS), *map(csv_line, TABLE)]
 
 
 def write_csv(path: Path, lines: list[str] = LINES) -> Path:
@@ -43,10 +49,13 @@ def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, container, 
     made = {key: container(value) for key, value in content().items()}
     (tmp_path / "env_real_bf_log.txt").write_bytes(pickle.dumps(made, protocol))
     pickled = read_log(tmp_path / "env_real_bf_log.txt", PUPPER_V2)
+
     np.testing.assert_array_equal(pickled.position_target, TABLE[:, 1:13])
     np.testing.assert_array_equal(pickled.joint_pos, TABLE[:, 13:25])
     np.testing.assert_array_equal(pickled.base_orientation, TABLE[:, 25:27])
+
     table = read_log(write_csv(tmp_path / "env_real_bf_log.csv.gz"), PUPPER_V2)
+
     for channel, value in channels(table).items():
         np.testing.assert_array_equal(value, getattr(pickled, channel))
 
@@ -54,10 +63,10 @@ def test_pickle_and_csv_of_one_recording_are_one_log(tmp_path: Path, container, 
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda c: c.pop("IMU"), "not lists t, action, MotorAngle, IMU"),
+        (lambda content: content.pop("IMU"), "IMU"),
         (
-            lambda c: c["MotorAngle"][6].__setitem__(1, float("nan")),
-            r"row 6, joint_pos/FR_hip \(column q_1\) is nan",
+            lambda content: content["MotorAngle"][6].__setitem__(1, float("nan")),
+            r"row 6, joint_pos/FR_hip .*nan",
         ),
     ],
 )
@@ -65,20 +74,23 @@ def test_a_pickle_that_does_not_fit_is_refused(tmp_path: Path, change, problem: 
     change(made := content())
     path = tmp_path / "env_real_x_log.txt"
     path.write_bytes(pickle.dumps(made))
+
     with pytest.raises(LogError, match=rf"x_log\.txt: .*{problem}"):
         read_log(path, PUPPER_V2)
 
 
-def test_a_folder_gives_the_real_logs_by_short_name(tmp_path: Path):
+def test_a_folder_contains_the_real_logs_by_short_name(tmp_path: Path):
     for name in ("env_log_real_0116.csv.gz", "env_real_bf_log.csv", "env_real_1_joint_log.csv"):
         write_csv(tmp_path / name)
     for name in ("env_log_sim_0116.txt", "README.txt"):
         (tmp_path / name).write_text("not read")
+
     assert sorted(read_log_folder(tmp_path, PUPPER_V2).logs) == ["0116", "1_joint", "bf"]
 
 
-def test_the_published_logs_read(shared_data: Path):
+def test_the_published_logs_have_their_durations_and_repeated_rows(shared_data: Path):
     logs = read_log_folder(shared_data / "pupper_v2", PUPPER_V2).logs
     durations = {"0116": 18.7, "1_joint": 3.7, "bf": 7.2, "lr": 6.7}
+
     assert {name: round(log.duration, 1) for name, log in logs.items()} == durations
     assert repeated_rows(logs["0116"])[1:].mean() == pytest.approx(0.55, abs=0.005)

@@ -1,4 +1,4 @@
-"""A ROS 2 bag becomes a motor log, by its JointState or by any topics of a column map; it needs the extra `ros`."""
+"""A ROS 2 bag becomes a motor log, by its JointState or by the topics of a column map."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,10 @@ JOINT_STATE = "\n".join(
         *(LINE, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec"),
     ]
 )
-STATE = f"Motor[2] motor_state\nstring[] name\nfloat32 level\n{LINE}\nMSG: demo_msgs/Motor\nfloat64 q\nfloat64 dq"
+STATE = (
+    f"Motor[2] motor_state\nstring[] name\nfloat32 level\n{LINE}\n"
+    "MSG: demo_msgs/Motor\nfloat64 q\nfloat64 dq"
+)
 LEGGED = """
 motor = "servo"
 time = "log_time"
@@ -41,9 +44,13 @@ posture = "suspended"
 
 
 def write_bag(
-    path: Path, states: str = "/arm/joint_states", commands: str = "/arm/commands", names=JOINTS, numbers: str = "",
+    path: Path,
+    states: str = "/arm/joint_states",
+    commands: str = "/arm/commands",
+    names=JOINTS,
+    numbers: str = "",
     velocity: float = 0.0,
-) -> Path:  # fmt: skip
+) -> Path:
     """A bag of two topics of JointState, and one of plain numbers where its name is given."""
     from mcap_ros2.writer import Writer
 
@@ -68,11 +75,15 @@ def write_bag(
         if numbers:
             plain = writer.register_msgdef("std_msgs/msg/Float64MultiArray", "float64[] data")
             writer.write_message(numbers, plain, {"data": [0.5]}, log_time=0)
+
     return path
 
 
 def write_legged(folder: Path, text: str = LEGGED, late: int = 0) -> tuple[Path, str]:
-    """Commands as plain numbers, states of an own type; commands begin ``late`` rows after the states; and a map."""
+    """A bag with commands as plain numbers and states of a custom type, and its column map.
+
+    late: rows from the first state to the first command.
+    """
     from mcap_ros2.writer import Writer
 
     with open(folder / "a.mcap", "wb") as file, Writer(file) as writer:
@@ -87,15 +98,18 @@ def write_legged(folder: Path, text: str = LEGGED, late: int = 0) -> tuple[Path,
             motors: list[Any] = [{"q": q, "dq": 2.0 * q} for q in angle.tolist()]
             message = {"motor_state": motors, "name": ["a.left", "b"], "level": 0.5}
             writer.write_message("/state", state, message, log_time=now)
+
     (folder / "map.toml").write_text(text, encoding="utf-8")
+
     return folder / "a.mcap", str(folder / "map.toml")
 
 
-def test_states_with_the_command_in_force(tmp_path: Path):
+def test_a_bag_of_joint_states_has_the_command_in_force_in_every_row(tmp_path: Path):
     log = read_log(write_bag(tmp_path / "a.mcap"))
-    assert (
-        log.joint_names == JOINTS[::-1] and log.joint_torque is None and log.joint_vel is not None
-    )
+
+    assert log.joint_names == JOINTS[::-1]
+    assert log.joint_torque is None
+    assert log.joint_vel is not None
     np.testing.assert_allclose(log.time, TIME, atol=2e-9)
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1])
     np.testing.assert_array_equal(log.joint_vel, 2 * ANGLE[:, ::-1])
@@ -111,7 +125,7 @@ def test_states_with_the_command_in_force(tmp_path: Path):
         ({"names": ("pan", "tail")}, "'tail'"),
     ],
 )
-def test_other_topics_are_refused_with_their_names(
+def test_ambiguous_or_missing_topics_and_joints_are_refused_by_name(
     tmp_path: Path, changes: dict[str, Any], message: str
 ):
     with pytest.raises(LogError, match=message):
@@ -123,11 +137,13 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
     folder.mkdir()
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     write_bag(folder / "run_0.mcap")
-    np.testing.assert_array_equal(
-        read_log(folder).joint_pos, read_log(folder / "run_0.mcap").joint_pos
-    )
+    file_log = read_log(folder / "run_0.mcap")
+
+    np.testing.assert_array_equal(read_log(folder).joint_pos, file_log.joint_pos)
     assert list(read_log_folder(folder, None).logs) == ["run"]
+
     write_bag(folder / "run_1.mcap")
+
     with pytest.raises(LogError, match=r"run: .*\.mcap"):
         read_log(folder)
     assert list(read_log_folder(folder, None).logs) == ["run_0", "run_1"], "a bag in two files"
@@ -136,21 +152,25 @@ def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):
 def test_a_bag_in_another_storage_must_be_converted(tmp_path: Path):
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     (tmp_path / "run_0.db3").write_bytes(b"SQLite format 3")
+
     with pytest.raises(LogError, match=r"run_0\.db3.*ros2 bag convert"):
         read_log(tmp_path)
 
 
-def test_a_truncated_bag_is_recommended_for_recovery(tmp_path: Path):
+def test_the_remedy_for_a_truncated_bag_is_mcap_recover(tmp_path: Path):
     path = write_bag(tmp_path / "a.mcap")
     path.write_bytes(path.read_bytes()[:2000])
+
     with pytest.raises(LogError, match="mcap recover"):
         read_log(path)
 
 
-def test_messages_of_any_type_by_their_fields(tmp_path: Path):
+def test_messages_of_any_type_are_read_by_their_fields(tmp_path: Path):
     path, columns = write_legged(tmp_path, late=3)
     log = read_log(path, columns=columns)
-    assert log.joint_names == ("pan", "lift") and log.logged_kp is not None
+
+    assert log.joint_names == ("pan", "lift")
+    assert log.logged_kp is not None
     np.testing.assert_allclose(
         log.time, TIME[3:] - TIME[3], atol=2e-9, err_msg="from the first command on"
     )
@@ -159,10 +179,11 @@ def test_messages_of_any_type_by_their_fields(tmp_path: Path):
     np.testing.assert_array_equal(log.joint_vel, 2.0 * ANGLE[3:] * [1.0, -1.0])
 
 
-def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_path: Path):
+def test_a_joint_is_read_by_its_index_in_the_command_and_by_its_name_in_the_state(tmp_path: Path):
     text = LEGGED.replace("motor_state[{joint}]", "motor_state[{name}]").replace('"pan"', '"b"')
     path, columns = write_legged(tmp_path, text.replace('"lift"', '"a.left"'))
     log = read_log(path, columns=columns)
+
     np.testing.assert_array_equal(log.position_target, TARGET * [1.0, -1.0])
     np.testing.assert_array_equal(log.joint_pos, ANGLE[:, ::-1] * [1.0, -1.0])
 
@@ -170,13 +191,15 @@ def test_a_joint_by_its_place_in_the_command_and_by_its_name_in_the_state(tmp_pa
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("/commands:data", "/cmd:data", r"no topic '/cmd'; it has '/commands'"),
-        ("motor_state[{joint}].q", "motor_state[{joint}].angle", "message 0 has no number"),
+        ("/commands:data", "/cmd:data", r"'/cmd'.*'/commands'"),
+        ("motor_state[{joint}].q", "motor_state[{joint}].angle", "message 0 "),
         ("motor_state[{joint}].q", "motor_state[7{joint}].q", "range"),
-        ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]' is not TOPIC:FIELD"),
+        ('"/state:motor_state[{joint}].q"', '"q[{joint}]"', r"'q\[0\]'"),
     ],
 )
-def test_errors_of_a_map_are_named(tmp_path: Path, old: str, new: str, message: str):
+def test_a_topic_or_field_that_does_not_exist_is_refused_by_name(
+    tmp_path: Path, old: str, new: str, message: str
+):
     path, columns = write_legged(tmp_path, LEGGED.replace(old, new))
     with pytest.raises(LogError, match=message):
         read_log(path, columns=columns)
