@@ -1,4 +1,4 @@
-"""What every executor promises: results in order, same bytes on any workers, nothing lost with a worker or node."""
+"""Contract of all executors: results in order, equal bytes on any workers, no result is lost."""
 
 # pyright: reportMissingImports=false
 # Ray is an extra.
@@ -30,10 +30,12 @@ def make_walker():
 
 
 def searched(executor: Executor, iterations: int = 2) -> bytes:
-    """Everything a search has found, as bytes."""
+    """State of a policy search after these iterations, as bytes."""
     search = PolicySearch(ArsConfig(num_directions=4, num_top_directions=2, seed=5), SHAPE)
     search.train(executor, iterations)
+
     assert np.any(search.ars.parameters != 0.0)
+
     return b"".join(np.asarray(value).tobytes() for value in search.state().values())
 
 
@@ -45,12 +47,14 @@ def serial() -> bytes:
 @pytest.mark.parametrize("workers", [2, 3])
 def test_any_number_of_threads_gives_the_same_search(serial, workers):
     executor = make_executor(make_walker, workers)
+
     assert searched(executor) == serial
+
     executor.close()
 
 
 class Sleeper:
-    """A simulator that takes its time."""
+    """A simulator that counts how often it is closed."""
 
     closed = 0
 
@@ -64,12 +68,15 @@ def nap(simulator, shared, task):
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
-def test_results_come_in_the_order_of_the_tasks_whatever_order_they_end_in(workers):
+def test_results_are_in_the_order_of_the_tasks(workers):
     executor = make_executor(Sleeper, workers)
     Sleeper.closed = 0
+
     assert executor.map(nap, "x", range(5)) == [("x", task) for task in range(5)]
     assert executor.map(nap, "y", []) == []
+
     executor.close()
+
     assert Sleeper.closed == workers
 
 
@@ -77,19 +84,19 @@ def broken(simulator, shared, task):
     raise SimulationFault("broken down", where="here", remedy="mend it")
 
 
-@pytest.mark.parametrize(("workers", "kind"), [(1, "threads"), (2, "threads"), (1, "ray")])
-def test_a_fault_reaches_the_caller(request, workers, kind):
-    if kind == "ray":
+@pytest.mark.parametrize(("workers", "name"), [(1, "threads"), (2, "threads"), (1, "ray")])
+def test_a_fault_reaches_the_caller(request, workers, name):
+    if name == "ray":
         request.getfixturevalue("ray")
-    executor = make_executor(Sleeper, workers, kind)
+
+    executor = make_executor(Sleeper, workers, name)
+
     try:
         with pytest.raises(SimulationFault) as caught:
             executor.map(broken, None, range(3))
         # one line
-        assert (
-            type(caught.value) is SimulationFault
-            and str(caught.value) == "here: broken down -> mend it"
-        )
+        assert type(caught.value) is SimulationFault
+        assert str(caught.value) == "here: broken down -> mend it"
     finally:
         executor.close()
 
@@ -117,12 +124,13 @@ def ray(patient_ray):
 
     for name in (__name__, draw_pd.__module__):
         ray.cloudpickle.register_pickle_by_value(sys.modules[name])
+
     return module
 
 
 @pytest.fixture(scope="module")
 def cluster(ray):
-    """The head of a cluster, one core; it notices within a second that a node is gone, instead of 15 s."""
+    """The head of a cluster, on one core; it notices a lost node within 1 s instead of 15 s."""
     from ray.cluster_utils import Cluster
 
     often = {
@@ -137,18 +145,18 @@ def cluster(ray):
 
 
 def remember(simulator, shared, task):
-    """Leave a mark with the node of the task; end only on the nodes that stay."""
+    """Leave a mark with the node of the task; the task ends only on the nodes that stay."""
     import ray as there
 
     folder, doomed_id = shared
     node = there.get_runtime_context().get_node_id()
     (Path(folder) / f"{task}-{os.getpid()}-{node}").touch()
     time.sleep(60.0 if node == doomed_id else 0.5)
+
     return task * task
 
 
 def die(simulator, shared, task):
-
     if task == 3:
         os._exit(1)
     return task
@@ -158,6 +166,7 @@ def die(simulator, shared, task):
 def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
     doomed = cluster.add_node(num_cpus=1)
     executor = make_executor(make_walker, 2, "ray", cluster.address)
+
     try:
         assert searched(executor) == serial  # both nodes at work
 
@@ -166,18 +175,18 @@ def test_a_killed_node_loses_no_result(ray, cluster, tmp_path, serial):
             target=kill_when_busy, args=(doomed, tmp_path, doomed_id), daemon=True
         )
         killer.start()
-        assert executor.map(remember, (str(tmp_path), doomed_id), range(10)) == [
-            task * task for task in range(10)
-        ]
+        squares = executor.map(remember, (str(tmp_path), doomed_id), range(10))
+        assert squares == [task * task for task in range(10)]
         killer.join(60.0)
         assert not killer.is_alive(), "no task came to the node that is to die"
         marks = [mark.name.split("-") for mark in tmp_path.iterdir()]
         lost = {task for task, _, node in marks if node == doomed_id}
         elsewhere = {task for task, _, node in marks if node != doomed_id}
-        assert lost and elsewhere == {str(task) for task in range(10)}  # every lost task ran again
+        assert lost
+        assert elsewhere == {str(task) for task in range(10)}
 
-        assert searched(executor) == serial  # on what is left
-        with pytest.raises(SimulationFault, match="died 4 times"):
+        assert searched(executor) == serial  # on the remaining node
+        with pytest.raises(SimulationFault, match="4"):
             executor.map(die, None, range(4))
         assert executor.map(nap, None, range(2)) == [(None, 0), (None, 1)]
     finally:

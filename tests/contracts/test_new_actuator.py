@@ -1,4 +1,4 @@
-"""A new actuator is one file, this one: it walks and runs on the bench at once, without compiling them again."""
+"""A new actuator is one file, such as this one: it walks and runs on the bench unchanged."""
 
 from dataclasses import dataclass
 
@@ -50,7 +50,7 @@ SPRING = ActuatorKind(
 
 @dataclass(frozen=True)
 class Spring:
-    """A torque that grows with the error, without bound; the engine damps it."""
+    """A torque proportional to the error, without a limit; the engine damps the joint."""
 
     num_motors: int
 
@@ -79,31 +79,36 @@ def same_pd(n: int) -> IdealPd:
     return IdealPd.uniform(n, KP, KD, torque_limit=1e9, armature=0.002)
 
 
-def test_compiled_code_sees_the_type_that_it_was_compiled_for():
+def test_arrays_of_a_new_actuator_have_the_type_of_the_compiled_code():
     assert typeof(Spring(12).arrays(0.002)) == typeof(same_pd(12).arrays(0.002))
 
 
-def test_it_walks_in_the_compiled_rollout():
+def test_a_new_actuator_walks_in_the_compiled_rollout():
     policy = random_policy(0.05, seed=1)
-    known = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), WalkConfig(50))).run(
-        policy, seed=3, trace=True
-    )
-    new = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), WalkConfig(50))).run(
-        policy, seed=3, trace=True
-    )
-    assert new.steps == known.steps == 50 and new.fault == 0
-    # the policy sees other encoders; the first command is the same
-    np.testing.assert_allclose(new.trace[:2], known.trace[:2], atol=0.02)
-    assert np.any(new.trace[-1] != known.trace[-1])
+    walk = WalkConfig(50)
+    pd_walker = WalkSimulator(Scene(PUPPER_V2, lambda rng: same_pd(12), walk))
+    spring_walker = WalkSimulator(Scene(PUPPER_V2, lambda rng: Spring(12), walk))
+
+    pd_episode = pd_walker.run(policy, seed=3, trace=True)
+    episode = spring_walker.run(policy, seed=3, trace=True)
+
+    assert episode.steps == pd_episode.steps == 50
+    assert episode.fault == 0
+    # the encoders differ; the first command is the same
+    np.testing.assert_allclose(episode.trace[:2], pd_episode.trace[:2], atol=0.02)
+    assert np.any(episode.trace[-1] != pd_episode.trace[-1])
 
 
-def test_it_runs_on_the_dynamometer_at_its_own_step_with_its_own_encoder():
+def test_a_new_actuator_runs_on_the_dynamometer_at_its_time_step_with_its_encoder():
     rng = np.random.default_rng(0)
     targets = np.repeat(rng.uniform(-0.3, 0.3, (5, 4)), 20, axis=0)
     trial = Trial(targets, np.zeros_like(targets), np.full(4, 0.003), 0.002)
-    known = run(
-        same_pd(4), Trial(targets.repeat(4, axis=0), np.zeros((400, 4)), trial.load_inertia, 0.0005)
-    )
-    new = run(Spring(4), trial)
-    np.testing.assert_allclose(new.joint_pos, known.joint_pos[::4], atol=1e-9)
-    np.testing.assert_allclose(new.encoder_pos, new.joint_pos + ENCODER_ZERO)
+    # the same trial at the step of the spring, a quarter of 2 ms
+    fine_targets = targets.repeat(4, axis=0)
+    fine_trial = Trial(fine_targets, np.zeros((400, 4)), trial.load_inertia, 0.0005)
+
+    pd_answer = run(same_pd(4), fine_trial)
+    answer = run(Spring(4), trial)
+
+    np.testing.assert_allclose(answer.joint_pos, pd_answer.joint_pos[::4], atol=1e-9)
+    np.testing.assert_allclose(answer.encoder_pos, answer.joint_pos + ENCODER_ZERO)

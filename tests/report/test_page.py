@@ -1,4 +1,4 @@
-"""The page is one well-formed file that contains everything and escapes text."""
+"""The page is one well-formed file without external resources, and escapes text."""
 
 import re
 from html.parser import HTMLParser
@@ -12,7 +12,7 @@ VOID = {"meta", "img", "br"}
 
 
 class Reader(HTMLParser):
-    """Collects addresses and words, and checks that tags are balanced."""
+    """Collects addresses, ids and words of a page, and checks that tags are balanced."""
 
     def __init__(self, html: str):
         super().__init__()
@@ -36,7 +36,7 @@ class Reader(HTMLParser):
         self.words += data
 
 
-def made(complete: bool = True) -> str:
+def page_of_two_sections(complete: bool = True) -> str:
     drawing = picture(learning_curves({"rollout": [(np.arange(3), np.arange(3.0))]}), "A policy.")
     table = Table(
         ("trained on", "speed [m/s]"), (("rollout", "0.45"), ("tuned_pd", "–")), "Speeds."
@@ -46,26 +46,38 @@ def made(complete: bool = True) -> str:
         Section("A film", (), (Picture("Walks.", b"GIF89a", "gif"),)),
     )
     settings = {"seed": 0, "speed": 0.75, "taps": [0, 1]}
+
     return page("A <title>", sections, settings, 'motorprior transfer --out "x"', complete)
 
 
 def test_tags_are_balanced_and_nothing_is_loaded():
-    html = made(complete=False)
+    html = page_of_two_sections(complete=False)
     reader = Reader(html)
-    assert reader.open == [] and len(set(reader.ids)) == len(reader.ids)
+
+    assert reader.open == []
+    assert len(set(reader.ids)) == len(reader.ids)
     assert all(address.startswith(("#", "data:image/")) for address in reader.addresses)
-    assert {address[1:] for address in reader.addresses if address[0] == "#"} <= set(reader.ids)
+
+    links = {address[1:] for address in reader.addresses if address[0] == "#"}
+
+    assert links <= set(reader.ids)
     assert not re.search(r"https?://|@import|<script|<link|<iframe", html)
 
 
 def test_text_is_escaped():
-    html = made()
+    html = page_of_two_sections()
+
     assert "<title>A &lt;title&gt;</title>" in html
+
     words = Reader(html).words
-    assert "Two <script>." in words and 'motorprior transfer --out "x"' in words
+
+    assert "Two <script>." in words
+    assert 'motorprior transfer --out "x"' in words
 
 
 def test_tables_and_settings_show_names_and_numbers():
-    words = Reader(made()).words
+    words = Reader(page_of_two_sections()).words
+
     assert all(text in words for text in ("tuned PD", "0.45", "–", "speed", "0.75", "0, 1"))
-    assert "not complete" not in words and "not complete" in Reader(made(complete=False)).words
+    assert "not complete" not in words
+    assert "not complete" in Reader(page_of_two_sections(complete=False)).words

@@ -1,4 +1,4 @@
-"""Joints of one kind are one class, by their names or by the robot's file."""
+"""Equal joints of several legs or sides are one class, by their names."""
 
 import pytest
 
@@ -20,7 +20,7 @@ from motorprior.robots.joint_classes import classes_by_name
         (("l_knee", "waist", "neck"), ("",) * 3),
     ],
 )
-def test_names_without_sides_and_numbers_are_classes(
+def test_the_class_of_a_joint_is_its_name_without_side_and_number(
     names: tuple[str, ...], classes: tuple[str, ...]
 ):
     assert classes_by_name(names) == classes

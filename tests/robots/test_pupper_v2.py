@@ -1,4 +1,4 @@
-"""MJCF and URDF are the same robot, and it is the robot of the sources."""
+"""MJCF and URDF of the Pupper are the same robot, with the published dimensions and masses."""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -24,7 +24,10 @@ def suspended():
 
 @pytest.fixture(scope="module")
 def bullet(tmp_path_factory):
-    """PyBullet, the number of the body and of the client; the base is free, or it would have no mass."""
+    """PyBullet and the numbers of the body and of the client.
+
+    The base is free, since a fixed base has no mass.
+    """
     pybullet = pytest.importorskip(
         "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
     )
@@ -53,9 +56,8 @@ def feet(model, joint_pos):
     data.qpos[-12:] = joint_pos
     mujoco.mj_kinematics(model, data)
     rotation = data.body("chassis").xmat.reshape(3, 3)
-    world = np.array(
-        [data.geom(f"{leg}_foot").xpos for leg in [leg.name for leg in PUPPER_V2.legs]]
-    )
+    world = np.array([data.geom(f"{leg.name}_foot").xpos for leg in PUPPER_V2.legs])
+
     return (world - data.body("chassis").xpos) @ rotation
 
 
@@ -67,6 +69,7 @@ def mass_matrix(suspended, joint_pos):
     mujoco.mj_forward(suspended, data)
     for column, unit in zip(columns, np.eye(12), strict=True):
         mujoco.mj_mulM(suspended, data, column, unit)
+
     return columns
 
 
@@ -74,34 +77,35 @@ def test_the_feet_touch_the_ground_at_standing_height(model):
     data = mujoco.MjData(model)
     data.qpos[-12:] = PUPPER_V2.nominal_pose
     mujoco.mj_kinematics(model, data)
+
     assert data.qpos[2] == pytest.approx(0.080 * np.cos(0.6) + 0.110 * np.cos(-0.6) + 0.0095)
     # 0.991 + 4·(0.106 + 0.142 + 0.038 + 0.0001) = 2.1354 kg
     assert mujoco.mj_getTotalmass(model) == pytest.approx(2.135, abs=5e-4)
-    for leg in [leg.name for leg in PUPPER_V2.legs]:
-        assert data.geom(f"{leg}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
+    for leg in PUPPER_V2.legs:
+        assert data.geom(f"{leg.name}_foot").xpos[2] == pytest.approx(0.0095, abs=1e-9)
 
 
 def test_both_formats_have_the_same_joints_in_the_same_order_with_the_same_limits_and_axes(
     model, bullet
 ):
     names = [model.joint(i).name for i in range(1, 13)]
+
     assert names == [info[1].decode() for info in infos(bullet)] == list(PUPPER_V2.joint_names)
     for index, info in enumerate(infos(bullet)):
         np.testing.assert_allclose(info[8:10], model.jnt_range[index + 1], atol=1e-6)
         np.testing.assert_allclose(info[13], model.jnt_axis[index + 1])
         # 7 A · 0.18 N·m/A
-        assert info[10] == pytest.approx(1.26) and info[11] == pytest.approx(52.0)
+        assert info[10] == pytest.approx(1.26)
+        assert info[11] == pytest.approx(52.0)
     np.testing.assert_allclose(model.jnt_range[1:, 0], PUPPER_V2.lower)
     np.testing.assert_allclose(model.jnt_range[1:, 1], PUPPER_V2.upper)
 
 
 def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
     pybullet, body, client = bullet
-    base = np.array(pybullet.getBasePositionAndOrientation(body, physicsClientId=client)[0]) - (
-        0.048,
-        0.0,
-        -0.00964,
-    )
+    center_of_mass, _ = pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+    base = np.array(center_of_mass) - (0.048, 0.0, -0.00964)
+
     for pose in poses():
         for joint in range(12):
             pybullet.resetJointState(body, joint, pose[joint], physicsClientId=client)
@@ -111,8 +115,8 @@ def test_both_formats_put_the_feet_at_the_same_place(model, bullet):
             )
             rotation = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
             offset = (0.0, -0.002 if leg % 2 else 0.002, -0.110)
-            where = np.array(state[4]) + rotation @ offset - base
-            np.testing.assert_allclose(where, expected, atol=1e-6)
+            foot = np.array(state[4]) + rotation @ offset - base
+            np.testing.assert_allclose(foot, expected, atol=1e-6)
 
 
 def test_both_formats_have_the_same_mass_matrix(suspended, bullet):
