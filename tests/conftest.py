@@ -1,4 +1,4 @@
-"""Set-up of every test: one thread per process, JAX on the CPU, and where the real motor logs are."""
+"""Set-up of all tests: one thread per process, JAX on the CPU, and the folder of real logs."""
 
 import os
 
@@ -9,17 +9,14 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NPROC"):
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["MPLBACKEND"] = "Agg"
 os.environ["COLUMNS"] = "120"  # wider, a long help has two columns
-# Half of all tests' time is XLA's: what one test, worker or child process compiled is there for the
-# others, and for the next run. Entries are keyed by program, flags and versions.
-for _name, _value in {
-    "DIR": os.path.join(
-        os.path.dirname(os.path.dirname(os.path.abspath(__file__))), ".pytest_cache", "jax"
-    ),
-    "MAX_SIZE": str(500 * 2**20),
-}.items():
-    os.environ.setdefault(f"JAX_COMPILATION_CACHE_{_name}", _value)
+# XLA takes half of the time of all tests: tests, workers, child processes and the next run share
+# what it compiled. Entries are keyed by program, flags and versions.
+_repository = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+_jax_cache = os.path.join(_repository, ".pytest_cache", "jax")
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", _jax_cache)
+os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(500 * 2**20))
 os.environ.setdefault("JAX_PERSISTENT_COMPILATION_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
-# a fifth less CPU, same code
+# the same code for a fifth less CPU time
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")
 
 from collections.abc import Callable  # noqa: E402
@@ -34,17 +31,24 @@ pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ("go2", "so101", "xl330", "pupper_v2", "robots")
 LONGEST_FIRST = (
-    "commands/test_demo.py", "cli/test_adapt.py",
-    "identification/test_train.py", "cli/test_documented_commands.py", "identification/test_recovery.py",
-    "identification/evaluation/test_reference.py", "identification/latents/test_latent_fit.py",
-    "identification/physics/test_motor_fit.py", "contracts/test_executors.py",
-    "identification/networks/test_objectives.py", "cli/test_resume.py", "cli/test_walk_engines.py",
-)  # fmt: skip
-"""A worker that begins one of these last keeps the others waiting."""
+    "commands/test_demo.py",
+    "cli/test_adapt.py",
+    "identification/test_train.py",
+    "cli/test_documented_commands.py",
+    "identification/test_recovery.py",
+    "identification/evaluation/test_reference.py",
+    "identification/latents/test_latent_fit.py",
+    "identification/physics/test_motor_fit.py",
+    "contracts/test_executors.py",
+    "identification/networks/test_objectives.py",
+    "cli/test_resume.py",
+    "cli/test_walk_engines.py",
+)
+"""Files that start first, so that no worker begins a long one when the others are done."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first. Tests in real time are repeated: a busy machine can fail them."""
+    """Sort the longest files first; repeat tests in real time, which a busy machine can fail."""
     items.sort(key=_place)
     for item in items:
         if item.get_closest_marker("real_time"):
@@ -58,26 +62,34 @@ def _place(item: pytest.Item) -> int:
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real motor logs and models, from MOTORPRIOR_SHARED or `shared/data` beside the checkout, or skip."""
+    """Folder of real logs and models: MOTORPRIOR_SHARED, or `shared/data` next to the checkout.
+
+    Tests that need it are skipped without it.
+    """
     folder = Path(os.environ.get("MOTORPRIOR_SHARED") or ROOT.parent / "shared" / "data")
-    if missing := [name for name in SHARED if not (folder / name).is_dir()]:
+    missing = [name for name in SHARED if not (folder / name).is_dir()]
+
+    if missing:
         pytest.skip(
-            f"no real motor logs: {folder} has no {', '.join(missing)}; MOTORPRIOR_SHARED names their folder"
+            f"no real motor logs: {folder} has no {', '.join(missing)}; "
+            "set MOTORPRIOR_SHARED to their folder"
         )
+
     return folder
 
 
 @pytest.fixture(scope="session")
 def grey_box() -> Callable[..., GreyBox]:
-    """See `make_grey_box`."""
+    """The function `make_grey_box`."""
     return make_grey_box
 
 
 @pytest.fixture(scope="session")
 def gait_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a walk, the gait itself."""
+    """Folder of a training whose policy is the untrained gait."""
     from motorprior.commands.walk import Walk, run_walk
 
     folder = tmp_path_factory.mktemp("walks") / "gait_0"
     run_walk(Walk(out=folder, motors="pd", iterations=1, episode_steps=5, workers=1))
+
     return folder

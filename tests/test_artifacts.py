@@ -1,4 +1,4 @@
-"""Artefacts are complete or absent, and nothing half-understood is ever read."""
+"""Files are written completely or not at all, and invalid values are never read."""
 
 from pathlib import Path
 
@@ -9,16 +9,19 @@ from motorprior.artifacts import atomic_path, read_json, read_tensors, write_jso
 from motorprior.exceptions import ArtifactError
 
 
-def test_a_failure_while_writing_leaves_what_was_there(tmp_path: Path):
-    for name in ("old", "new"):
-        with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / name) as temporary:
-            (tmp_path / "old").write_text("whole")
-            temporary.write_text("half")
-            raise ZeroDivisionError
-    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("old", "whole")]
+@pytest.mark.parametrize("name", ["old", "new"])
+def test_a_failure_while_writing_leaves_the_folder_as_it_was(tmp_path: Path, name: str):
+    (tmp_path / "old").write_text("whole")
+
+    with pytest.raises(ZeroDivisionError), atomic_path(tmp_path / name) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+
+    assert list(tmp_path.iterdir()) == [tmp_path / "old"]
+    assert (tmp_path / "old").read_text() == "whole"
 
 
-def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
+def test_a_value_that_cannot_be_written_leaves_no_file(tmp_path: Path):
     with pytest.raises(ValueError, match="JSON"):
         write_json(tmp_path / "run.json", {"loss": float("nan")})
     with pytest.raises(ValueError, match="JSON"):
@@ -26,10 +29,12 @@ def test_a_value_that_cannot_be_written_leaves_nothing(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_in_a_new_folder_is_readable_by_all_and_alone(tmp_path: Path):
+def test_a_file_in_a_new_folder_is_readable_by_all_users_and_the_only_one(tmp_path: Path):
     path = tmp_path / "deep" / "run" / "a.json"
     write_json(path, {"b": [1, 2.5], "a": "ü"})
-    assert read_json(path) == {"a": "ü", "b": [1, 2.5]} and list(path.parent.iterdir()) == [path]
+
+    assert read_json(path) == {"a": "ü", "b": [1, 2.5]}
+    assert list(path.parent.iterdir()) == [path]
     assert path.stat().st_mode & 0o777 == 0o644
 
 
@@ -42,15 +47,21 @@ TENSORS = {
 }
 
 
-def test_tensors_and_header_come_back_as_they_were_with_the_same_bytes(tmp_path: Path):
+def test_tensors_and_header_are_read_as_written_and_have_the_same_bytes_in_any_order(
+    tmp_path: Path,
+):
     header = {"kind": "prior", "taps": [0, 1], "nested": {"name": "ü"}}
     write_tensors(tmp_path / "a", TENSORS, header)
     write_tensors(tmp_path / "b", dict(reversed(TENSORS.items())), dict(reversed(header.items())))
+
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
     tensors, read_header = read_tensors(tmp_path / "a")
-    assert read_header == header and tensors.keys() == TENSORS.keys()
+
+    assert read_header == header
+    assert tensors.keys() == TENSORS.keys()
     for name, value in TENSORS.items():
-        assert (tensors[name].dtype, tensors[name].shape) == (value.dtype, value.shape)
+        assert tensors[name].dtype == value.dtype
         np.testing.assert_array_equal(tensors[name], value)
 
 
@@ -58,6 +69,7 @@ def test_a_value_that_is_not_finite_is_refused_by_name_and_place(tmp_path: Path)
     weights = np.ones((2, 3))
     weights[1, 2] = -np.inf
     write_tensors(tmp_path / "prior", {"w1": weights}, {})
-    with pytest.raises(ArtifactError, match=r"w1\[1, 2\] is not finite") as error:
+
+    with pytest.raises(ArtifactError, match=r"w1\[1, 2\]") as error:
         read_tensors(tmp_path / "prior")
     assert error.value.where == tmp_path / "prior"

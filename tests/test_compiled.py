@@ -1,4 +1,4 @@
-"""Compiled kernels never outlive the source they were compiled from."""
+"""Compiled kernels are cached in a folder that depends on the source of the package."""
 
 import os
 import re
@@ -12,41 +12,49 @@ from motorprior.compiled import source_digest
 SOURCE = Path(motorprior.__file__).parent
 
 
-def test_any_change_of_any_source_file_gives_another_folder(tmp_path: Path):
-    (tmp_path / "inner").mkdir()
-    (tmp_path / "inner" / "callee.py").write_text("b")
-    before = source_digest(tmp_path)
-    assert source_digest(tmp_path) == before
-    os.utime(tmp_path / "inner" / "callee.py", ns=(1, 1))
-    assert source_digest(tmp_path) != before
+def test_a_changed_source_file_gives_another_digest(tmp_path: Path):
+    file = tmp_path / "inner" / "callee.py"
+    file.parent.mkdir()
+    file.write_text("b")
+    digest = source_digest(tmp_path)
+
+    assert source_digest(tmp_path) == digest
+
+    os.utime(file, ns=(1, 1))
+
+    assert source_digest(tmp_path) != digest
 
 
-def test_the_folder_a_user_chose_is_kept(tmp_path: Path):
-    """Folders of a kernel of ours and of a function of the user's, and numba's setting afterwards."""
+def test_the_cache_folder_that_a_user_set_is_kept(tmp_path: Path):
+    """The folder holds for kernels of the package and for functions of the user."""
     code = """if True:
         import sys
         import numba
         from motorprior.rotations import roll_pitch_yaw as ours
         sys.path.insert(0, sys.argv[1])
         import theirs
-        print(ours._cache.cache_path, theirs.f._cache.cache_path, repr(numba.config.CACHE_DIR), sep="\\n")
+        print(ours._cache.cache_path)
+        print(theirs.f._cache.cache_path)
+        print(repr(numba.config.CACHE_DIR))
     """
     (tmp_path / "theirs.py").write_text(
         "import numba\n\n\n@numba.njit(cache=True)\ndef f():\n    return 1\n"
     )
-    chosen = str(tmp_path / "chosen")
+    cache_folder = str(tmp_path / "chosen")
     environment = os.environ | {
         "XDG_CACHE_HOME": str(tmp_path / "cache"),
-        "NUMBA_CACHE_DIR": chosen,
+        "NUMBA_CACHE_DIR": cache_folder,
     }
     words = [sys.executable, "-c", code, str(tmp_path)]
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     ours, theirs, setting = done.stdout.splitlines()
-    assert ours.startswith(chosen) and theirs.startswith(chosen) and setting == repr(chosen)
+
+    assert ours.startswith(cache_folder)
+    assert theirs.startswith(cache_folder)
+    assert setting == repr(cache_folder)
 
 
-def test_importing_a_kernel_touches_no_folder(tmp_path: Path):
-    """Whether the cache exists after the import of a kernel, and after its first call."""
+def test_the_cache_is_created_at_the_first_call_of_a_kernel_not_at_its_import(tmp_path: Path):
     code = """if True:
         from pathlib import Path
         import sys
@@ -61,11 +69,12 @@ def test_importing_a_kernel_touches_no_folder(tmp_path: Path):
     environment.pop("NUMBA_CACHE_DIR", None)
     words = [sys.executable, "-c", code, str(folder)]
     done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+
     assert done.stdout.split() == ["False", "True"]
 
 
-def test_every_kernel_is_cached_there():
+def test_only_the_module_compiled_uses_numba_njit():
     imports = re.compile(r"^\s*from numba import .*\bnjit\b|numba\.n?jit\b", re.MULTILINE)
-    assert [
-        file.name for file in SOURCE.rglob("*.py") if imports.search(file.read_text("utf-8"))
-    ] == ["compiled.py"]
+    texts = {file.name: file.read_text("utf-8") for file in SOURCE.rglob("*.py")}
+
+    assert [name for name, text in texts.items() if imports.search(text)] == ["compiled.py"]

@@ -1,4 +1,4 @@
-"""Gymnasium makes the walking task by name, on either engine and on any motors."""
+"""Gymnasium makes the walking task by name, on both engines and on any motors."""
 
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ ID = "motorprior/Walk-v0"
 
 @pytest.fixture(scope="module")
 def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
-    """The file of a grey box's prior, of twelve motors around a small servo."""
+    """File of a prior of twelve equal motors, modelled by a grey box."""
     path = tmp_path_factory.mktemp("prior") / "prior.safetensors"
     motors = np.zeros((12, 3))
     MotorPrior(grey_box(), motors, motors, "rollout", PUPPER_V2.name, "servo", {}).save(path)
+
     return path
 
 
@@ -30,20 +31,23 @@ def prior(tmp_path_factory: pytest.TempPathFactory, grey_box) -> Path:
     ("engine", "motors"), [("mujoco", "pd"), ("mujoco", "prior:"), ("pybullet", "fleet")]
 )
 @pytest.mark.filterwarnings("error")
-def test_check_env_is_clean(engine: str, motors: str, prior: Path):
+def test_the_environment_passes_the_checker_of_gymnasium(engine: str, motors: str, prior: Path):
     if engine == "pybullet":
         pytest.importorskip(
             "pybullet", reason="PyBullet is not installed: its wheels end at Python 3.11"
         )
+
     settings: dict[str, Any] = {
         "engine": engine,
         "episode_steps": 10,
         "motors": motors.replace(":", f":{prior}"),
     }
+
     if engine == "mujoco":
         settings["randomization"] = Randomization(
             joint_noise=0.01, sensor_delay=(0.0, 0.03), mass=(0.9, 1.1)
         )
+
     env = gymnasium.make(ID, **settings)
     check_env(env.unwrapped, skip_render_check=True)
     env.close()
@@ -53,9 +57,14 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     env = gymnasium.make(ID, motors=f"prior:{prior}")
     action = np.random.default_rng(0).uniform(-1.0, 1.0, ACTIONS)
     measured = []
+
     for seed in (1, 1, 2):
         env.reset(seed=seed)
-        measured.append([env.step(action)[0] for _ in range(5)][-1])
+        for _ in range(5):
+            observation, *_ = env.step(action)
+        measured.append(observation)
+
     env.close()
+
     np.testing.assert_array_equal(measured[0], measured[1])
-    assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6  # all twelve joints
+    assert np.abs(measured[0] - measured[2])[5:17].min() > 1e-6, "all twelve joints differ"

@@ -1,4 +1,4 @@
-"""The examples run, each in its smallest size."""
+"""Every example runs in a small size and prints its result."""
 
 import re
 import runpy
@@ -23,29 +23,34 @@ def prior(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("prior")
     sizes = ("--preset=paper", "--motors=3", "--samples=300", "--steps=2")
     run("log_to_prior.py", *sizes, "--out", out)
+
     return out / "prior.safetensors"
 
 
-def test_own_logs_become_a_prior(prior: Path, tmp_path: Path, capsys):
-    mp.write_log(
-        tmp_path / "mine.parquet", mp.record_bench(motors=2, steps=300, preset="paper", seed=3)
-    )
+def test_a_users_log_becomes_a_prior(prior: Path, tmp_path: Path, capsys):
+    path = tmp_path / "mine.parquet"
+    mp.write_log(path, mp.record_bench(motors=2, steps=300, preset="paper", seed=3))
+
     sizes = ("--period=0.01", "--preset=paper", "--steps=1")
-    run("log_to_prior.py", tmp_path / "mine.parquet", *sizes, "--out", tmp_path)
+    run("log_to_prior.py", path, *sizes, "--out", tmp_path)
     out = capsys.readouterr().out
-    assert "2 motors" in out and "five new motors" in out
+
+    assert "2 motors" in out
+    assert "five new motors" in out
     assert len(mp.MotorPrior.load(tmp_path / "prior.safetensors").mean) == 2
 
 
-def test_a_prior_drives_an_arm(prior: Path, capsys):
+def test_sampled_motors_of_a_prior_drive_an_arm(prior: Path, capsys):
     run("prior_into_your_model.py", prior, "--arms=2", "--seconds=0.1")
     lines = capsys.readouterr().out.splitlines()
+
     assert [line.split(":")[0] for line in lines] == ["motors 0", "motors 1"]
 
 
-def test_a_prior_becomes_a_policy(prior: Path, tmp_path: Path, capsys):
+def test_a_policy_is_trained_on_a_prior(prior: Path, tmp_path: Path, capsys):
     out = tmp_path / "policy.safetensors"
     run("prior_to_policy.py", prior, "--iterations=1", "--episode-steps=5", "--out", out)
+
     assert mp.Policy.load(out).robot == "pupper_v2"
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
 
@@ -63,6 +68,7 @@ def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
     )
     run("train_ppo.py", prior, 4096)
     line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
+
     assert re.fullmatch(line, capsys.readouterr().out.splitlines()[-1])
 
 
@@ -71,10 +77,11 @@ def test_mjlab_trains_on_motors_of_a_card(tmp_path: Path, monkeypatch: pytest.Mo
     pytest.importorskip("mjlab", reason="it is not installed: pip install 'motorprior[mjlab]'")
     monkeypatch.chdir(tmp_path)
     run("train_in_mjlab.py", "--card=go2", "--worlds=2", "--iterations=1")
+
     assert list((tmp_path / "runs" / "mjlab").rglob("*.pt"))
 
 
-def test_the_paper_reads_top_to_bottom_and_runs(capsys):
+def test_the_example_of_the_paper_compares_two_policies_on_two_sets_of_motors(capsys):
     sizes = (
         "--motors=3",
         "--samples=300",
@@ -85,8 +92,10 @@ def test_the_paper_reads_top_to_bottom_and_runs(capsys):
     )
     run("paper.py", *sizes)
     lines = capsys.readouterr().out.splitlines()
+
     assert [line.split(":")[0] for line in lines] == [
-        f"trained on {name}, on {place} motors"
-        for name in ("prior", "ideal PD")
-        for place in (name, "held-out")
+        "trained on prior, on prior motors",
+        "trained on prior, on held-out motors",
+        "trained on ideal PD, on ideal PD motors",
+        "trained on ideal PD, on held-out motors",
     ]

@@ -1,4 +1,4 @@
-"""A new actuator, servo term, log format, robot or excitation is one file, new or changed."""
+"""A new actuator, servo term, log format, robot or excitation needs one file only."""
 
 import os
 import shutil
@@ -17,7 +17,10 @@ from motorprior.actuator.registry import EpisodeMotors, register
 
 @register("soft")
 def soft_motors(robot, kp: float = 1.0) -> EpisodeMotors:
-    return EpisodeMotors(lambda rng: IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0))
+    def sample(rng):
+        return IdealPd.uniform(robot.num_joints, kp, 0.1 * rng.uniform(0.9, 1.1), 1.0)
+
+    return EpisodeMotors(sample)
 """
 USE_ACTUATOR = """
 from pathlib import Path
@@ -31,7 +34,7 @@ assert simulated_motors("soft:kp=2", robot).condition == "soft"
 assert parse(["walk", "--motors", "soft:kp=2", "--out", "x"])[1].motors == "soft:kp=2"
 study = Study(Path("x"), conditions=("soft:kp=2",))
 study.require_valid()
-assert [each.motors for each in policy_runs_of(study, 0)] == ["soft:kp=2"]
+assert [run.motors for run in policy_runs_of(study, 0)] == ["soft:kp=2"]
 """
 TERM = """    "weak": Term(
         (TermConstant("weakness", "1", 0.1, 1e-6, 0.0),),
@@ -60,15 +63,23 @@ from motorprior.logs.motor_log import MotorLog
 
 def _read(path, robot):
     time, target, pos = np.loadtxt(path).T
-    columns = {"position_target": target[:, None], "joint_pos": pos[:, None]}
-    return MotorLog(time=time, joint_names=("knee",), robot="", motor="", source=str(path), **columns)
+    return MotorLog(
+        time=time,
+        position_target=target[:, None],
+        joint_pos=pos[:, None],
+        joint_names=("knee",),
+        robot="",
+        motor="",
+        source=str(path),
+    )
 
 
 READER = LogReader("spaced", (".spaced",), read=_read)
 """
 USE_READER = """
 import numpy as np, motorprior as mp
-np.savetxt("log.spaced", np.stack([np.arange(50) * 0.002, np.ones(50), np.linspace(0.0, 1.0, 50)], axis=1))
+time = np.arange(50) * 0.002
+np.savetxt("log.spaced", np.stack([time, np.ones(50), np.linspace(0.0, 1.0, 50)], axis=1))
 assert mp.read_log("log.spaced").joint_names == ("knee",)
 """
 EXCITATION = (
@@ -78,9 +89,11 @@ EXCITATION = (
 USE_EXCITATION = """
 import motorprior as mp, numpy as np
 from motorprior.excitation.robot_targets import excitation_targets, hardware_targets
-targets = excitation_targets(mp.load_robot("pupper_v2"), "pulses", 2.0, 0.3, 0)
+robot = mp.load_robot("pupper_v2")
+targets = excitation_targets(robot, "pulses", 2.0, 0.3, 0)
 assert len(set(targets[:, 0])) == 2
-assert np.ptp(hardware_targets(mp.load_robot("pupper_v2"), "pulses", (0,), 2.0, amplitude=0.1, speed=9.0, seed=0)) > 0.1
+targets = hardware_targets(robot, "pulses", (0,), 2.0, amplitude=0.1, speed=9.0, seed=0)
+assert np.ptp(targets) > 0.1
 """
 ROBOT = """
 name = "lever"
@@ -116,13 +129,15 @@ assert 0.1 < played.joint_pos[-1, 0] < 0.4
 def test_an_extension_is_one_file(tmp_path: Path, file: str, entry: str, text: str, use: str):
     package = Path(motorprior.__file__).parent
     shutil.copytree(package, tmp_path / "motorprior", ignore=shutil.ignore_patterns("__pycache__"))
-    place = tmp_path / file
+    path = tmp_path / file
+
     if entry:
-        content = place.read_text("utf-8")
+        content = path.read_text("utf-8")
         assert content.count(entry) == 1
-        place.write_text(content.replace(entry, entry + text), "utf-8")
+        path.write_text(content.replace(entry, entry + text), "utf-8")
     else:
-        place.write_text(text, "utf-8")
+        path.write_text(text, "utf-8")
+
     environment = os.environ | {
         "PYTHONPATH": f"{tmp_path}{os.pathsep}{Path(__file__).parent / 'samples'}"
     }
@@ -133,4 +148,5 @@ def test_an_extension_is_one_file(tmp_path: Path, file: str, entry: str, text: s
         stderr=subprocess.PIPE,
         check=False,
     )
+
     assert done.returncode == 0, done.stderr.decode()

@@ -1,4 +1,4 @@
-"""Imports go one way, heavy libraries are imported in one folder, and files stay short."""
+"""Folders import in one order, heavy libraries have one folder each, and files stay short."""
 
 import ast
 import re
@@ -15,21 +15,27 @@ WORDS = {
     *("schema", "bounds", "delay_line", "jax_device", "progress", "stage", "texts"),
 }
 ORDER = [
-    *(
-        "words",
-        "robots",
-        "locomotion",
-        "logs",
-        "excitation",
-        "actuator",
-        "bench",
-        "identification",
-        "evaluation",
-        "priors",
-    ),
-    *("simulation", "studies"),
-    *("report", "exports", "environments", "hardware", "commands", "public", "cli"),
+    "words",
+    "robots",
+    "locomotion",
+    "logs",
+    "excitation",
+    "actuator",
+    "bench",
+    "identification",
+    "evaluation",
+    "priors",
+    "simulation",
+    "studies",
+    "report",
+    "exports",
+    "environments",
+    "hardware",
+    "commands",
+    "public",
+    "cli",
 ]
+"""Layers; each may import itself and the layers before it."""
 FORBIDDEN = {
     # what the robot's computer does not install
     "hardware": {
@@ -59,31 +65,38 @@ FOLDERS = {
 
 
 def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of everything imported at any depth, and of what ``python -m`` runs."""
+    """Line and absolute dotted name of all imports, and of the modules that ``python -m`` runs."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            start = package[: len(package) - node.level + 1] if node.level else []
-            module = ".".join([*start, *([node.module] if node.module else [])])
-            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
-        elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module":
-            yield from (
-                (node.lineno, str(arg.value))
-                for arg in node.args[:1]
-                if isinstance(arg, ast.Constant)
-            )
-        elif isinstance(node, ast.List | ast.Tuple):
-            words = [
-                str(each.value) if isinstance(each, ast.Constant) else "" for each in node.elts
-            ]
-            yield from (
-                (node.lineno, module) for flag, module in pairwise(words) if flag == "-m" and module
-            )
+        for name in imported_by(node, package):
+            yield getattr(node, "lineno", 0), name
+
+
+def imported_by(node: ast.AST, package: list[str]) -> list[str]:
+    """Absolute dotted names that one node of a syntax tree imports."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+
+    if isinstance(node, ast.ImportFrom):
+        module = package[: len(package) - node.level + 1] if node.level else []
+        if node.module:
+            module = [*module, node.module]
+        return [".".join([*module, alias.name]) for alias in node.names]
+
+    if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "import_module":
+        first = node.args[0] if node.args else None
+        return [str(first.value)] if isinstance(first, ast.Constant) else []
+
+    if isinstance(node, ast.List | ast.Tuple):
+        words = [
+            str(element.value) if isinstance(element, ast.Constant) else "" for element in node.elts
+        ]
+        return [module for flag, module in pairwise(words) if flag == "-m" and module]
+
+    return []
 
 
 def layer(name: str, source: Path) -> str:
-    """Layer of `motorprior.<name>…`; "" is __init__.py, which users import, as is a name that is no module."""
+    """Layer of `motorprior.<name>`; the names of __init__.py ("") and no modules are public."""
     if name in WORDS:
         return "words"
     if not name or not ((source / name).is_dir() or (source / f"{name}.py").is_file()):
@@ -93,29 +106,29 @@ def layer(name: str, source: Path) -> str:
 
 def violations(source: Path) -> list[str]:
     """Every breach of the import rules below `source`, as "file:line: what is wrong"."""
-    found = []
+    breaches = []
     for file in sorted(source.rglob("*.py")):
         inside = file.relative_to(source)
         place = inside.as_posix()
         here = layer(inside.parts[0].removesuffix(".py").replace("__init__", ""), source)
         if here not in ORDER:
-            found.append(f"{place}:1: {here} has no layer")
+            breaches.append(f"{place}:1: {here} has no layer")
             continue
+
         allowed = set(ORDER[: ORDER.index(here) + 1]) - FORBIDDEN.get(here, set())
-        for line, name in imported(
-            ast.parse(file.read_text("utf-8")), ["motorprior", *inside.parent.parts]
-        ):
-            top, _, rest = name.partition(".")
-            if (
-                top == "motorprior"
-                and (target := layer(rest.partition(".")[0], source)) not in allowed
-            ):
-                found.append(f"{place}:{line}: {here} imports {target}")
-            if not place.startswith(FOLDERS.get(top, "")):
-                folders = FOLDERS[top]
+        tree = ast.parse(file.read_text("utf-8"))
+        for line, name in imported(tree, ["motorprior", *inside.parent.parts]):
+            library, _, rest = name.partition(".")
+            if library == "motorprior":
+                target = layer(rest.partition(".")[0], source)
+                if target not in allowed:
+                    breaches.append(f"{place}:{line}: {here} imports {target}")
+            elif not place.startswith(FOLDERS.get(library, "")):
+                folders = FOLDERS[library]
                 home = folders if isinstance(folders, str) else " and ".join(folders)
-                found.append(f"{place}:{line}: {top} is imported outside {home}")
-    return found
+                breaches.append(f"{place}:{line}: {library} is imported outside {home}")
+
+    return breaches
 
 
 def test_imports_go_one_way_and_heavy_libraries_have_one_folder():
@@ -154,32 +167,37 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_folder():
 def test_a_violation_is_caught(tmp_path: Path, place: str, code: str, breach: str | None):
     for folder in ORDER[1:]:
         (tmp_path / folder).mkdir()
+
     (tmp_path / "signals.py").touch()
     (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / place).write_text(code)
-    found = [line.split(": ", 1)[1] for line in violations(tmp_path)]
-    assert found == ([breach] if breach else [])
+    breaches = [line.split(": ", 1)[1] for line in violations(tmp_path)]
+
+    assert breaches == ([breach] if breach else [])
 
 
 def command_imports(folder: Path) -> list[str]:
     """Imports of `motorprior.commands` in the files of a folder, as "file:line: name"."""
-    return [
-        f"{file.relative_to(folder).as_posix()}:{line}: {name}"
-        for file in sorted(folder.rglob("*.py"))
-        for line, name in imported(ast.parse(file.read_text("utf-8")), [])
-        if f"{name}.".startswith("motorprior.commands.")
-    ]
+    imports = []
+    for file in sorted(folder.rglob("*.py")):
+        place = file.relative_to(folder).as_posix()
+        for line, name in imported(ast.parse(file.read_text("utf-8")), []):
+            if f"{name}.".startswith("motorprior.commands."):
+                imports.append(f"{place}:{line}: {name}")
+
+    return imports
 
 
 @pytest.mark.parametrize("name", ["benchmarks", "examples"])
 def test_benchmarks_and_examples_import_the_library_not_commands(name: str):
     folder = SOURCE.parents[1] / name
+
     assert any(folder.rglob("*.py"))
     assert command_imports(folder) == []
 
 
 @pytest.mark.parametrize(
-    ("code", "found"),
+    ("code", "imports"),
     [
         (
             "from motorprior.commands.validate import Validate",
@@ -190,43 +208,46 @@ def test_benchmarks_and_examples_import_the_library_not_commands(name: str):
         ("from motorprior.hardware import runs\nimport motorprior as mp", []),
     ],
 )
-def test_an_import_of_commands_is_caught(tmp_path: Path, code: str, found: list[str]):
+def test_an_import_of_commands_is_caught(tmp_path: Path, code: str, imports: list[str]):
     (tmp_path / "a.py").write_text(code)
-    assert command_imports(tmp_path) == found
+
+    assert command_imports(tmp_path) == imports
 
 
 @pytest.mark.parametrize(
     ("name", "min_modules"), [("commands", 5), ("identification", 6), ("priors", 3), ("logs", 2)]
 )
 def test_modules_of_a_folder_import_one_way(name: str, min_modules: int):
-    """Each folder and module of it counts as one."""
+    """A module or folder directly below the folder counts as one; a cycle raises CycleError."""
     folder = SOURCE / name
-    needs = {}
+    needs: dict[str, set[str]] = {}
+
     for file in folder.rglob("*.py"):
         inside = file.relative_to(folder)
-        step = inside.parts[0].removesuffix(".py")
-        for _, what in imported(
-            ast.parse(file.read_text("utf-8")), ["motorprior", name, *inside.parent.parts]
-        ):
-            if what.startswith(f"motorprior.{name}.") and (other := what.split(".")[2]) != step:
-                needs.setdefault(step, set()).add(other)
-    assert len(list(TopologicalSorter(needs).static_order())) > min_modules  # or CycleError
+        module = inside.parts[0].removesuffix(".py")
+        tree = ast.parse(file.read_text("utf-8"))
+        for _, dotted in imported(tree, ["motorprior", name, *inside.parent.parts]):
+            if dotted.startswith(f"motorprior.{name}."):
+                needs.setdefault(module, set()).add(dotted.split(".")[2])
+
+    for module, imports in needs.items():
+        imports.discard(module)
+
+    order = list(TopologicalSorter(needs).static_order())
+
+    assert len(order) > min_modules
 
 
 def test_the_host_never_imports_the_virtual_robot():
     files = set((SOURCE / "hardware").glob("*.py"))
     files.remove(SOURCE / "hardware" / "virtual_robot.py")
     for file in files:
-        found = [
-            what
-            for _, what in imported(ast.parse(file.read_text("utf-8")), ["motorprior", "hardware"])
-        ]
-        assert "virtual_robot" not in {part for what in found for part in what.split(".")}, (
-            file.name
-        )
+        tree = ast.parse(file.read_text("utf-8"))
+        for _, dotted in imported(tree, ["motorprior", "hardware"]):
+            assert "virtual_robot" not in dotted.split("."), file.name
 
 
-def test_files_are_short():
+def test_no_file_has_more_than_600_lines():
     lengths = {file: len(file.read_text("utf-8").splitlines()) for file in SOURCE.rglob("*.py")}
     assert {str(file): lines for file, lines in lengths.items() if lines > 600} == {}
 
@@ -240,33 +261,36 @@ TWELVES = {
 
 
 def robots_named(source: Path) -> list[str]:
-    """Lines outside robots/ that name a robot, or have a 12 that may be the number of its joints."""
-    found = []
+    """Lines outside robots/ that name a robot, or contain a 12, its possible number of joints."""
+    lines = []
     for file in sorted(source.rglob("*.py")):
         place = file.relative_to(source).as_posix()
         text = file.read_text("utf-8")
         if place.startswith("robots/"):
             continue
-        found += [
-            f"{place}:{n}"
-            for n, line in enumerate(text.splitlines(), 1)
-            if ROBOT_NAMES.search(line)
-        ]
-        if place not in TWELVES:
-            numbers = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)]
-            found += [
-                f"{place}:{node.lineno}"
-                for node in numbers
-                if type(node.value) is int and node.value == 12
-            ]
-    return found
+
+        for number, line in enumerate(text.splitlines(), 1):
+            if ROBOT_NAMES.search(line):
+                lines.append(f"{place}:{number}")
+
+        if place in TWELVES:
+            continue
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Constant) and type(node.value) is int and node.value == 12:
+                lines.append(f"{place}:{node.lineno}")
+
+    return lines
 
 
-def test_nothing_outside_robots_names_a_robot_or_counts_its_joints(tmp_path: Path):
+def test_nothing_outside_robots_names_a_robot_or_counts_its_joints():
     assert robots_named(SOURCE) == []
+
+
+def test_a_named_robot_and_a_count_of_its_joints_are_caught(tmp_path: Path):
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "one.py").write_text('NAME = "pupper_v2"\njoints = 12\n')
     (tmp_path / "two.py").write_text(
         '"""Of the Pupper."""\nx = range(12)\n"""A Go2."""\n# puppersim\ny = 0.12\n'
     )
+
     assert robots_named(tmp_path) == ["two.py:1", "two.py:3", "two.py:2"]

@@ -1,4 +1,4 @@
-"""Every command in the README, CONTRIBUTING and docs/ is one that exists: checked without running it."""
+"""Every command in the README, CONTRIBUTING and docs/ exists; it is checked without being run."""
 
 import re
 import shlex
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import chdir
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,32 +21,42 @@ from motorprior.simulation.playback import simulated_log
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FENCE = re.compile(r"^ *(```+|~~~+) *(\w*)[^\n]*\n(.*?)^ *\1 *$", re.MULTILINE | re.DOTALL)
-# not ours, or the shell's; any other unknown one fails
+# programs and words of the shell that are not checked
 UNCHECKED = {"cd", "git", "pre-commit", "for", "do", "done"}
 
 
 def commands(text: str) -> Iterator[list[str]]:
-    """Words of every command in the ```sh blocks, less comments, prompts, redirections and variables."""
+    """Words of the commands in the ```sh blocks, without comments, prompts and redirections."""
     blocks = FENCE.findall(text)
-    opened = len(re.findall(r"^ *(?:```+|~~~+) *sh\b", text, re.MULTILINE))
-    assert opened == sum(language == "sh" for _, language, _ in blocks), (
-        "a ```sh block is not closed"
-    )
+    num_opened = len(re.findall(r"^ *(?:```+|~~~+) *sh\b", text, re.MULTILINE))
+    num_closed = [language for _, language, _ in blocks].count("sh")
+
+    assert num_opened == num_closed, "a ```sh block is not closed"
+
     for _, language, block in blocks:
-        assert language not in {"bash", "console", "shell", "zsh"}, (
-            f"```{language}: only ```sh is checked"
-        )
-        for line in block.replace("\\\n", " ").splitlines() if language == "sh" else ():
-            lexer = shlex.shlex(line.strip().removeprefix("$ "), posix=True, punctuation_chars=True)
-            lexer.whitespace_split = True
-            command: list[str] = []
-            for word in [*lexer, ";"]:
-                if word and set(word) <= set(";&|"):
-                    if command:
-                        yield list(takewhile(lambda w: not w or not set(w) <= set("<>"), command))
-                    command = []
-                elif command or not re.match(r"\w+=", word):
-                    command.append(word)
+        assert language not in {"bash", "console", "shell", "zsh"}, f"{language}: use ```sh"
+        if language == "sh":
+            for line in block.replace("\\\n", " ").splitlines():
+                yield from commands_of_line(line)
+
+
+def commands_of_line(line: str) -> Iterator[list[str]]:
+    """Commands of one line, which ; & and | separate; leading NAME=VALUE words are left out."""
+    lexer = shlex.shlex(line.strip().removeprefix("$ "), posix=True, punctuation_chars=True)
+    lexer.whitespace_split = True
+    command: list[str] = []
+
+    for word in [*lexer, ";"]:
+        if word and set(word) <= set(";&|"):
+            if command:
+                yield list(takewhile(is_no_redirection, command))
+            command = []
+        elif command or not re.match(r"\w+=", word):
+            command.append(word)
+
+
+def is_no_redirection(word: str) -> bool:
+    return not word or not set(word) <= set("<>")
 
 
 def parses(args: list[str]) -> None:
@@ -58,26 +69,25 @@ def parses(args: list[str]) -> None:
 
 
 def make_succeeds(args: list[str]) -> None:
-    targets = set(
-        re.findall(r"^([\w.-]+)\s*:(?!=)", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
-    )
-    wanted = [word for word in args if "=" not in word and not word.startswith("-")]
-    assert set(wanted) <= targets, f"the Makefile makes {sorted(targets)}"
-    if "demo" in wanted:
-        parses(
-            [
-                "demo",
-                *(o for word in args if word.startswith("ARGS=") for o in shlex.split(word[5:])),
-            ]
-        )
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    targets = set(re.findall(r"^([\w.-]+)\s*:(?!=)", makefile, re.MULTILINE))
+    goals = [word for word in args if "=" not in word and not word.startswith("-")]
+
+    assert set(goals) <= targets, f"the Makefile makes {sorted(targets)}"
+
+    if "demo" in goals:
+        options = []
+        for word in args:
+            if word.startswith("ARGS="):
+                options += shlex.split(word.removeprefix("ARGS="))
+        parses(["demo", *options])
 
 
 def installs(args: list[str]) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    extras = {
-        e for word in args for names in re.findall(r"\[(.*?)\]", word) for e in names.split(",")
-    }
-    assert extras <= set(project["optional-dependencies"]), f"an extra of {args} does not exist"
+    for names in re.findall(r"\[(.*?)\]", " ".join(args)):
+        extras = set(names.split(","))
+        assert extras <= set(project["optional-dependencies"]), f"an extra of {args} does not exist"
 
 
 def runs_python(args: list[str]) -> None:
@@ -97,30 +107,33 @@ CHECKS = {
 
 def check(command: list[str]) -> None:
     program = command[0].removeprefix(".venv/bin/")
+
     assert program in CHECKS or program in UNCHECKED, f"no check for `{shlex.join(command)}`"
+
     if program in CHECKS:
         CHECKS[program](command[1:])
 
 
-def page_commands() -> list[tuple[str, list[str]]]:
-    return [
-        (page.name, words)
-        for page in PAGES
-        if page.is_file()
-        for words in commands(page.read_text("utf-8"))
-    ]
+def page_commands() -> Iterator[Any]:
+    for page in PAGES:
+        if page.is_file():
+            for words in commands(page.read_text("utf-8")):
+                yield pytest.param(words, id=f"{page.name}: {shlex.join(words)}")
 
 
-@pytest.mark.parametrize(
-    "words", [pytest.param(w, id=f"{page}: {shlex.join(w)}") for page, w in page_commands()]
-)
-def test_every_command_exists(words: list[str]):
+@pytest.mark.parametrize("words", list(page_commands()))
+def test_every_command_of_a_page_exists(words: list[str]):
     check(words)
 
 
-def test_the_library_section_runs_in_a_small_size(tmp_path: Path):
+def library_code() -> str:
+    """The first Python block of the section "As a library" of the README."""
     section = (ROOT / "README.md").read_text("utf-8").partition("## As a library")[2]
-    code = next(block for _, language, block in FENCE.findall(section) if language == "python")
+    return next(block for _, language, block in FENCE.findall(section) if language == "python")
+
+
+def test_the_library_section_runs_in_a_small_size(tmp_path: Path):
+    code = library_code()
     sizes = {
         "steps=10_000": "steps=300",
         "motors=32": "motors=3",
@@ -128,43 +141,43 @@ def test_the_library_section_runs_in_a_small_size(tmp_path: Path):
         'out="runs/my_prior"': 'out="runs/my_prior", steps=2',
         "iterations=200": "iterations=1, episode_steps=5",
     }
+
     for shown, small in sizes.items():
         assert shown in code
         code = code.replace(shown, small)
+
     names: dict = {}
     with chdir(tmp_path):
         exec(code, names)
-    assert names["torque"].shape == (12,) and {row.quantity for row in names["table"]} == {
-        "speed",
-        "upright",
-        "drift",
-    }
+
+    assert names["torque"].shape == (12,)
+    assert {row.quantity for row in names["table"]} == {"speed", "upright", "drift"}
 
 
 @pytest.mark.slow
 def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: Path):
-    section = (ROOT / "README.md").read_text("utf-8").partition("## As a library")[2]
-    code = next(block for _, language, block in FENCE.findall(section) if language == "python")
-    loaded = re.search(r"mp\.load_log\(.*\)", code)
-    assert loaded is not None
-    code = re.sub(r"mp\.record_bench\(.*?\n\)", loaded[0], code, count=1, flags=re.DOTALL)
-    code = code.replace('preset="rollout"', 'preset="quick"').replace(
-        "iterations=200", "iterations=2"
-    )
+    code = library_code()
+    loading = re.search(r"mp\.load_log\(.*\)", code)
+    assert loading is not None
+
+    code = re.sub(r"mp\.record_bench\(.*?\n\)", loading[0], code, count=1, flags=re.DOTALL)
+    code = code.replace('preset="rollout"', 'preset="quick"')
+    code = code.replace("iterations=200", "iterations=2")
+
+    # a recording of simulated motors as a user has it: a table and its column map
     robot = load_robot("pupper_v2")
-    fleet = load_fleet("pupper_v2")
+    motors = load_fleet("pupper_v2").sample(12, np.random.default_rng(0)).actuator()
     targets = excitation_targets(robot, "chirp", 8.0, 0.2, seed=0)
-    log = simulated_log(
-        robot, fleet.sample(12, np.random.default_rng(0)).actuator(), targets, 0.001
-    )
-    write_table(log, tmp_path / "run.csv")
+    write_table(simulated_log(robot, motors, targets, 0.001), tmp_path / "run.csv")
     joints = "".join(f"[joints.{name}]\n" for name in robot.joint_names)
     (tmp_path / "columns.toml").write_text(f'robot = "pupper_v2"\n{TABLE_MAP}{joints}', "utf-8")
-    found: dict = {}
+
+    names: dict = {}
     with chdir(tmp_path):
-        exec(code, found)
-    assert found["prior"].joint_names == robot.joint_names
-    assert found["table"].value(quantity="upright", motors="twin") > 0.5
+        exec(code, names)
+
+    assert names["prior"].joint_names == robot.joint_names
+    assert names["table"].value(quantity="upright", motors="twin") > 0.5
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The table of results: selection, the names of figures, and a file that is read as rows or refused."""
+"""The table of results: selection of rows, names of figures, and the file of rows."""
 
 from pathlib import Path
 
@@ -15,10 +15,13 @@ WALKS = Results(
 ERRORS = Results(
     Result("standing_rmse", "rad", value, "rollout", motors, statistic)
     for motors, statistic, value in (
-        ("train", "median", 0.01), ("train", "mean", 0.02), ("held_out", "median", 0.03), ("held_out", "mean", 0.04),
+        ("train", "median", 0.01),
+        ("train", "mean", 0.02),
+        ("held_out", "median", 0.03),
+        ("held_out", "mean", 0.04),
     )
-)  # fmt: skip
-OTHERS = Results(
+)
+MIXED = Results(
     (
         Result("real_rmse", "rad", 0.1, "rollout", statistic="median", log="1_joint"),
         Result(
@@ -37,12 +40,15 @@ OTHERS = Results(
 )
 
 
-def test_rows_are_found_by_their_columns():
+def test_rows_are_selected_by_their_columns():
     twin = WALKS.where(motors="twin", model="rollout")
-    assert [row.value for row in twin] == [0.2, 0.4] and twin.mean() == pytest.approx(0.3)
+
+    assert [row.value for row in twin] == [0.2, 0.4]
+    assert twin.mean() == pytest.approx(0.3)
     assert WALKS.distinct("model") == ["rollout", "ideal_pd"]
     assert WALKS.value(model="ideal_pd", motors="own", seed=1) == 0.3
-    assert len(WALKS.where(model=("rollout", "ideal_pd"))) == 8 and len(OTHERS.where(log=None)) == 3
+    assert len(WALKS.where(model=("rollout", "ideal_pd"))) == 8
+    assert len(MIXED.where(log=None)) == 3
 
 
 def test_names_of_figures_are_made_from_the_columns():
@@ -59,7 +65,7 @@ def test_names_of_figures_are_made_from_the_columns():
         "standing_rmse/rollout/held_out": 0.03,
         "standing_rmse_mean/rollout/held_out": 0.04,
     }
-    assert OTHERS.to_figures() == {
+    assert MIXED.to_figures() == {
         "real_rmse/1_joint/rollout": 0.1,
         "real_joint_rmse/1_joint/FR_hip/rollout": 0.1,
         "two_sample_auc/high": 0.7,
@@ -68,7 +74,8 @@ def test_names_of_figures_are_made_from_the_columns():
     }
 
 
-def test_what_is_saved_is_loaded(tmp_path: Path):
-    table = WALKS + ERRORS + OTHERS
+def test_written_results_are_read_as_the_same_rows(tmp_path: Path):
+    table = WALKS + ERRORS + MIXED
     write_results(tmp_path, table)
+
     assert read_results(tmp_path) == table

@@ -1,4 +1,4 @@
-"""Values that are not as declared are rejected, with file, key, value and bound."""
+"""Values that are not as declared are refused with file, key, value and bound."""
 
 from pathlib import Path
 from typing import Any
@@ -23,16 +23,26 @@ FIELDS = {
     "sign": exactly([1, 2]),
     "names": many(TEXT, minimum=1),
 }
-GOOD: dict[str, Any] = {
-    "share": 0.5, "gain": 2, "count": 3, "name": "a", "on": False, "more": {}, "kind": "that", "sign": [1, 2],
+VALID: dict[str, Any] = {
+    "share": 0.5,
+    "gain": 2,
+    "count": 3,
+    "name": "a",
+    "on": False,
+    "more": {},
+    "kind": "that",
+    "sign": [1, 2],
     "names": ["x"],
-}  # fmt: skip
+}
 
 
 def refusal(**changes: Any) -> str:
+    """The problem that the error names when these values are not as declared."""
     with pytest.raises(ArtifactError) as error:
-        Schema(FIELDS, REMEDY).check(GOOD | changes, PATH)
-    assert error.value.where == PATH and error.value.remedy == REMEDY
+        Schema(FIELDS, REMEDY).check(VALID | changes, PATH)
+    assert error.value.where == PATH
+    assert error.value.remedy == REMEDY
+
     return error.value.problem
 
 
@@ -48,17 +58,22 @@ def refusal(**changes: Any) -> str:
         ("names", [], "names = [] is not a list of 1 or more, each a text"),
     ],
 )
-def test_a_value_beyond_its_declaration_is_named(key: str, value: object, words: str):
+def test_a_value_that_is_not_as_declared_is_named_with_its_bound(
+    key: str, value: object, words: str
+):
     assert words in refusal(**{key: value})
 
 
-def test_keys_are_compared_and_a_table_must_be_one():
-    assert refusal(colour=1) == "unknown keys ['colour']"
-    with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: content = \[\] is not a table"):
+def test_an_unknown_key_is_refused():
+    assert "'colour'" in refusal(colour=1)
+
+
+def test_a_list_in_place_of_a_table_is_refused():
+    with pytest.raises(ArtifactError, match=r"mine.file\[recipe\]: content = \[\]"):
         Schema(FIELDS, REMEDY, name="recipe").check([], PATH)
 
 
-WANTED = {
+DECLARED = {
     "mean": Tensor(("motors", "latents")),
     "std": Tensor(("latents",), above=0.0),
     "bias": Tensor(()),
@@ -69,13 +84,14 @@ ARRAYS = {"mean": np.zeros((5, 3)), "std": np.ones(3), "bias": np.array(0.0)}
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"std": np.ones(4)}, r"std is float64\(4,\), wanted float64\(3,\)"),
-        ({"bias": np.zeros((), np.float32)}, r"bias is float32\(\), wanted float64\(\)"),
-        ({"std": np.zeros(3)}, "std has a value of 0, not above 0"),
-        ({"extra": np.zeros(1)}, "unknown keys .'extra'"),
+        ({"std": np.ones(4)}, r"std .*float64\(4,\).*float64\(3,\)"),
+        ({"bias": np.zeros((), np.float32)}, r"bias .*float32\(\).*float64\(\)"),
+        ({"std": np.zeros(3)}, "std .*0.* above 0"),
+        ({"extra": np.zeros(1)}, "'extra'"),
     ],
 )
 def test_a_tensor_that_is_not_the_declared_one_is_named(changes: dict[str, np.ndarray], words: str):
     with pytest.raises(ArtifactError, match=words) as error:
-        check_tensors(ARRAYS | changes, WANTED, PATH, REMEDY, {"motors": 5})
-    assert error.value.where == PATH and error.value.remedy == REMEDY
+        check_tensors(ARRAYS | changes, DECLARED, PATH, REMEDY, {"motors": 5})
+    assert error.value.where == PATH
+    assert error.value.remedy == REMEDY

@@ -1,15 +1,16 @@
-"""Closed forms of the signal formulas."""
+"""Functions of signals agree with their closed forms."""
 
 import numpy as np
 import pytest
 
 from motorprior.signals import high_frequency_rms, runs_of_true
 
-PERIOD = 0.002
+PERIOD = 0.002  # [s]
 
 
-def test_runs_of_true_are_each_from_its_first_index_to_the_one_after_its_last():
+def test_runs_of_true_are_half_open_ranges_of_indices():
     mask = np.array([True, False, True, True, False, False, True])
+
     assert runs_of_true(mask).tolist() == [[0, 1], [2, 4], [6, 7]]
     assert runs_of_true(mask & False).shape == (0, 2)
 
@@ -20,9 +21,10 @@ def test_a_sine_above_the_cutoff_counts_with_amplitude_over_root_two(count: int)
     # whole periods, so no leakage: 10 and 60 Hz
     low = 10 / (count * PERIOD)
     high = 60 / (count * PERIOD)
-    signal = (
-        5.0 + 0.7 * np.sin(2 * np.pi * low * time) + 0.2 * np.sin(2 * np.pi * high * time + 0.3)
-    )
+    slow = 0.7 * np.sin(2 * np.pi * low * time)
+    fast = 0.2 * np.sin(2 * np.pi * high * time + 0.3)
+    signal = 5.0 + slow + fast
+
     assert high_frequency_rms(signal, PERIOD, 30.0) == pytest.approx(0.2 / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 1.0) == pytest.approx(np.hypot(0.7, 0.2) / np.sqrt(2))
     assert high_frequency_rms(signal, PERIOD, 100.0) == pytest.approx(0.0, abs=1e-12)
