@@ -33,7 +33,7 @@ Command = Callable[..., Outcome]
 
 @pytest.fixture
 def motorprior(capsys: pytest.CaptureFixture[str]) -> Command:
-    """`motorprior ARGS…`, in this process."""
+    """The command `motorprior ARGS…`, run in this process."""
 
     def run(*args: object) -> Outcome:
         code: object = 0
@@ -42,24 +42,28 @@ def motorprior(capsys: pytest.CaptureFixture[str]) -> Command:
                 main()
             except SystemExit as stop:
                 code = stop.code or 0
+
         assert isinstance(code, int)
+
         captured = capsys.readouterr()
+
         return Outcome(code, captured.out, captured.err)
 
     return run
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
-    return {
-        path: path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file() and path.name != ".lock"
-    }
+    """Bytes of all files in a folder except locks."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != ".lock"]
+    return {path: path.read_bytes() for path in files}
 
 
 def assert_one_error(err: str, words: tuple[str, ...]) -> None:
-    assert err.count("error:") == 1 and "Traceback" not in err, err
+    assert err.count("error:") == 1, err
+    assert "Traceback" not in err, err
+
     message = err[err.index("error:") :].strip()
+
     assert "\n" not in message, "one line"
     assert " -> " in message, "a remedy"
     assert [word for word in words if word not in message] == [], message
@@ -76,20 +80,21 @@ def refused(motorprior: Command, tmp_path: Path) -> Callable[..., None]:
     """Run a command that must fail with these words and change no file."""
 
     def run(*args: object, words: tuple[str, ...]) -> None:
-        before = contents(tmp_path)
+        original = contents(tmp_path)
         outcome = motorprior(*args)
+
         assert outcome.code == 2, outcome.err
         assert_one_error(outcome.err, words)
-        assert contents(tmp_path) == before
+        assert contents(tmp_path) == original
 
     return run
 
 
 @pytest.fixture
 def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
-    """Send this process SIGINT at the n-th advance of a unit of work from now on; 0 for never again."""
-    # a process in the background ignores it
-    old = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Send this process SIGINT at the n-th advance of a task from now on, or never (0)."""
+    # a process in the background ignores SIGINT
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def at(advance_number: int) -> None:
         calls = 0
@@ -103,7 +108,7 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
         monkeypatch.setattr(Task, "advance", advance)
 
     yield at
-    signal.signal(signal.SIGINT, old)
+    signal.signal(signal.SIGINT, handler)
 
 
 @pytest.fixture(scope="session")
@@ -119,9 +124,11 @@ def prior(bench: Path, grey_box: Callable[..., GreyBox]) -> Path:
     """The file of a prior for the motors of `bench`."""
     path = bench.parent / "prior.safetensors"
     settings = read_bench(bench)[1]
-    motors = np.zeros((12, 3))
+    latents = np.zeros((12, 3))
     provenance = {"bench": settings.as_json()}
-    MotorPrior(
-        grey_box(), motors, motors, "rollout", PUPPER_V2.name, settings.fleet.motor, provenance
-    ).save(path)
+    motor = settings.fleet.motor
+
+    prior = MotorPrior(grey_box(), latents, latents, "rollout", PUPPER_V2.name, motor, provenance)
+    prior.save(path)
+
     return path

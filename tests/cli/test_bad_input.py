@@ -1,4 +1,4 @@
-"""Bad input: one line with problem, place and remedy; exit code 2; no partial files."""
+"""Bad input ends a command with exit code 2, one line with a remedy, and no partial files."""
 
 import shutil
 import subprocess
@@ -49,12 +49,18 @@ def test_a_broken_log_is_rejected_by_every_reader(refused: Command, tmp_path: Pa
     log = copy / "log.parquet"
     out = ("--out", tmp_path / "out")
     truncate(log)
-    for line in (("identify", copy, *out), ("logs", "check", log), ("logs", "import", log, *out)):
-        refused(*line, words=(str(log), "not a complete Parquet file"))
+    commands = (
+        ("identify", copy, *out),
+        ("logs", "check", log),
+        ("logs", "import", log, *out),
+    )
+
+    for command in commands:
+        refused(*command, words=(str(log), "not a complete Parquet file"))
 
 
 def resave(**changes: object) -> Edit:
-    """The same prior with other header entries."""
+    """An edit that saves a file of tensors with other header entries."""
 
     def edit(path: Path) -> None:
         tensors, header = read_tensors(path)
@@ -67,9 +73,7 @@ BROKEN_PRIORS = {
     "truncated": (truncate, ("not a complete safetensors file",)),
     "newer schema": (
         resave(schema_version=SCHEMA_VERSION + 1),
-        (
-            f"schema_version {SCHEMA_VERSION + 1}, this one reads {SCHEMA_VERSION} -> update motorprior",
-        ),
+        (f"schema_version {SCHEMA_VERSION + 1}", f"{SCHEMA_VERSION} -> update motorprior"),
     ),
     "a policy": (resave(kind="policy"), ("a policy, not a motor prior", "identify")),
 }
@@ -83,14 +87,16 @@ def test_a_broken_prior_is_rejected_by_every_reader(
     edit(copy)
     out = ("--out", tmp_path / "out")
     words = (str(copy), *words)
+
     refused("validate", copy, bench / "log.parquet", *out, words=words)
     refused("walk", "--motors", f"prior:{copy}", *out, words=words)
 
 
-def test_a_prior_of_another_robot_does_not_walk(refused: Command, tmp_path: Path, prior: Path):
+def test_a_prior_of_another_robot_is_refused_by_walk(refused: Command, tmp_path: Path, prior: Path):
     copy = Path(shutil.copy(prior, tmp_path / "mine.safetensors"))
     resave(robot="go1")(copy)
     words = (str(copy), "'go1'", "pupper_v2")
+
     refused("walk", "--motors", f"prior:{copy}", "--out", tmp_path / "out", words=words)
 
 
@@ -107,10 +113,11 @@ def test_a_broken_policy_is_refused(
     copy = shutil.copytree(gait_walk, tmp_path / "walk")
     edit(copy / "policy.safetensors")
     words = (str(copy / "policy.safetensors"), *words)
+
     refused("transfer", copy, "--out", tmp_path / "out", words=words)
 
 
-def test_a_damaged_checkpoint_is_refused_with_a_way_out(
+def test_a_damaged_checkpoint_is_refused_with_the_remedy_to_delete_it(
     refused: Command, tmp_path: Path, prior: Path
 ):
     walk = tmp_path / "walk"
@@ -118,11 +125,15 @@ def test_a_damaged_checkpoint_is_refused_with_a_way_out(
     shutil.copy(prior, walk / "search.safetensors")
     truncate(walk / "search.safetensors")
     line = ("walk", "--motors", "pd", "--out", walk, "--iterations", 1)
+
     refused(*line, words=(str(walk / "search.safetensors"), "delete it"))
 
 
-def test_the_process_prints_one_line_and_exits_with_2(tmp_path: Path, one_error: Command):
+def test_the_process_prints_one_line_and_exits_with_code_2(tmp_path: Path, one_error: Command):
     words = [sys.executable, "-m", "motorprior", "logs", "check", "nowhere.csv"]
     result = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert result.returncode == 2 and result.stdout == "" and result.stderr.count("\n") == 1
+
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1
     one_error(result.stderr, ("nowhere.csv", "no such file"))

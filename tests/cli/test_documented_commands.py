@@ -1,4 +1,4 @@
-"""Every command of docs/your-motors.md, logs.md and your-robot.md runs, small, on the logs and models they name."""
+"""Every command of docs/your-motors.md, logs.md and your-robot.md runs in a small size."""
 
 import gzip
 import re
@@ -23,49 +23,55 @@ from motorprior.logs.column_map import load_column_map
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 800
-"""Of each table, header included: four seconds of the Go2."""
+"""Lines that are kept of a table, header included: four seconds of the Go2."""
 SMALL = {
-    "walk": "--iterations 2 --episode-steps 40 --search.num-directions 4 --search.num-top-directions 2 --workers 1",
+    "walk": "--iterations 2 --episode-steps 40 --workers 1 "
+    "--search.num-directions 4 --search.num-top-directions 2",
     "bench": "--motors 12 --steps 1500",
     "simulate": "--seconds 2",
     "adapt": "--allow-outliers",
     "replay": "--samples 2",
     "validate": "--adam-steps 4",
 }
-"""What makes a command small enough for a test."""
+"""Options that make a command small enough for a test."""
 
 
 class Begun(Exception):
-    """The demo has come to its bench."""
+    """The demo has reported on the logs and begins its bench."""
 
 
 def blocks(page: str, language: str, chapter: str = "") -> list[str]:
+    """Code blocks of a language on a page of the documentation, or in one of its chapters."""
     text = (ROOT / "docs" / page).read_text("utf-8")
-    text = text.split(f"\n## {chapter}\n")[1].split("\n## ")[0] if chapter else text
+    if chapter:
+        text = text.split(f"\n## {chapter}\n")[1].split("\n## ")[0]
     return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
 
 
 def commands(page: str, chapter: str = "") -> Iterator[list[str]]:
-    """The words of every `motorprior …` on a page; of a loop those of its first turn."""
+    """Words of the `motorprior …` commands on a page; a loop is run once, with its first value."""
+    loop = re.compile(r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", re.DOTALL)
     for block in blocks(page, "sh", chapter):
-        for line in re.sub(
-            r"for (\w+) in (\S+).*?; do\n(.*?)\ndone", first_turn, block, flags=re.DOTALL
-        ).splitlines():
+        for line in loop.sub(first_turn, block).splitlines():
             if line.startswith("motorprior "):
                 yield shlex.split(line)[1:]
 
 
 def first_turn(loop: re.Match[str]) -> str:
-    """What a shell runs first of ``for NAME in VALUE …; do``."""
+    """The body of ``for NAME in VALUE …; do`` with the first value."""
     name, value, body = loop.groups()
     return textwrap.dedent(body).replace(f"${name}", value)
 
 
 def run(words: list[str]) -> None:
-    """Run a command with the files that a pattern stands for, as a shell gives them."""
+    """Run a command; patterns are replaced by the matching files, as a shell does."""
     expanded = []
     for word in words:
-        expanded += (sorted(map(str, Path().glob(word))) if set("*[") & set(word) else []) or [word]
+        files = []
+        if set("*[") & set(word):
+            files = sorted(map(str, Path().glob(word)))
+        expanded += files or [word]
+
     command, settings = parse([*expanded, *shlex.split(SMALL.get(words[0], ""))])
     command.load_run()(settings, TERMINAL)
 
@@ -74,36 +80,40 @@ def run(words: list[str]) -> None:
 def robots(shared_data: Path, tmp_path: Path) -> Iterator[Path]:
     """A folder with two models and the examples' descriptions of them; commands run in it."""
     for name in ("go2", "so101"):
-        for path in (
-            shared_data / "robots" / f"{name}.xml",
-            *(ROOT / "examples" / "robots").glob(f"{name}*.toml"),
-        ):
-            shutil.copy(path, tmp_path)
+        shutil.copy(shared_data / "robots" / f"{name}.xml", tmp_path)
+        for description in (ROOT / "examples" / "robots").glob(f"{name}*.toml"):
+            shutil.copy(description, tmp_path)
     with chdir(tmp_path):
         yield tmp_path
 
 
 @pytest.fixture
 def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
-    """The same with the logs that the pages name, cut."""
+    """The folder of the robots with the logs that the pages name, shortened."""
     for name in ("go2", "so101", "xl330"):
         (robots / name).mkdir()
+
     tables = [
         *(shared_data / "go2").glob("traj_[03].csv.gz"),
         *sorted((shared_data / "so101").glob("c*.csv.gz"))[:2],
     ]
+
     for path in tables:
         with (
             gzip.open(path, "rt") as whole,
             gzip.open(robots / path.parent.name / path.name, "wt") as cut,
         ):
             cut.writelines(islice(whole, ROWS))
+
     shutil.copy(shared_data / "go2" / "traj_0.pt", robots / "go2")
+
     for path in sorted((shared_data / "xl330").glob("*_10h2[89]m[0123]*.json.gz")):
         shutil.copy(path, robots / "xl330")
+
     shutil.copytree(shared_data / "so101" / "original", robots / "so101" / "original")
     shutil.copy(shared_data / "so101" / "chirp_sweep.csv.gz", robots / "so101")
     bars_table(swing(4.0), robots)
+
     with patch.object(demo, "record_benches", side_effect=Begun):
         yield robots
 
@@ -111,11 +121,13 @@ def folder(shared_data: Path, robots: Path) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["your-motors.md", "logs.md"])
 def test_every_command_on_logs_runs(folder: Path, page: str):
-    every = list(commands(page))
-    for words in every:
+    commands_of_page = list(commands(page))
+
+    assert len(commands_of_page) >= 5
+
+    for words in commands_of_page:
         with pytest.raises(Begun) if words[0] == "demo" else nullcontext():
             run(words)
-    assert len(every) >= 5
 
 
 @pytest.mark.slow
@@ -134,61 +146,63 @@ def test_every_command_on_logs_runs(folder: Path, page: str):
         ("--logs xl330", ("loads: from the log", "pendulum")),
     ],
 )
-def test_a_demo_begins_with_the_logs(folder: Path, line: str, words: tuple[str, ...]):
+def test_a_demo_reports_on_the_logs_first(folder: Path, line: str, words: tuple[str, ...]):
     with pytest.raises(Begun):
         run(["demo", *line.split(), "--out", "run"])
+
     page = (folder / "run" / "report.html").read_text("utf-8")
-    assert "Your motors" in page and all(word in page for word in words)
+
+    assert "Your motors" in page
+    assert all(word in page for word in words)
 
 
-def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_the_report_draws_it(
+def test_a_users_quadruped_walks_on_a_pd_and_on_sampled_motors_and_in_the_report(
     robots: Path,
 ):
-    every = list(commands("your-robot.md", "A legged robot"))
-    assert [words[0] for words in every] == [
-        "walk",
-        "bench",
-        "identify",
-        "walk",
-        "report",
-        "transfer",
-    ]
-    for words in every:
+    chapter = list(commands("your-robot.md", "A legged robot"))
+    names = [words[0] for words in chapter]
+
+    assert names == ["walk", "bench", "identify", "walk", "report", "transfer"]
+
+    for words in chapter:
         run(words)
+
     policy = Policy.load(robots / "runs" / "walk" / "rollout_0" / "policy.safetensors")
-    assert policy.robot == "go2" and policy.arrays.weights.shape == (17, 24)
+
+    assert policy.robot == "go2"
+    assert policy.arrays.weights.shape == (17, 24)
+
     page = (robots / "runs" / "walk" / "report.html").read_text("utf-8")
-    assert "Robot go2" in page and "data:image/gif" in page
+
+    assert "Robot go2" in page
+    assert "data:image/gif" in page
     assert (robots / "runs" / "transfer" / "figures.json").is_file()
 
 
 @pytest.mark.slow
 def test_an_arm_goes_through_bench_identify_adapt_and_simulate(robots: Path):
-    every = list(commands("your-robot.md", "An arm"))
-    assert [words[0] for words in every] == [
-        "bench",
-        "identify",
-        "simulate",
-        "logs",
-        "adapt",
-        "simulate",
-        "replay",
-    ]
-    for words in every:
+    chapter = list(commands("your-robot.md", "An arm"))
+    names = [words[0] for words in chapter]
+
+    assert names == ["bench", "identify", "simulate", "logs", "adapt", "simulate", "replay"]
+
+    for words in chapter:
         run(words)
+
     assert (robots / "runs" / "arm" / "simulated" / "log.parquet").is_file()
     assert (robots / "runs" / "arm" / "replay" / "figures.json").is_file()
 
 
-def test_the_description_on_the_page_is_that_of_the_example():
+def test_the_robot_description_on_the_page_equals_the_example():
     shown = tomllib.loads(blocks("your-robot.md", "toml")[0])
     example = tomllib.loads((ROOT / "examples" / "robots" / "go2.toml").read_text("utf-8"))
     legs = shown.pop("legs")
+
     assert legs["FL"] == example["legs"]["FL"]
     assert shown == {name: value for name, value in example.items() if name != "legs"}
 
 
-def test_the_column_maps_on_the_page_are_understood(tmp_path: Path):
+def test_the_column_maps_on_the_page_can_be_loaded(tmp_path: Path):
     path = tmp_path / "columns.toml"
     for index in (0, 2):  # of a table and of a bag
         path.write_text(blocks("your-motors.md", "toml")[index], "utf-8")

@@ -21,12 +21,16 @@ MAX_LINES = 45
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_option_is_explained_with_its_unit(motorprior: Callable[..., Any], name: str):
     outcome = motorprior(*name.split(), HELP_ALL)
-    assert outcome.code == 0 and outcome.out.startswith(f"usage: motorprior {name}"), outcome.err
+
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.startswith(f"usage: motorprior {name}")
+
+    # alternately an option and the text after it
     plain = re.sub(r"[│╭╮╰╯─]", " ", outcome.out)
     pieces = re.split(r"^ *(--[a-z][\w.-]+)", plain, flags=re.MULTILINE)
-    for option, text in zip(
-        pieces[1::2], (" ".join(piece.split()) for piece in pieces[2::2]), strict=True
-    ):
+    texts = [" ".join(piece.split()) for piece in pieces[2::2]]
+
+    for option, text in zip(pieces[1::2], texts, strict=True):
         explanation = re.sub(r" \((default|required).*", "", text)
         assert " " in explanation, f"{option} is not explained: {text}"
         if "FLOAT" in text.split(" ")[0] and option not in WITHOUT_UNIT:
@@ -36,38 +40,58 @@ def test_every_option_is_explained_with_its_unit(motorprior: Callable[..., Any],
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_help_of_common_options_fits_a_screen(motorprior: Callable[..., Any], name: str):
     outcome = motorprior(*name.split(), "--help")
-    assert outcome.code == 0 and len(outcome.out.splitlines()) <= MAX_LINES, outcome.out
+
+    assert outcome.code == 0, outcome.err
+    assert len(outcome.out.splitlines()) <= MAX_LINES, outcome.out
+
     command = COMMANDS[name]
     settings = {setting.name for setting in fields(command.load_settings())}
+
     assert {*command.common, *command.positional} <= settings
     if command.common:
         assert HELP_ALL in outcome.out
         assert len(outcome.out) < len(motorprior(*name.split(), HELP_ALL).out)
 
 
-def test_the_list_of_commands_states_what_each_does(motorprior: Callable[..., Any]):
+def test_the_list_of_commands_shows_the_summary_of_every_command(motorprior: Callable[..., Any]):
     listed = motorprior("--help")
-    assert listed.code == 0 and len(listed.out.splitlines()) <= MAX_LINES
+
+    assert listed.code == 0
+    assert len(listed.out.splitlines()) <= MAX_LINES
+
     for name, command in COMMANDS.items():
         assert re.search(rf"^  {name} +{re.escape(command.help)}$", listed.out, re.MULTILINE)
         summary, *_ = (getdoc(command.load_settings()) or "").splitlines()
         assert command.help == summary
+
     logs = motorprior("logs", "--help")
-    assert logs.code == 0 and "import" in logs.out and "walk" not in logs.out.split("commands:")[1]
+
+    assert logs.code == 0
+    assert "import" in logs.out
+    assert "walk" not in logs.out.split("commands:")[1]
 
 
-def test_the_version_and_a_mistyped_command(motorprior: Callable[..., Any]):
+def test_the_version_is_printed_and_a_mistyped_command_gets_a_suggestion(
+    motorprior: Callable[..., Any],
+):
     assert motorprior("--version").out == f"motorprior {mp.__version__}\n"
+
     outcome = motorprior("identfy", "bench")
-    assert outcome.code == 2 and "'identfy'" in outcome.err and "identify" in outcome.err
+
+    assert outcome.code == 2
+    assert "'identfy'" in outcome.err
+    assert "identify" in outcome.err
     assert "import" in motorprior("logs", "imprt", "a.csv").err
     assert motorprior().code == motorprior("logs").code == 2
 
 
-def test_the_start_imports_no_command():
+def test_the_start_imports_no_command_and_no_heavy_library():
     code = "import sys, motorprior.cli.main; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True
-    ).stdout.split()
+    words = [sys.executable, "-c", code]
+
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+
+    loaded = done.stdout.split()
+
     assert not {"numpy", "numba", "mujoco", "jax", "matplotlib", "rich", "pyarrow"} & set(loaded)
     assert not [name for name in loaded if name.startswith("motorprior.commands")]

@@ -1,4 +1,4 @@
-"""`logs check` on a user's own table."""
+"""`logs check` on the table of a user: column maps, and advice that can be followed."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,14 +17,15 @@ JOINTS = ("FR_hip", "FR_knee", "FL_hip")
 def written(folder: Path, size: float = 0.3) -> tuple[Path, Path]:
     """A table of joints that follow their commands, and its map."""
     time = 0.01 * np.arange(600)
+    rates = np.pi * np.array([1.0, 1.6, 2.2])  # [rad/s]
+    target = size * np.sin(np.outer(time, rates))
+    angle = size * np.sin(np.outer(time - 0.05, rates))
+    log = log_of(time, target, angle, joint_names=JOINTS)
+
     columns = folder / "map.toml"
-    target, angle = (
-        size * np.sin(np.pi * np.outer(time - late, [1.0, 1.6, 2.2])) for late in (0.0, 0.05)
-    )
     columns.write_text(TABLE_MAP + "".join(f"[joints.{joint}]\n" for joint in JOINTS), "utf-8")
-    return write_table(
-        log_of(time, target, angle, joint_names=JOINTS), folder / "mine.csv"
-    ), columns
+
+    return write_table(log, folder / "mine.csv"), columns
 
 
 @pytest.mark.parametrize("command", [("check",), ("import", "--out", "out")])
@@ -32,19 +33,17 @@ def test_a_table_without_a_map_is_rejected_with_a_remedy(
     refused: Command, tmp_path: Path, command: tuple
 ):
     table, _ = written(tmp_path)
-    words = (
-        "mine.csv: a table of unknown format",
-        "'goal_FR_hip'",
-        "with --columns",
-        "your-motors.md",
-    )
+    words = ("mine.csv", "'goal_FR_hip'", "--columns", "your-motors.md")
+
     refused("logs", *command, table, words=words)
+
     pq.write_table(pa.table({"t": [0.0, 1.0]}), tmp_path / "mine.parquet")
-    refused("logs", *command, tmp_path / "mine.parquet", words=("with --columns", "your-motors.md"))
+
+    refused("logs", *command, tmp_path / "mine.parquet", words=("--columns", "your-motors.md"))
 
 
 @pytest.mark.parametrize(
-    ("factors", "says", "entry"),
+    ("factors", "advice", "entry"),
     [
         (
             [1, 1, -1, 1, 1, 1, 1],
@@ -55,15 +54,18 @@ def test_a_table_without_a_map_is_rejected_with_a_remedy(
         ([1e3] + 6 * [1], 'time = "s", "ms"', '[units]\ntime = "ms"\n'),
     ],
 )
-def test_what_the_doctor_advises_can_be_done(
-    motorprior: Command, tmp_path: Path, factors: list[float], says: str, entry: str
+def test_the_advice_of_the_log_doctor_repairs_the_column_map(
+    motorprior: Command, tmp_path: Path, factors: list[float], advice: str, entry: str
 ):
     table, columns = written(tmp_path, size=1.0)
     head, *_ = table.read_text().splitlines()
     rows = factors * np.loadtxt(table, delimiter=",", skiprows=1)
     np.savetxt(table, rows, delimiter=",", header=head, comments="")
     outcome = motorprior("logs", "check", table, "--columns", columns)
+
     assert outcome.code == 2
-    assert says in " ".join(outcome.out.replace("│", " ").split())
+    assert advice in " ".join(outcome.out.replace("│", " ").split())
+
     columns.write_text(columns.read_text("utf-8") + entry, "utf-8")
+
     assert motorprior("logs", "check", table, "--columns", columns).code == 0

@@ -1,4 +1,4 @@
-"""Ctrl-C keeps what is finished; the same command again ends at the same bytes as one never stopped."""
+"""After Ctrl-C the same command continues and ends at the bytes of an uninterrupted one."""
 
 import signal
 import subprocess
@@ -20,9 +20,11 @@ WALK = ("walk", "--motors", "pd", "--episode-steps", 20, "--iterations", 12)  # 
 
 
 def results(folder: Path) -> list[Any]:
-    """Bytes of the results, and the marker without the seconds."""
+    """Bytes of the result files, and the marker of the stage without its seconds."""
     marker = read_json(folder / MARKER)
+
     assert marker.pop("seconds") > 0.0
+
     return [*((folder / name).read_bytes() for name in RESULTS), marker]
 
 
@@ -30,17 +32,11 @@ def results(folder: Path) -> list[Any]:
 def whole_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A walk without interruption."""
     folder = tmp_path_factory.mktemp("whole") / "walk"
-    words = [
-        sys.executable,
-        "-m",
-        "motorprior",
-        *map(str, WALK),
-        "--workers",
-        "1",
-        "--out",
-        str(folder),
-    ]
-    subprocess.run(words, check=True, capture_output=True)
+    options = [str(word) for word in WALK]
+    options += ["--workers", "1", "--out", str(folder)]
+    command = [sys.executable, "-m", "motorprior", *options]
+    subprocess.run(command, check=True, capture_output=True)
+
     return folder
 
 
@@ -49,11 +45,16 @@ def test_a_checkpoint_of_other_settings_is_not_continued(
 ):
     line = ("walk", "--episode-steps", 20, "--workers", 1, "--iterations", 4)
     ctrl_c(3)
+
     assert motorprior(*line, "--motors", "pd:kp=9", "--out", tmp_path / "mixed").code == 130
+
     ctrl_c(0)
+
     for name in ("mixed", "fresh"):
         done = motorprior(*line, "--motors", "pd:kp=8", "--out", tmp_path / name)
-        assert done.code == 0 and "continues" not in done.err
+        assert done.code == 0
+        assert "continues" not in done.err
+
     assert results(tmp_path / "mixed") == results(tmp_path / "fresh")
 
 
@@ -62,52 +63,53 @@ def test_ctrl_c_ends_the_process_with_130_at_once_also_with_parallel_trainings(t
     # ignored in the background
     signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{signals}\nfrom motorprior.__main__ import main\nmain()"
-    words = [
-        sys.executable,
-        "-c",
-        code,
-        *WALK,
-        "--iterations",
-        1_000_000,
-        "--seeds",
-        2,
-        "--out",
-        tmp_path / "walk",
-    ]
+    sizes = ("--iterations", 1_000_000, "--seeds", 2)
+    words = [sys.executable, "-c", code, *WALK, *sizes, "--out", tmp_path / "walk"]
     process = subprocess.Popen([str(word) for word in words], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     for _ in range(2):  # both trainings have begun
         assert "1000000 iterations" in process.stderr.readline()
+
     process.send_signal(signal.SIGINT)
+
     try:
         err = process.communicate(timeout=300.0)[1]
     finally:
         process.kill()
+
     assert process.returncode == 130, err
-    assert err.splitlines()[-1].endswith("run the same command again") and "Traceback" not in err
+    assert err.splitlines()[-1].endswith("run the same command again")
+    assert "Traceback" not in err
 
 
 def modified(folder: Path) -> dict[Path, int]:
-    return {
-        path: path.stat().st_mtime_ns
-        for path in folder.rglob("*")
-        if path.is_file() and path.name != ".lock"
-    }
+    """Time of the last change of all files in a folder except locks."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != ".lock"]
+    return {path: path.stat().st_mtime_ns for path in files}
 
 
-def test_a_changed_input_runs_it_again(motorprior: Command, tmp_path: Path):
+def test_a_command_runs_again_if_the_values_of_its_input_changed(
+    motorprior: Command, tmp_path: Path
+):
     fleet = tmp_path / "mine.toml"
     out = tmp_path / "bench"
     text = fleet_path("pupper_v2").read_text("utf-8")
     line = ("bench", "--motors", 1, "--steps", 10, "--fleet", fleet, "--out", out)
     fleet.write_text(text, "utf-8")
+
     assert motorprior(*line).code == 0
-    before = modified(out)
+
+    first_run = modified(out)
+
     fleet.write_text(text + "\n# the same numbers\n", "utf-8")
-    assert motorprior(*line).code == 0 and modified(out) == before
-    fleet.write_text(text.replace("center = 8.8", "center = 8.9"), "utf-8")
+
     assert motorprior(*line).code == 0
-    assert set(before.items()).isdisjoint(modified(out).items())
+    assert modified(out) == first_run
+
+    fleet.write_text(text.replace("center = 8.8", "center = 8.9"), "utf-8")
+
+    assert motorprior(*line).code == 0
+    assert set(first_run.items()).isdisjoint(modified(out).items())
 
 
 @pytest.mark.slow
@@ -116,17 +118,29 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
 ):
     bench = tmp_path / "bench"
     out = tmp_path / "prior"
+
     assert motorprior("bench", "--motors", 2, "--steps", 1500, "--out", bench).code == 0
+
     line = ("identify", bench, "--out")
+
     assert motorprior(*line, tmp_path / "whole").code == 0
+
     ctrl_c(4)  # while terms are selected
+
     assert motorprior(*line, out).code == 130
+
     saved = modified(out)
-    assert not (out / PRIOR).exists() and out / CHECKPOINT.format("term_fit_0") in saved
+
+    assert not (out / PRIOR).exists()
+    assert out / CHECKPOINT.format("term_fit_0") in saved
+
     ctrl_c(8)  # while motors are fitted
+
     assert motorprior(*line, out).code == 130
-    assert saved.items() <= modified(out).items(), "what was found is not searched again"
+    assert saved.items() <= modified(out).items(), "finished searches are not repeated"
+
     ctrl_c(0)
+
     assert motorprior(*line, out).code == 0
     assert (out / PRIOR).read_bytes() == (tmp_path / "whole" / PRIOR).read_bytes()
     assert not list(out.glob(CHECKPOINT.format("*")))

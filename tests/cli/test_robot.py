@@ -1,4 +1,4 @@
-"""deploy, record and doctor from the command line: with virtual robots, and with bad input."""
+"""`deploy`, `record` and `doctor` with virtual robots, and with bad input."""
 
 import json
 import subprocess
@@ -20,14 +20,14 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 
 
 def policy_file(path: Path, **changes) -> Path:
-    """Zero weights: a trot."""
+    """A file of a policy with zero weights, which trots."""
     as_file_content(random_policy(0.0, 0), **changes).save(path)
     return path
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The machine that runs tests has other work: a host may be late."""
+    """Safety limits that a busy test machine keeps: the host may be late."""
     late = {
         "tick_delay": 100.0,
         "late_ticks": 100,
@@ -47,28 +47,32 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(
     walk = tmp_path / "walk"
     policy = policy_file(tmp_path / "policy.safetensors")
     robot = ("--virtual", "--robot.currents")
-    done = motorprior(
-        "deploy", policy, *robot, "--forward", 0.1, "--seconds", 1, "--yes", "--out", walk
-    )
-    assert (
-        done.code == 0 and "period_jitter_ms/p99" in done.err and "stopped by time" in done.err
-    ), done.err
-    run = json.loads((walk / "run.json").read_text())
-    assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0} and run["policy"] == str(
-        policy
-    )
-    assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
-    assert 1.8 < read_deploy_recording(walk / "run.csv", PUPPER_V2).duration < 5.0, (
-        "a second, and one to stop"
-    )
-    done = motorprior(
-        "logs", "import", walk / "run.csv", "--period", 0.01, "--out", tmp_path / "log"
-    )
+    options = ("--forward", 0.1, "--seconds", 1, "--yes")
+    done = motorprior("deploy", policy, *robot, *options, "--out", walk)
+
     assert done.code == 0, done.err
-    imported = tmp_path / "log" / "run.parquet"
-    done = motorprior(
-        "identify", imported, "--preset", "paper", "--steps", 2, "--out", tmp_path / "prior"
-    )
+    assert "period_jitter_ms/p99" in done.err
+    assert "stopped by time" in done.err
+
+    run = json.loads((walk / "run.json").read_text())
+
+    assert run["gains"] == {"kp": 50.0, "kd": 5.0, "max_current": 7.0}
+    assert run["policy"] == str(policy)
+    assert json.loads((walk / "figures.json").read_text())["control_steps"] >= 80
+
+    recording = walk / "run.csv"
+    duration = read_deploy_recording(recording, PUPPER_V2).duration
+
+    assert 1.8 < duration < 5.0, "one second of walking and one to stop"
+
+    done = motorprior("logs", "import", recording, "--period", 0.01, "--out", tmp_path / "log")
+
+    assert done.code == 0, done.err
+
+    log = tmp_path / "log" / "run.parquet"
+    fit = ("--preset", "paper", "--steps", 2)
+    done = motorprior("identify", log, *fit, "--out", tmp_path / "prior")
+
     assert done.code == 0, done.err
     assert len(MotorPrior.load(tmp_path / "prior" / "prior.safetensors").mean) == 12
 
@@ -78,19 +82,21 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
     out = tmp_path / "rec"
     settings = ("--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
     done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
+
     assert done.code == 0, done.err
     for command in (("doctor", "--virtual", "--seconds", 1), ("logs", "check", out / "run.csv")):
         assert motorprior(*command).code == 0
+
     done = motorprior("logs", "import", out / "run.csv", "--suspended", "--out", tmp_path / "log")
+
     assert done.code == 0, done.err
+
     log = read_parquet(tmp_path / "log" / "run.parquet")
-    assert log.joint_torque is None and 1.8 < log.duration < 2.1, (
-        "a current is not the joint's torque"
-    )
-    assert (
-        np.median(np.diff(log.time)) == pytest.approx(PUPPER_V2.physics_dt)
-        and log.joint_names == PUPPER_V2.joint_names
-    )
+
+    assert log.joint_torque is None, "a current is not the torque of the joint"
+    assert 1.8 < log.duration < 2.1
+    assert np.median(np.diff(log.time)) == pytest.approx(PUPPER_V2.physics_dt)
+    assert log.joint_names == PUPPER_V2.joint_names
 
 
 @pytest.mark.parametrize(
@@ -105,7 +111,7 @@ def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Pa
         ("record --port /dev/null --yes --out {used}", ("run.csv", "exists already")),
     ],
 )
-def test_bad_input_is_one_error(
+def test_bad_input_is_refused_with_one_error(
     refused: Callable, tmp_path: Path, command: str, words: tuple[str, ...]
 ):
     (tmp_path / "used").mkdir()
@@ -116,24 +122,32 @@ def test_bad_input_is_one_error(
         "slow": policy_file(tmp_path / "slow.safetensors", control_dt=0.02),
         "used": tmp_path / "used",
     }
+
     refused(*command.format(**files).split(), words=words)
 
 
 @pytest.mark.real_time
-def test_a_virtual_robot_ends_with_the_process_that_started_it_also_if_that_is_killed():
-    code = (
-        "import time\nfrom motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot\n"
-        "with running_virtual_robot('pupper_v2', VirtualRobotSettings()) as port:\n"
-        "    print(port, flush=True)\n    time.sleep(60.0)"
-    )
+def test_a_virtual_robot_ends_when_the_process_that_started_it_is_killed():
+    code = """if True:
+        import time
+        from motorprior.commands.virtual_robot import VirtualRobotSettings, running_virtual_robot
+
+        with running_virtual_robot("pupper_v2", VirtualRobotSettings()) as port:
+            print(port, flush=True)
+            time.sleep(60.0)
+    """
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert parent.stdout is not None
+
     with parent.stdout:
         port = Path(parent.stdout.readline().strip())
+
     assert port.exists()
+
     parent.kill()
     parent.wait()
     deadline = time.monotonic() + 10.0
+
     while port.exists():
         assert time.monotonic() < deadline
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""The quick report of real logs, on small synthetic ones, with and without loads."""
+"""The quick report, on small synthetic logs with and without loads."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,15 +26,14 @@ JOINTS = ("hip", "knee", "ankle")
 
 @pytest.fixture
 def logs(tmp_path: Path) -> Path:
-    """A folder with two logs of the same three motors of fleet ``mixed``, their loads known."""
+    """A folder with two logs of the same three motors of fleet ``mixed``, with their loads."""
     fleet = load_fleet("mixed")
     motors = fleet.sample(len(JOINTS), np.random.default_rng(5))
     for seed, name in enumerate(("first", "second")):
         log = record(motors, BENCH_SCHEDULES["rollout"], 6000, seed, fleet)
-        write_log(
-            tmp_path / "logs" / f"{name}.parquet",
-            replace(log, joint_names=JOINTS, joint_torque=None),
-        )
+        log = replace(log, joint_names=JOINTS, joint_torque=None)
+        write_log(tmp_path / "logs" / f"{name}.parquet", log)
+
     return tmp_path / "logs"
 
 
@@ -42,40 +41,43 @@ def report_of(logs: Path, out: Path) -> tuple[Results, dict[str, list]]:
     return run_quick_report(QuickReport(logs, out)), read_json(out / "notes.json")
 
 
-def test_the_prior_is_closer_to_the_motors_than_a_pd(logs: Path, tmp_path: Path):
+def test_the_prior_has_a_smaller_error_than_a_tuned_pd_on_the_test_log(logs: Path, tmp_path: Path):
     out = tmp_path / "run"
-    found, notes = report_of(logs, out)
+    results, notes = report_of(logs, out)
+
     for quantity in (WHOLE_RUN_RMSE, FREE_RUN_RMSE):
-        prior, pd = (
-            found.value(quantity=quantity, model=model, part=None, log=None)
-            for model in ("prior", "tuned_pd")
-        )
-        assert prior < 0.4 * pd
+        of_all_joints = results.where(quantity=quantity, part=None, log=None)
+        assert of_all_joints.value(model="prior") < 0.4 * of_all_joints.value(model="tuned_pd")
+
     assert {"kp", "armature"} <= {row[0] for row in notes["constants"][1]}
     assert {"loads: from the log", "train: first; test: second"} <= set(notes["lines"])
+
     html = page("t", [models_of_logs(out, "Your motors", WHOLE_RUN_RMSE)], {}, "c")
-    assert "Your motors" in html and html.count("<img") == 2
-    before = (out / "traces.png").stat().st_mtime_ns
-    assert report_of(logs, out) == (found, notes)
-    assert (out / "traces.png").stat().st_mtime_ns == before, "once"
+
+    assert "Your motors" in html
+    assert html.count("<img") == 2
+
+    modified = (out / "traces.png").stat().st_mtime_ns
+
+    assert report_of(logs, out) == (results, notes)
+    assert (out / "traces.png").stat().st_mtime_ns == modified, "the report is made once"
 
 
-def test_logs_without_loads_get_responses(logs: Path, tmp_path: Path):
+def test_logs_without_loads_get_models_of_the_response(logs: Path, tmp_path: Path):
     for path in sorted(logs.iterdir()):
         log = read_parquet(path)
         write_log(path, replace(log, load_inertia=None, external_torque=None))
-    found, notes = report_of(logs, tmp_path / "out")
-    assert set(found.where(quantity=WHOLE_RUN_RMSE).distinct("model")) == {
-        "pure_delay",
-        "second_order",
-        "servo_limits",
-    }
+
+    results, notes = report_of(logs, tmp_path / "out")
+    models = set(results.where(quantity=WHOLE_RUN_RMSE).distinct("model"))
+
+    assert models == {"pure_delay", "second_order", "servo_limits"}
     assert any(line.startswith("loads: unknown") for line in notes["lines"])
     assert "bandwidth" in {row[0] for row in notes["constants"][1]}
-    total = {
-        row.model: row.value for row in found.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)
-    }
-    assert total["second_order"] < total["pure_delay"]
+
+    of_all_joints = results.where(quantity=WHOLE_RUN_RMSE, part=None, log=None)
+
+    assert of_all_joints.value(model="second_order") < of_all_joints.value(model="pure_delay")
 
 
 @pytest.mark.parametrize(
@@ -93,17 +95,23 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(
     robot = load_robot("pupper_v2")
     target = np.tile(np.linspace(0.0, 1.0, 50)[:, None], (1, robot.num_joints))
     log = log_of(0.01 * np.arange(50), target, joint_names=robot.joint_names)
-    for number, posture in enumerate(postures):  # suspended in the first row of every log
-        codes = None if posture is None else np.array([1] + 49 * [POSTURES.index(posture)])
+
+    for number, posture in enumerate(postures):
+        codes = None
+        if posture is not None:  # the first row of every log is suspended
+            codes = np.array([1] + 49 * [POSTURES.index(posture)])
         write_log(tmp_path / "logs" / f"log_{number}.parquet", replace(log, posture=codes))
+
     config = QuickReport(tmp_path / "logs", tmp_path / "out")
     source = loads_of(config, read_logs_of(config))
+
     assert (source.name == "model") == (set(postures) == {"suspended"})
 
 
 def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, tmp_path: Path):
     arm = write_arm(tmp_path)
-    given = Demo(robot=arm, logs=logs)
-    assert with_walking_robot(given) == replace(given, robot=Demo().robot)
+    demo = Demo(robot=arm, logs=logs)
+
+    assert with_walking_robot(demo) == replace(demo, robot=Demo().robot)
     assert with_walking_robot(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
     assert with_walking_robot(Demo(logs=logs)) == Demo(logs=logs)

@@ -1,7 +1,9 @@
-"""A minimal transfer study: every condition in every environment, resumable to the same bytes."""
+"""A minimal transfer study has every condition in every environment and resumes exactly."""
 
 import shutil
+from collections import defaultdict
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -24,7 +26,7 @@ NUM_WALKS = 2
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     pytest.importorskip("pybullet")
     config = Study(
         tmp_path_factory.mktemp("study") / "run",
@@ -40,80 +42,97 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Study:
         workers=2,
     )
     run_study(config)
+
     return config
 
 
 @pytest.mark.slow
-def test_every_policy_walks_every_draw_in_its_environments(done: Study):
-    walks = read_walks(done.out / WALKS)
-    for environment in (OWN, *ENVIRONMENTS):
-        for condition in done.conditions:
-            cell = [
-                walk
-                for walk in walks
-                if (walk["environment"], walk["condition"]) == (environment, condition)
-            ]
-            assert scores(cell, "speed").shape == (done.benches, done.seeds, NUM_WALKS)
-    own_out_of_family = {
+def test_every_policy_walks_on_every_sample_of_its_environments(study: Study):
+    walks = read_walks(study.out / WALKS)
+    conditions = defaultdict(list)
+
+    for walk in walks:
+        conditions[walk["environment"], walk["condition"]].append(walk)
+
+    for environment, condition in product((OWN, *ENVIRONMENTS), study.conditions):
+        speeds = scores(conditions[environment, condition], "speed")
+        assert speeds.shape == (study.benches, study.seeds, NUM_WALKS)
+
+    out_of_family = {
         walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY
     }
-    assert own_out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
+
+    assert out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
 
 
 @pytest.mark.slow
-def test_walks_have_the_command_of_the_training(done: Study):
-    folder = done.out / "bench_0" / "policies" / "oracle_0"
-    trained = TrainedPolicy.load(folder / POLICY, load_robot(done.robot))
+def test_policies_walk_at_the_command_of_their_training(study: Study):
+    folder = study.out / "bench_0" / "policies" / "oracle_0"
+    trained = TrainedPolicy.load(folder / POLICY, load_robot(study.robot))
     low, high = trained.policy.provenance["commands"]["forward"]
+
     assert low == high == pytest.approx(0.75)
+
     walk = WalkConfig(250, randomization=trained.randomization, commands=Commands.steady(low))
     seed_of = partial(walk_seed, 0)
     episodes = run_walks(trained.scene(walk), trained.policy.arrays, range(NUM_WALKS), seed_of)
-    rows = [
-        walk
-        for walk in read_walks(done.out / WALKS)
-        if (walk["bench"], walk["environment"]) == (0, OWN)
-    ]
-    found = [walk["speed"] for walk in rows if walk["condition"] == "oracle"]
-    assert found == pytest.approx([episode.displacement[0] / 2.5 for episode in episodes], rel=1e-4)
+
+    speeds = []
+    for row in read_walks(study.out / WALKS):
+        if (row["bench"], row["environment"], row["condition"]) == (0, OWN, "oracle"):
+            speeds.append(row["speed"])
+
+    expected = [episode.displacement[0] / 2.5 for episode in episodes]  # walks of 2.5 s
+
+    assert speeds == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.slow
-def test_figures_have_intervals_and_p_values(done: Study):
-    figures = read_json(done.out / "figures.json")
-    for twin in ENVIRONMENTS:
-        for condition in done.conditions:
-            low, value, high = (
-                figures[f"{twin}/{condition}/upright{end}"] for end in ("/low", "", "/high")
-            )
-            assert low <= value <= high
-            if condition != REFERENCE:
-                assert 0.0 < figures[f"{twin}/{condition}/speed_p_against_{REFERENCE}"] <= 1.0
-    fits = {kind: read_json(done.out / "bench_0" / "fits" / kind / FIT) for kind in PDS}
+def test_figures_have_intervals_and_p_values(study: Study):
+    figures = read_json(study.out / "figures.json")
+    for environment, condition in product(ENVIRONMENTS, study.conditions):
+        upright = f"{environment}/{condition}/upright"
+        assert figures[f"{upright}/low"] <= figures[upright] <= figures[f"{upright}/high"]
+        if condition != REFERENCE:
+            p = figures[f"{environment}/{condition}/speed_p_against_{REFERENCE}"]
+            assert 0.0 < p <= 1.0
+
+
+@pytest.mark.slow
+def test_fits_selections_and_the_page_of_a_study_are_written(study: Study):
+    fits = {name: read_json(study.out / "bench_0" / "fits" / name / FIT) for name in PDS}
+
     assert fits["gains"]["error"] >= fits["rotor"]["error"] >= 0.9 * fits["friction"]["error"]
+
     for setting, choices in CHOICES.items():
-        selection = read_json(done.out / "selection" / f"{setting}.json")
-        assert selection["fleet"] == "mixed" and selection["chosen"] in choices
-    page = (done.out / "report.html").read_text("utf-8")
-    assert "adapted_prior" in page and "out_of_family" in page
+        selection = read_json(study.out / "selection" / f"{setting}.json")
+        assert selection["fleet"] == "mixed"
+        assert selection["chosen"] in choices
+
+    page = (study.out / "report.html").read_text("utf-8")
+
+    assert "adapted_prior" in page
+    assert "out_of_family" in page
 
 
 @pytest.mark.slow
-def test_an_interrupted_study_resumes_to_the_same_bytes(done: Study):
-    before = (done.out / WALKS).read_bytes()
-    shutil.rmtree(done.out / "bench_0" / "walks" / "sampled_prior_0")
-    (done.out / "bench_1" / "policies" / "sampled_prior_0" / "stage.json").unlink()
-    run_study(done)
-    assert (done.out / WALKS).read_bytes() == before
+def test_an_interrupted_study_resumes_to_the_same_bytes(study: Study):
+    original = (study.out / WALKS).read_bytes()
+    shutil.rmtree(study.out / "bench_0" / "walks" / "sampled_prior_0")
+    (study.out / "bench_1" / "policies" / "sampled_prior_0" / "stage.json").unlink()
+    run_study(study)
+
+    assert (study.out / WALKS).read_bytes() == original
 
 
 def test_a_short_training_has_fewer_iterations_and_the_sampled_priors_motors(tmp_path: Path):
-    bench = Study(tmp_path, conditions=("sampled_prior", "short_training"), iterations=120)
-    one, short = policy_runs_of(bench, 0)
-    assert (one.bench.iterations, short.bench.iterations) == (
-        120,
-        40,
-    ) and one.motors == short.motors
+    study = Study(tmp_path, conditions=("sampled_prior", "short_training"), iterations=120)
+
+    full, short = policy_runs_of(study, 0)
+
+    assert full.bench.iterations == 120
+    assert short.bench.iterations == 40
+    assert full.motors == short.motors
 
 
 @pytest.mark.parametrize(
@@ -129,7 +148,7 @@ def test_a_short_training_has_fewer_iterations_and_the_sampled_priors_motors(tmp
         ({"validation": "nothing"}, "validation"),
     ],
 )
-def test_invalid_settings_are_an_error(tmp_path: Path, change: dict, argument: str):
+def test_an_invalid_setting_is_refused_by_its_name(tmp_path: Path, change: dict, argument: str):
     with pytest.raises(MotorPriorError) as error:
         Study(tmp_path, **change).require_valid()
     assert error.value.argument == argument

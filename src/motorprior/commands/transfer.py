@@ -44,8 +44,10 @@ class Transfer:
     """Number of policies evaluated at a time; the result does not depend on it."""
 
 
-def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
-    """Evaluate the policies, or read the finished evaluation.
+def run_transfer(
+    config: Transfer, progress: Progress = SILENT, num_walks: int = compare.NUM_WALKS
+) -> Results:
+    """Evaluate the policies with this number of walks each, or read the finished evaluation.
 
     Raises ArtifactError or ConfigError for a policy, motors or a fleet that cannot be used.
     """
@@ -58,6 +60,8 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 
     settings = asdict(config)
     del settings["workers"]  # the result does not depend on it
+    if num_walks != compare.NUM_WALKS:
+        settings["num_walks"] = num_walks
     inputs = [*files, *fleet_files(robot, config.fleet), *robot.files]
     stage = description("transfer", settings, inputs)
     if is_finished(config.out, stage):
@@ -79,7 +83,8 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
             "twin": compare.motors_scene(robot, trained.policy, fleet, commands),
         }
         condition = trained.motors.condition
-        works.append(partial(_evaluate, trained, scenes, condition, seeds[condition]))
+        seed = seeds[condition]
+        works.append(partial(_evaluate, trained, scenes, condition, seed, num_walks))
         seeds[condition] += 1
 
     with working(config.out, stage):
@@ -90,12 +95,17 @@ def run_transfer(config: Transfer, progress: Progress = SILENT) -> Results:
 
 
 def _evaluate(
-    trained: TrainedPolicy, scenes: dict[str, Scene], condition: str, seed: int, progress: Progress
+    trained: TrainedPolicy,
+    scenes: dict[str, Scene],
+    condition: str,
+    seed: int,
+    num_walks: int,
+    progress: Progress,
 ) -> list[Result]:
     name = trained.path.parent.name
-    title = f"transfer of {name}: {len(scenes)} x {compare.NUM_WALKS} walks"
+    title = f"transfer of {name}: {len(scenes)} x {num_walks} walks"
     with progress.start(title, 1):
-        return compare.evaluate(trained.policy, scenes, condition, seed)
+        return compare.evaluate(trained.policy, scenes, condition, seed, num_walks)
 
 
 def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> StudyStatistics:

@@ -97,8 +97,14 @@ class _Walks:
         self._simulator.close()
 
 
-def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int) -> list[Result]:
-    """Walk NUM_WALKS times with a policy in every scene, of DURATION_STEPS.
+def evaluate(
+    policy: Policy,
+    scenes: Mapping[str, Scene],
+    model: str,
+    seed: int,
+    num_walks: int = NUM_WALKS,
+) -> list[Result]:
+    """Walk ``num_walks`` times with a policy in every scene, of DURATION_STEPS.
 
     ``model`` is the training condition of the policy, ``seed`` the seed of its training. Returns
     rows of the means of speed (forward displacement over the whole time, also after a fall [m/s]),
@@ -108,7 +114,7 @@ def evaluate(policy: Policy, scenes: Mapping[str, Scene], model: str, seed: int)
     """
     rows = []
     for name, scene in scenes.items():
-        episodes = run_walks(scene, policy.arrays, range(NUM_WALKS))
+        episodes = run_walks(scene, policy.arrays, range(num_walks))
         require_walks(episodes, f"{name}/{model}")
 
         duration = DURATION_STEPS * scene.robot.control_dt
