@@ -1,4 +1,4 @@
-"""Logs of motors that a decoder made: their constants are known, and a fit can reach them."""
+"""Logs of motors that a decoder simulated: their constants are known, and a fit can reach them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +19,10 @@ SCALES = {"error_scale": 0.1, "velocity_scale": 2.0, "torque_scale": 0.3, "torqu
 
 @pytest.fixture(scope="session")
 def decoder_data() -> Callable[..., TrainingData]:
-    """Logs of a grey box's motors at latents z (M, Z), without noise; segments take the conditions in turn."""
+    """Function that makes logs of a grey box's motors at latents z (M, Z), without noise.
+
+    Segments have the supply voltages and temperatures in turn.
+    """
 
     def make(
         box: GreyBox,
@@ -32,40 +35,45 @@ def decoder_data() -> Callable[..., TrainingData]:
         supply: Sequence[float] = (1.0,),
         temperature_rise: Sequence[float] = (0.0,),
     ) -> TrainingData:
-        parts = []
+        segment_series = []
         count = len(z)
         for segment in range(segments):
-            kind = BENCH.excitations[segment % len(BENCH.excitations)]
-            case = bench_trial(
-                np.random.default_rng([seed, segment]), kind, rows, count, BENCH, hold=False
+            excitation_name = BENCH.excitations[segment % len(BENCH.excitations)]
+            rng = np.random.default_rng([seed, segment])
+            trial = bench_trial(rng, excitation_name, rows, count, BENCH, hold=False)
+            trial = replace(trial, load_inertia=load * trial.load_inertia)
+
+            time = BENCH.period * (segment * rows + np.arange(rows))
+            seconds = np.broadcast_to(time[:, None], (rows, count))
+            conditions = OperatingConditions(
+                box.warmth(z, float(seconds[:, 0].mean())),
+                supply[segment % len(supply)],
+                temperature_rise[segment % len(temperature_rise)],
             )
-            case = replace(case, load_inertia=load * case.load_inertia)
-            seconds = np.broadcast_to(
-                (segment * rows + np.arange(rows))[:, None] * BENCH.period, (rows, count)
-            )
-            warmth = box.warmth(z, float(seconds[:, 0].mean()))
-            rise = temperature_rise[segment % len(temperature_rise)]
-            under = OperatingConditions(warmth, supply[segment % len(supply)], rise)
-            found: Any = run(GreyBoxActuator(box, z, under, gains), case)
-            inertia = np.broadcast_to(case.load_inertia, (rows, count))
-            logged = np.ones((2, rows, count)) * (1.0 if gains is None else gains[:, None])
+            response: Any = run(GreyBoxActuator(box, z, conditions, gains), trial)
+
+            inertia = np.broadcast_to(trial.load_inertia, (rows, count))
+            logged_gains = np.ones((2, rows, count))
+            if gains is not None:
+                logged_gains = logged_gains * gains[:, None]
             channels = (
-                case.position_target,
-                found.joint_pos,
-                found.joint_vel,
-                found.joint_torque,
-                case.external_torque,
+                trial.position_target,
+                response.joint_pos,
+                response.joint_vel,
+                response.joint_torque,
+                trial.external_torque,
                 inertia,
                 seconds,
-                *logged,
-                np.full_like(seconds, under.supply),
-                np.full_like(seconds, under.temperature_rise),
+                *logged_gains,
+                np.full_like(seconds, conditions.supply),
+                np.full_like(seconds, conditions.temperature_rise),
                 np.zeros_like(seconds),
-                found.joint_pos,
+                response.joint_pos,
             )
-            parts.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
+            segment_series.append(np.stack(channels, axis=-1).transpose(1, 0, 2))
+
         return TrainingData(
-            series=np.concatenate(parts, axis=1).astype(np.float32),
+            series=np.concatenate(segment_series, axis=1).astype(np.float32),
             starts=np.arange(segments * rows),
             segments=tuple(slice(index * rows, (index + 1) * rows) for index in range(segments)),
             scales=SCALES,

@@ -1,4 +1,4 @@
-"""Logged gains, voltage and temperature do not change z."""
+"""The latents of a motor do not depend on logged gains, voltage and temperature."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -35,47 +35,73 @@ def with_gains(grey_box: Networks) -> GreyBox:
     return replace(box, slope=slope, gain_unit=PHYSICAL_GAINS)
 
 
-def test_motors_with_logged_gains_are_motors_with_these_constants(with_gains: GreyBox):
+def test_motors_with_logged_gains_equal_motors_with_these_constants(with_gains: GreyBox):
     kp, kd = SOFT[:, 0]
     center = with_gains.center.copy()
     center[INDEX] += np.log([kp, kd / kp])
-    own = replace(with_gains, center=center, copula=None, gain_unit="")
-    given = GreyBoxActuator(with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))).arrays(0.002)
+    equivalent = replace(with_gains, center=center, copula=None, gain_unit="")
+    with_registers = GreyBoxActuator(
+        with_gains, Z, gains=np.broadcast_to(SOFT, (2, len(Z)))
+    ).arrays(0.002)
+
     np.testing.assert_allclose(
-        given.parameters, GreyBoxActuator(own, Z).arrays(0.002).parameters, rtol=1e-12
+        with_registers.parameters,
+        GreyBoxActuator(equivalent, Z).arrays(0.002).parameters,
+        rtol=1e-12,
     )
-    with pytest.raises(ConfigError, match="logged gains"):
+
+
+def test_motors_without_the_gains_that_their_model_needs_are_an_error(with_gains: GreyBox):
+    with pytest.raises(ConfigError) as refusal:
         GreyBoxActuator(with_gains, Z).arrays(0.002)
+
+    assert refusal.value.argument == "gains"
 
 
 def test_z_does_not_depend_on_gains_and_load(decoder_data: Data, with_gains: GreyBox):
-    found = {}
+    posteriors = {}
+
     for name, gains, load in (("soft", SOFT, 1.0), ("stiff", STIFF, 1.0), ("loaded", STIFF, 1.5)):
-        data = decoder_data(with_gains, Z, gains=np.broadcast_to(gains, (2, len(Z))), load=load)
-        found[name] = fit_posterior(with_gains, data, replace(PRESET, num_latents=3), 0.01)
-    for name, posterior in found.items():
-        spread = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
-        assert np.all(np.abs(posterior.mean - Z) < np.maximum(3.0 * spread, 0.05)), name
+        gains_of_motors = np.broadcast_to(gains, (2, len(Z)))
+        data = decoder_data(with_gains, Z, gains=gains_of_motors, load=load)
+        posteriors[name] = fit_posterior(with_gains, data, replace(PRESET, num_latents=3), 0.01)
+
+    for name, posterior in posteriors.items():
+        deviation = np.sqrt(np.diagonal(posterior.covariance, axis1=1, axis2=2))
+        error = np.abs(posterior.mean - Z)
+        assert np.all(error < np.maximum(3.0 * deviation, 0.05)), name
 
 
-def test_only_conditions_that_differ_between_segments_are_fitted(
+def test_only_terms_of_operating_conditions_that_vary_are_fitted(
     decoder_data: Data, grey_box: Networks
 ):
-    """Servos that command a duty cycle, with torques that fall by 30 % when they are 50 K warmer."""
+    """The servos command a duty cycle; their torques fall by 30 % when they are 50 K warmer."""
     box = grey_box(terms=("supply", "temperature"), supply_share=1.0, temperature_loss=0.3)
 
-    def same(supply: tuple[float, ...], rise: tuple[float, ...] = (0.0,)) -> tuple[str, ...]:
+    def unvaried(supply: tuple[float, ...], rise: tuple[float, ...] = (0.0,)) -> tuple[str, ...]:
         data = decoder_data(box, Z, supply=supply, temperature_rise=rise)
         return terms_without_variation(WindowRuns(data, replace(PRESET, gain_unit="")))
 
-    assert same((0.8, 1.1, 0.9), (0.0, 30.0)) == ()
-    assert same((0.8, 1.1, 0.9), (20.0, 22.0)) == ("temperature",)
-    assert same((0.99, 1.0)) == ("supply", "temperature")
+    assert unvaried((0.8, 1.1, 0.9), (0.0, 30.0)) == ()
+    assert unvaried((0.8, 1.1, 0.9), (20.0, 22.0)) == ("temperature",)
+    assert unvaried((0.99, 1.0)) == ("supply", "temperature")
 
 
-def test_a_log_of_another_firmware_is_rejected_and_one_without_registers_is_not():
-    preset = replace(PRESET, gain_unit="", firmware=(("dead_zone", 0.002), ("profile_speed", 3.0)))
+FIRMWARE = (("dead_zone", 0.002), ("profile_speed", 3.0))
+
+
+def test_a_log_with_similar_or_unknown_registers_fits_the_prior():
+    preset = replace(PRESET, gain_unit="", firmware=FIRMWARE)
+
     for firmware in ({}, {"profile_speed": 3.02}, {"profile_acceleration": 39.0}):
         training_data(swinging_load(firmware=firmware), preset, "x")
-    with pytest.raises(LogError, match=r"x: firmware\.profile_speed 4 and 3 \(log and prior\)"):
-        training_data(swinging_load(firmware={"profile_speed": 4.0}), preset, "x")
+
+
+def test_a_log_of_another_firmware_is_rejected():
+    preset = replace(PRESET, gain_unit="", firmware=FIRMWARE)
+    log = swinging_load(firmware={"profile_speed": 4.0})
+
+    with pytest.raises(LogError, match=r"firmware\.profile_speed 4 and 3") as refusal:
+        training_data(log, preset, "x")
+
+    assert refusal.value.where == "x"

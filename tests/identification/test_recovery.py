@@ -1,4 +1,7 @@
-"""In four fleets, in each of which one constant varies, a prior and `fit_posterior` recover that of every motor."""
+"""A prior and `fit_posterior` recover the constant that varies between the motors of a fleet.
+
+There are four fleets; one constant varies in each.
+"""
 
 from dataclasses import replace
 
@@ -19,7 +22,7 @@ from motorprior.logs.motor_log import MotorLog
 
 pytestmark = pytest.mark.slow
 FLEET = load_fleet("pupper_v2")
-# factors
+# constant -> its smallest and largest factor
 RANGES = {"armature": (0.4, 3.0), "coulomb": (0.3, 3.0), "kp": (0.6, 1.6), "backlash": (0.3, 3.0)}
 # motors per constant
 TRAINED = 10
@@ -29,10 +32,14 @@ RECIPE = replace(identification_preset("rollout"), tries_terms=False)
 
 
 def fleets(count: int, seed: int) -> PhysicalMotors:
-    """``count`` motors per constant of RANGES, in that order; all else is the central motor's."""
+    """``count`` motors per constant of RANGES, in that order.
+
+    Their other constants are those of the central motor.
+    """
     motors = require_geared(FLEET.center(count * len(RANGES)))
     rng = np.random.default_rng(seed)
     changes = {}
+
     for group, (name, (low, high)) in enumerate(RANGES.items()):
         factors = np.ones(len(motors))
         logarithms = np.linspace(np.log(low), np.log(high), count)
@@ -40,6 +47,7 @@ def fleets(count: int, seed: int) -> PhysicalMotors:
         changes[name] = getattr(motors, name) * factors
         if name == "kp":
             changes["kd"] = motors.kd * factors
+
     return replace(motors, **changes)
 
 
@@ -55,11 +63,11 @@ def prior(log: MotorLog) -> TrainingResult:
 
 @pytest.fixture(scope="module")
 def posterior(log: MotorLog, prior: TrainingResult) -> LatentPosterior:
-    """Of new motors of the four fleets, from 10 s of log each."""
+    """Posteriors of new motors of the four fleets, from 10 s of log each."""
     scales = training_data(log, RECIPE, "log").scales
-    data = replace(
-        training_data(record(fleets(NEW, 2), BENCH, 5000, 7, FLEET), RECIPE, "log"), scales=scales
-    )
+    new_log = record(fleets(NEW, 2), BENCH, 5000, 7, FLEET)
+    data = replace(training_data(new_log, RECIPE, "log"), scales=scales)
+
     return fit_posterior(prior.model, data, RECIPE, float(prior.losses[-1]))
 
 
@@ -69,10 +77,14 @@ def posterior(log: MotorLog, prior: TrainingResult) -> LatentPosterior:
 def test_adapt_recovers_the_varying_constant(
     prior: TrainingResult, posterior: LatentPosterior, name: str, bound: float
 ):
-    """Root mean square of log(decoded / true), after 10 s of log and a training of seconds: 0.2 is 20 %."""
+    """The root mean square of log(decoded / true) is bounded; 0.2 is an error of 20 %.
+
+    The prior is trained in seconds.
+    """
     assert isinstance(prior.model, GreyBox)
     group = list(RANGES).index(name)
-    own = slice(group * NEW, (group + 1) * NEW)
-    decoded = prior.model.constants(posterior.mean)[name][own]
-    true = getattr(fleets(NEW, 2), name)[own]
+    rows = slice(group * NEW, (group + 1) * NEW)
+    decoded = prior.model.constants(posterior.mean)[name][rows]
+    true = getattr(fleets(NEW, 2), name)[rows]
+
     assert np.sqrt(np.mean(np.log(decoded / true) ** 2)) < bound

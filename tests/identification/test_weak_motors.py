@@ -1,4 +1,4 @@
-"""Adapting to weak motors reports that their torque limits may be lower, too."""
+"""Adaptation to weak motors advises that their torque limits may be lower, too."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def prior(box: GreyBox) -> MotorPrior:
 
 
 def latents(box: GreyBox, *shares: float) -> np.ndarray:
-    """(M, Z) of motors with these shares of the central motor's kp."""
+    """(M, Z) latents of motors with these shares of the central motor's kp."""
     steepest = box.slope[:, PARAMETERS.index("kp")]
     z = np.log(shares)[:, None] * steepest / (steepest @ steepest)
     np.testing.assert_allclose(kp_ratio(box, z), shares, rtol=1e-9)
@@ -31,13 +31,15 @@ def latents(box: GreyBox, *shares: float) -> np.ndarray:
 
 
 def test_no_advice_for_motors_like_the_prior(prior: MotorPrior, box: GreyBox):
-    assert (
-        advice_on_weak_motors(prior, NAMES, latents(box, 1.1, weak_below(box)[0] + 0.02, 1.0)) == ""
-    )
+    barely_strong = weak_below(box)[0] + 0.02
+
+    assert advice_on_weak_motors(prior, NAMES, latents(box, 1.1, barely_strong, 1.0)) == ""
 
 
-def test_of_a_weak_robot_every_motor_below_the_central_one_is_named(
+def test_advice_for_a_weak_robot_names_every_motor_below_the_central_one(
     prior: MotorPrior, box: GreyBox
 ):
     advice = advice_on_weak_motors(prior, NAMES, latents(box, 1.1, 0.80, 0.75))
-    assert "knee 0.80" in advice and "ankle 0.75" in advice and "hip" not in advice
+    assert "knee 0.80" in advice
+    assert "ankle 0.75" in advice
+    assert "hip" not in advice

@@ -1,4 +1,4 @@
-"""Windows lie inside segments, and a missing channel is named in the error."""
+"""Windows lie inside segments; a missing channel is named in the error."""
 
 from dataclasses import replace
 from typing import Any
@@ -37,6 +37,7 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
     )
     channels: dict[str, Any] = {name: rng.uniform(0.1, 1.0, (rows, joints)) for name in series}
     segment = np.repeat(np.arange(len(lengths)), lengths)
+
     return log_of(
         np.arange(rows) * 0.002,
         np.zeros((rows, joints)),
@@ -44,32 +45,42 @@ def a_log(lengths=LENGTHS, joints=2, **changes):
     )
 
 
-def test_windows_are_all_that_lie_inside_a_segment():
+def test_windows_are_all_rows_in_a_row_that_lie_inside_a_segment():
     log = a_log()
     data = training_data(log, PRESET, "log")
     assert log.segment is not None
-    # ten rows, and the one that the last of them leads to
-    inside = [start for start in range(84 - 10) if len(set(log.segment[start : start + 11])) == 1]
+    # ten rows, and the row after them, which the last step leads to
+    inside = []
+    for start in range(84 - 10):
+        if len(set(log.segment[start : start + 11])) == 1:
+            inside.append(start)
+
     assert data.starts.tolist() == inside
     assert len(inside) == 15 + 0 + 0 + 30  # length - 10 of each segment that is long enough
+
     regression = training_data(log, replace(PRESET, objective="torque"), "log")
+
     assert len(regression.starts) == 16 + 0 + 1 + 31
 
 
-def test_velocities_and_torques_of_a_rollout_are_those_of_the_middle_of_its_steps():
-    log = a_log(encoder="rotor")  # whose readings are taken as they are
-    data, raw = (
-        training_data(log, replace(PRESET, objective=name), "log").series
-        for name in ("rollout", "torque")
-    )
+def test_a_rollout_uses_velocities_and_torques_at_the_middle_of_its_steps():
+    # readings of an encoder on the rotor are used unchanged
+    log = a_log(encoder="rotor")
+    data = training_data(log, replace(PRESET, objective="rollout"), "log").series
+    raw = training_data(log, replace(PRESET, objective="torque"), "log").series
     kept = [TARGET, POS, INERTIA, SECONDS]
-    assert log.segment is not None and set(range(7)) - set(MEANS) == set(kept)
+    assert log.segment is not None
+    assert set(range(7)) - set(MEANS) == set(kept)
+
     starts = np.flatnonzero(np.diff(log.segment, prepend=-1))
     inside = np.setdiff1d(np.arange(84), starts)
+
     np.testing.assert_array_equal(data[..., kept], raw[..., kept])
     # nothing is known before a segment
     np.testing.assert_array_equal(data[:, starts], raw[:, starts])
+
     middle = 0.5 * (raw[:, inside] + raw[:, inside - 1])
+
     np.testing.assert_allclose(
         data[:, inside][..., MEANS], middle[..., MEANS], rtol=1e-5, atol=1e-6
     )
@@ -85,22 +96,44 @@ def test_velocities_and_torques_of_a_rollout_are_those_of_the_middle_of_its_step
     ],
 )
 def test_a_missing_channel_is_named(objective, missing):
-    gone: dict[str, Any] = {missing: None}
-    with pytest.raises(LogError, match=f"my.parquet: no {missing}") as refusal:
-        training_data(a_log(**gone), replace(PRESET, objective=objective), "my.parquet")
-    assert all(way in str(refusal.value.remedy) for way in ("`suspended`", "--fit-load")) == (
-        objective == "rollout"
-    )
+    without: dict[str, Any] = {missing: None}
+    preset = replace(PRESET, objective=objective)
+
+    with pytest.raises(LogError, match=missing) as refusal:
+        training_data(a_log(**without), preset, "my.parquet")
+
+    assert refusal.value.where == "my.parquet"
+
+
+@pytest.mark.parametrize(
+    ("objective", "missing", "is_load"),
+    [("rollout", "load_inertia", True), ("torque", "joint_torque", False)],
+)
+def test_only_the_error_of_a_missing_load_names_the_ways_to_get_loads(objective, missing, is_load):
+    without: dict[str, Any] = {missing: None}
+    preset = replace(PRESET, objective=objective)
+
+    with pytest.raises(LogError) as refusal:
+        training_data(a_log(**without), preset, "my.parquet")
+
+    for way in ("`suspended`", "--fit-load"):
+        assert (way in str(refusal.value.remedy)) is is_load
 
 
 @pytest.mark.parametrize("lengths", [[6000], [200] * 30, [5000, 300, 700]])
 def test_subsampled_windows_are_spread_over_the_log(lengths):
     data = training_data(a_log(lengths), PRESET, "x")
-    some = subsampled(data, PRESET, 1000)
-    assert 900 <= sum(part.stop - part.start for part in some.segments) <= 1000
-    assert some.segments[0].start == 0 and some.segments[-1].stop > 5900
-    assert all(
-        any(whole.start <= part.start < part.stop <= whole.stop for whole in data.segments)
-        for part in some.segments
-    )
+    subsample = subsampled(data, PRESET, 1000)
+
+    rows = sum(segment.stop - segment.start for segment in subsample.segments)
+    assert 900 <= rows <= 1000
+    assert subsample.segments[0].start == 0
+    assert subsample.segments[-1].stop > 5900
+    for segment in subsample.segments:
+        containing = [
+            whole
+            for whole in data.segments
+            if whole.start <= segment.start < segment.stop <= whole.stop
+        ]
+        assert containing, segment
     assert subsampled(data, PRESET, 6000) is data

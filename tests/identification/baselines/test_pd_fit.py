@@ -1,4 +1,4 @@
-"""The PD that made a log is recovered."""
+"""Fits of ideal PDs to logs of ideal PDs."""
 
 from dataclasses import replace
 
@@ -32,15 +32,15 @@ def bench() -> MotorLog:
 
 
 def made_by(bench: MotorLog, motors: Actuator) -> MotorLog:
-    """The same commands and loads with the motion of these motors."""
-    moved = [run(motors, trial_of(part)).joint_pos for part in bench.segments()]
-    return replace(bench, joint_pos=np.concatenate(moved))
+    """Log with the commands and loads of ``bench`` and the motion of these motors."""
+    positions = [run(motors, trial_of(segment)).joint_pos for segment in bench.segments()]
+    return replace(bench, joint_pos=np.concatenate(positions))
 
 
 @pytest.mark.parametrize(
     ("true", "free"), [(WITH_ALL, WITH_FRICTION), (SLOW, WITH_ROTOR)], ids=["friction", "slow"]
 )
-def test_the_pd_that_made_a_log_is_found(
+def test_a_fit_recovers_the_pd_that_made_a_log(
     bench: MotorLog, true: dict[str, float], free: tuple[str, ...]
 ):
     fit = fit_pd(made_by(bench, IdealPd.uniform(MOTORS, **true)), free)

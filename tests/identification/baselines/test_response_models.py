@@ -1,6 +1,5 @@
 """Response models: closed forms, and recovery of known constants from their own simulation."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,22 +34,23 @@ SERVO = LINEAR | {
 }  # fmt: skip
 
 
-def constants(**known: float) -> np.ndarray:
-    return np.array([list((RESPONSE_CONSTANTS | known).values())])
+def constants(**values: float) -> np.ndarray:
+    return np.array([list((RESPONSE_CONSTANTS | values).values())])
 
 
 def command(seed: int, rows: int = ROWS) -> np.ndarray:
-    """(rows,) a chirp with steps on it [rad]."""
+    """(rows,) chirp plus steps [rad]."""
     rng = np.random.default_rng(seed)
     time = DT * np.arange(rows)
     steps = np.repeat(rng.uniform(-0.4, 0.4, rows // 300), 300)
-    return 0.3 * np.sin(2 * np.pi * (0.3 + 0.2 * time) * time) + steps
+    frequency = 0.3 + 0.2 * time
+    return 0.3 * np.sin(2 * np.pi * frequency * time) + steps
 
 
 def runs_of(
     target: np.ndarray, pos: np.ndarray, external: np.ndarray, warm_up: int = PRESET.history
 ) -> WindowRuns:
-    """One joint's motion as a free run of all that follows the warm-up."""
+    """Free run over the motion of one joint, from the end of the warm-up on."""
     rows = len(target)
     series = complete(np.zeros((1, rows, 1), np.float32))
     series[0, :, TARGET] = target
@@ -60,27 +60,33 @@ def runs_of(
     series[0, :, INERTIA] = 0.01
     series[0, :, READING] = pos
     data = TrainingData(series, np.arange(rows), (slice(0, rows),), {}, False)
+
     return WindowRuns(data, replace(PRESET, taps=(0,), warm_up=warm_up, window=rows - 1 - warm_up))
 
 
 def pendulum_moved_by_hand(seed: int) -> WindowRuns:
-    """A hanging pendulum whose motion has nothing to do with the commands."""
+    """Free run of a hanging pendulum whose motion does not depend on the commands."""
+    gravity = 0.4  # [N·m]
     pos = 2.0 * command(seed + 100)
-    runs = runs_of(command(seed), pos, -0.4 * (np.sin(pos) - pos * np.cos(pos)))
-    runs.segments[0].rows[:, STIFFNESS, 0] = -0.4 * np.cos(pos)
+    # gravity torque, linear around the recorded angle: external + stiffness·angle
+    stiffness = -gravity * np.cos(pos)
+    external = -gravity * (np.sin(pos) - pos * np.cos(pos))
+    runs = runs_of(command(seed), pos, external)
+    runs.segments[0].rows[:, STIFFNESS, 0] = stiffness
     return runs
 
 
 def made_by(truth: np.ndarray, seed: int) -> list[WindowRuns]:
-    """The motion of a joint with these constants, from rest."""
+    """Free runs over the motion of a joint with these constants, which starts from rest."""
     target = command(seed)
     external = 0.5 * np.sin(3.0 * DT * np.arange(ROWS) + seed)
     pos = np.zeros(ROWS)
     pos[1:] = ResponseMotors(truth).errors(runs_of(target, pos, external, warm_up=0))[0, 0]
+
     return [runs_of(target, pos, external)]
 
 
-def test_limits_of_speed_and_acceleration_and_a_dead_band():
+def test_a_response_keeps_its_speed_and_acceleration_and_stops_in_its_dead_band():
     target = np.where(np.arange(ROWS) < PRESET.history, 0.0, 3.0)
     runs = runs_of(target, np.zeros(ROWS), np.full(ROWS, 2.0))
     limited = constants(
@@ -88,30 +94,44 @@ def test_limits_of_speed_and_acceleration_and_a_dead_band():
     )
     answer = ResponseMotors(limited).errors(runs)[0, 0]
     speed = np.diff(answer) / DT
+
     assert np.max(np.abs(speed)) == pytest.approx(1.5, abs=1e-9)
     assert np.max(np.abs(np.diff(speed))) / DT == pytest.approx(10.0, abs=1e-6)
+
+    # the command plus compliance times torque
     aim = 3.0 - 0.2 * 2.0
-    assert 0.02 < abs(answer[-1] - aim) < 0.1 and speed[-1] == pytest.approx(0.0, abs=1e-6)
+
+    assert 0.02 < abs(answer[-1] - aim) < 0.1
+    assert speed[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("known", [LINEAR, SERVO], ids=["second_order", "servo_limits"])
-def test_known_constants_are_recovered(known: dict[str, float], request: pytest.FixtureRequest):
-    truth = constants(**known)
-    name = request.node.callspec.id
-    training: Sequence[WindowRuns] = [run for seed in (1, 2) for run in made_by(truth, seed)]
+@pytest.mark.parametrize(
+    ("name", "true_values"), [("second_order", LINEAR), ("servo_limits", SERVO)]
+)
+def test_a_fit_recovers_the_constants_of_its_own_simulation(
+    name: str, true_values: dict[str, float]
+):
+    truth = constants(**true_values)
+    training: list[WindowRuns] = [*made_by(truth, 1), *made_by(truth, 2)]
+
     models = fit_responses(training, "torque")
-    found = dict(zip(RESPONSE_CONSTANTS, models[name].constants[0], strict=True))
-    for constant, value in known.items():
-        assert found[constant] == pytest.approx(value, rel=0.05, abs=1e-3), constant
+
+    fitted = dict(zip(RESPONSE_CONSTANTS, models[name].constants[0], strict=True))
+    for constant, value in true_values.items():
+        assert fitted[constant] == pytest.approx(value, rel=0.05, abs=1e-3), constant
+
     errors = free_run_errors(made_by(truth, 4), models)
     assert errors[name][0] < 1e-3
-    simpler = list(models)[: list(models).index(name)]
-    assert all(errors[model][0] > 3 * errors[name][0] for model in simpler)
+    simpler_models = list(models)[: list(models).index(name)]
+    for model in simpler_models:
+        assert errors[model][0] > 3 * errors[name][0], model
 
 
 def test_the_load_along_a_recorded_motion_does_not_reveal_this_motion():
-    found = fit_responses([pendulum_moved_by_hand(1), pendulum_moved_by_hand(2)], "torque")[
-        "servo_limits"
-    ]
+    training = [pendulum_moved_by_hand(1), pendulum_moved_by_hand(2)]
     test = pendulum_moved_by_hand(3)
-    assert free_run_errors([test], {"": found})[""][0] > 0.8 * np.std(test.recorded(POS))
+
+    servo = fit_responses(training, "torque")["servo_limits"]
+
+    (error,) = free_run_errors([test], {"servo": servo})["servo"]
+    assert error > 0.8 * np.std(test.recorded(POS))

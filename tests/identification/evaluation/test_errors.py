@@ -1,4 +1,4 @@
-"""Motors replay the log that they made, other models do not; warnings about what does not fit."""
+"""Motors replay the log that they made; errors are pooled, capped, and warned about."""
 
 from dataclasses import replace
 
@@ -59,106 +59,143 @@ def test_a_whole_segment_is_one_free_run_and_errors_are_pooled(log: MotorLog):
     log = log.rows(slice(0, 1030))
     runs = free_runs(log, PRESET)
     (whole,) = runs[WHOLE_RUN]
-    assert whole.windows == 1 and whole.recipe.window == 1000 - 1 - 60
-    assert runs[FREE_RUN][0].windows == 1 and runs[FREE_RUN][0].recipe.window == 500
-    one, twice = (free_run_errors(each, {"pd": pd()})["pd"] for each in ([whole], [whole, whole]))
+
+    assert whole.windows == 1
+    assert whole.recipe.window == 1000 - 1 - 60
+    assert runs[FREE_RUN][0].windows == 1
+    assert runs[FREE_RUN][0].recipe.window == 500
+
+    one = free_run_errors([whole], {"pd": pd()})["pd"]
+    twice = free_run_errors([whole, whole], {"pd": pd()})["pd"]
+
     np.testing.assert_allclose(one, twice, rtol=1e-6)
     assert np.all(one > 1e-3)
 
 
-def test_a_simulation_that_diverges_counts_as_one_turn_and_the_table_says_so(log: MotorLog):
+def test_errors_are_capped_at_one_turn():
     errors = np.array([0.0, 0.3, MAX_ERROR, 7.0, 1e30, np.inf, np.nan])
+
     np.testing.assert_array_equal(capped(errors), [0.0, 0.3, *[MAX_ERROR] * 5])
     assert capped(np.array([[np.nan, 2.0]]), np.array([[1.0, 5.0]])).tolist() == [[1.0, 2.0]]
-    unstable = IdealPd.uniform(MOTORS, -50.0, 0.0, 1e9)
-    found = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
+
+
+@pytest.fixture
+def unstable() -> IdealPd:
+    """Motors that push away from the target, without a torque limit."""
+    return IdealPd.uniform(MOTORS, -50.0, 0.0, 1e9)
+
+
+def test_a_diverged_simulation_is_named_in_the_table(log: MotorLog, unstable: IdealPd):
+    run_errors = free_run_errors(free_runs(log, PRESET)[WHOLE_RUN], {"unstable": unstable})
     rows = error_results(
-        LogErrors(("log",), log.joint_names, {"unstable": found["unstable"][None]}), "e"
+        LogErrors(("log",), log.joint_names, {"unstable": run_errors["unstable"][None]}), "e"
     )
+
     assert error_table(rows, {"e": "all"})[1] == [
         ["unstable", "diverged", "diverged", "diverged (motor_000)"]
     ]
+
+
+def test_a_diverged_simulation_has_the_largest_error_on_a_bench(unstable: IdealPd):
     bench = bench_errors(
         load_fleet("mixed").sample(MOTORS, 4), {"unstable": lambda _: unstable}, 0
     )["impacts"]
-    assert np.all(bench["unstable"] == MAX_ERROR) and np.all(bench["physical"] < 0.1)
+
+    assert np.all(bench["unstable"] == MAX_ERROR)
+    assert np.all(bench["physical"] < 0.1)
 
 
 def test_motors_that_made_a_log_have_no_replay_error(log: MotorLog):
     motors = replayed(load_fleet("mixed").sample(MOTORS, 0).actuator(), log)
-    assert np.median(motors) < 1e-9 and np.max(motors) < 2e-3  # dry friction amplifies rounding
+    assert np.median(motors) < 1e-9
+    # dry friction amplifies rounding
+    assert np.max(motors) < 2e-3
 
 
 def test_a_tuned_pd_has_the_logged_gains_of_each_segment(log: MotorLog):
-    gains = np.where(np.arange(log.num_rows) < log.num_rows // 2, 1.0, 6.0)[:, None] * np.ones(
-        MOTORS
-    )
+    # the gains are 6 times as large in the second half, which is a segment of its own
+    is_second_half = np.arange(log.num_rows) >= log.num_rows // 2
+    scale = np.where(is_second_half, 6.0, 1.0)[:, None] * np.ones(MOTORS)
     logged = replace(
-        log, segment=(gains[:, 0] > 2.0).astype(int), logged_kp=3.0 * gains, logged_kd=0.1 * gains
+        log,
+        segment=is_second_half.astype(int),
+        logged_kp=3.0 * scale,
+        logged_kd=0.1 * scale,
     )
-    made = [
-        run(IdealPd.uniform(MOTORS, 3.0 * gain, 0.1 * gain, 5.0, 0.001, 0.008), case).joint_pos
-        for gain, case in zip((1.0, 6.0), map(trial_of, logged.segments()), strict=True)
-    ]
-    logged = replace(logged, joint_pos=np.concatenate(made), joint_vel=None)
+
+    positions = []
+    for factor, segment in zip((1.0, 6.0), logged.segments(), strict=True):
+        motors = IdealPd.uniform(MOTORS, 3.0 * factor, 0.1 * factor, 5.0, 0.001, 0.008)
+        positions.append(run(motors, trial_of(segment)).joint_pos)
+    logged = replace(logged, joint_pos=np.concatenate(positions), joint_vel=None)
     plain = replace(logged, logged_kp=None, logged_kd=None)
-    scaled, fixed = (replayed(fitted_tuned_pd(each, SILENT), each) for each in (logged, plain))
+
+    scaled = replayed(fitted_tuned_pd(logged, SILENT), logged)
+    fixed = replayed(fitted_tuned_pd(plain, SILENT), plain)
+
     assert np.median(scaled) < 0.3 * np.median(fixed)
     assert np.median(fixed) <= np.median(replayed(pd(), plain))
 
 
-TWO = np.repeat([0, 1], 400)
-KNOWN = swinging_load(800, segment=TWO, supply_voltage=np.where(TWO == 0, 12.0, 9.6)[:, None])
-RECIPE = with_logged_settings(PRESETS["long_runs"], KNOWN)
+SEGMENTS = np.repeat([0, 1], 400)
 
 
-def at(*volts: float) -> MotorLog:
-    return swinging_load(
-        800, segment=TWO, supply_voltage=np.repeat(volts, 800 // len(volts))[:, None]
-    )
+def log_at(first_voltage: float, second_voltage: float) -> MotorLog:
+    """Log of two segments with these supply voltages [V]."""
+    supply_voltage = np.where(SEGMENTS == 0, first_voltage, second_voltage)[:, None]
+    return swinging_load(800, segment=SEGMENTS, supply_voltage=supply_voltage)
+
+
+RECIPE = with_logged_settings(PRESETS["long_runs"], log_at(12.0, 9.6))
 
 
 @pytest.mark.parametrize(("terms", "effect"), [((), "not modelled"), (("supply",), "extrapolated")])
-def test_a_voltage_outside_them_in_any_segment_gives_a_warning(terms: tuple[str, ...], effect: str):
-    (note,) = notes_on_log(at(24.0, 11.0), replace(RECIPE, terms=terms))
+def test_a_voltage_outside_the_training_range_gives_a_warning(terms: tuple[str, ...], effect: str):
+    (note,) = notes_on_log(log_at(24.0, 11.0), replace(RECIPE, terms=terms))
+
     assert note.severity == "warning"
-    assert all(
-        text in note.text for text in ("supply_voltage", "11 to 24 V", "9.6 to 12 V", effect)
-    )
+    for text in ("supply_voltage", "11 to 24 V", "9.6 to 12 V", effect):
+        assert text in note.text
 
 
 def a_log(moving: list[bool]) -> MotorLog:
+    """Log of a hip and a knee; those that are not ``moving`` keep their target."""
     target = np.where(moving, np.linspace(0.0, 1.0, 50)[:, None], 0.0)
     return log_of(0.01 * np.arange(50), target, joint_names=("hip", "knee"))
 
 
-def test_joints_that_are_not_excited_do_not_count():
+def test_errors_of_static_joints_do_not_count():
     logs = {"a": a_log([True, False]), "b": a_log([True, True])}
     errors = log_errors(
         logs, [{"prior": np.array([0.002, 9.0])}, {"prior": np.array([0.004, 0.009])}]
     )
     rows = error_results(errors, "e")
+
     assert rows.value(part=None, log=None) == pytest.approx(0.005)
-    assert rows.value(part="knee") == pytest.approx(0.009) and rows.value(log="a") == pytest.approx(
-        0.002
-    )
+    assert rows.value(part="knee") == pytest.approx(0.009)
+    assert rows.value(log="a") == pytest.approx(0.002)
     assert median_and_max(errors.models["prior"]) == [(1, 0), (1, 1)]
     assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
 
 
-def test_joints_with_more_than_a_third_of_the_tuned_pds_error_are_named():
+def test_joints_with_an_unexplained_error_are_named_in_a_warning():
     models = {"prior": np.array([[0.002, 0.004]]), "tuned_pd": np.array([[0.001, 0.01]])}
     errors = LogErrors(("log",), ("hip", "knee"), models)
-    np.testing.assert_allclose(
-        errors.unexplained("prior"), [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01]
-    )
+
+    # relative to the tuned PD; 0.002 rad is the error of the encoder
+    expected = [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01]
+    np.testing.assert_allclose(errors.unexplained("prior"), expected)
     assert errors.warnings("prior") == []
+
     worse = LogErrors(("log",), ("hip", "knee"), models | {"prior": np.array([[0.002, 0.005]])})
     (line,) = worse.warnings("prior")
-    assert "knee 46 %" in line and "hip" not in line
+
+    assert "knee 46 %" in line
+    assert "hip" not in line
 
 
 def test_a_validation_prints_as_a_table():
     errors = LogErrors(("log",), ("hip", "knee"), {"prior": np.array([[0.002, 0.004]])})
     text = str(Validation(error_results(errors, "whole_run_rmse"), [], ["the model lacks physics"]))
-    assert "warnings" in text and "4.0 (knee)" in text
+    assert "warnings" in text
+    assert "4.0 (knee)" in text

@@ -1,4 +1,7 @@
-"""Outlier tests ignore constants in which a prior's motors do not differ. Residuals here are linear in the latents."""
+"""Outlier tests ignore constants in which a prior's motors do not differ.
+
+Residuals here are linear in the latents.
+"""
 
 from typing import Any
 
@@ -20,7 +23,7 @@ NOTHING: Any = None
 
 
 class LinearProblem:
-    """Motors whose residuals are linear in their latents, ``truth`` (NEW, SIZE); see `search.Problem`."""
+    """Problem of motors with residuals that are linear in their latents, ``truth`` (NEW, SIZE)."""
 
     count = NEW
     weight = 2.0
@@ -34,36 +37,49 @@ class LinearProblem:
         self.noise = 0.1 * rng.standard_normal((NEW, 16 * self.observations))
 
     def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
-        return (self.box.decoder_latents(x) - self.truth[problems]) @ self.slopes + self.noise[
-            problems
-        ]
+        error = self.box.decoder_latents(x) - self.truth[problems]
+        return error @ self.slopes + self.noise[problems]
 
 
-def found_outliers(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0.0) -> Outliers:
-    """Test of new motors; ``shift`` is added to the viscous_damping of one."""
+def outliers_among(monkeypatch: pytest.MonkeyPatch, fixed: int, shift: float = 0.0) -> Outliers:
+    """Outliers among new motors of a prior.
+
+    Args:
+        monkeypatch: replaces the search over a log by a linear problem.
+        fixed: number of constants in which the prior's motors do not differ.
+        shift: added to the logarithm of the viscous_damping of one new motor.
+    """
     rng = np.random.default_rng(1)
     mean = 0.3 * rng.standard_normal((TRAINED, SIZE))
     truth = 0.3 * rng.standard_normal((NEW, SIZE))
-    mean[:, :fixed] = truth[:, :fixed] = 0.0
+    mean[:, :fixed] = 0.0
+    truth[:, :fixed] = 0.0
     truth[2, PARAMETERS.index("viscous_damping")] += shift
     box, z, classes = standardised(GreyBox(np.zeros(SIZE), np.eye(SIZE), 0.002), mean)
-    monkeypatch.setattr(
-        latent_fit, "latent_search", lambda box, *_: Search(LinearProblem(box, truth))
-    )
-    found = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
-    found[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
+
+    def linear_search(box: GreyBox, *_: Any) -> Search:
+        return Search(LinearProblem(box, truth))
+
+    monkeypatch.setattr(latent_fit, "latent_search", linear_search)
+    latents = latent_fit.fit_posterior(box, NOTHING, NOTHING, 0.05).mean
+    latents[:, :fixed] = 0.05  # 5e-8 of the logarithm of a constant
     prior = MotorPrior(box, z, 0.0 * z, "rollout", "", "", {}, given_classes=classes)
-    return outliers(prior, found, NOTHING, NOTHING, 0.05, ("",) * NEW)
+
+    return outliers(prior, latents, NOTHING, NOTHING, 0.05, ("",) * NEW)
 
 
-def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch):
-    for shift in (0.0, 3.0):
-        found = found_outliers(monkeypatch, fixed=2, shift=shift)
-        assert not {"kp", "kd_over_kp"} & set(found.latent)
-    assert (
-        found.latent[2] == "viscous_damping"
-        and found.p_value[2] < 1e-4
-        and found.deviation[2] > 5.0
-    )
-    assert 2.5 < found.distance[2] < 4.0
-    assert np.all(np.delete(found.p_value, 2) > 0.01)
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_a_fixed_constant_is_never_reported(monkeypatch: pytest.MonkeyPatch, shift: float):
+    result = outliers_among(monkeypatch, fixed=2, shift=shift)
+
+    assert not {"kp", "kd_over_kp"} & set(result.latent)
+
+
+def test_a_shifted_constant_of_one_motor_is_an_outlier(monkeypatch: pytest.MonkeyPatch):
+    result = outliers_among(monkeypatch, fixed=2, shift=3.0)
+
+    assert result.latent[2] == "viscous_damping"
+    assert result.p_value[2] < 1e-4
+    assert result.deviation[2] > 5.0
+    assert 2.5 < result.distance[2] < 4.0
+    assert np.all(np.delete(result.p_value, 2) > 0.01)
