@@ -35,9 +35,10 @@ from figures import PROGRESS, run_benchmark
 from motorprior.actuator.physical import PhysicalMotors
 from motorprior.actuator.registry import motor_text
 from motorprior.exceptions import RobotFault
-from motorprior.excitation.robot_targets import hardware_targets, joints_of
+from motorprior.excitation.recording import MotionSettings
+from motorprior.excitation.robot_targets import recorded_motion
 from motorprior.hardware import runs
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.settings import DeploySettings, RunSettings
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.logs.readers.motor_log_file import read_parquet
@@ -101,24 +102,17 @@ def record(folder: Path, number: int, wear: str, seconds: float) -> mp.MotorLog:
     if not log.is_file():
         port = SimulatedPort(ROBOT, number, suspended=True, period=5, wear=partial(with_wear, wear))
         with on_its_clock(port):
-            settings = RecordSettings(folder / "recorded", seconds=seconds, yes=True)
-            recorded = runs.record(ROBOT, port.port, settings, targets_of(settings), lambda _: None)
+            motion = recorded_motion(ROBOT, MotionSettings(seconds=seconds))
+            recorded = runs.record(
+                ROBOT,
+                port.port,
+                RunSettings(folder / "recorded", yes=True),
+                motion.targets,
+                lambda _: None,
+                max_speed=motion.max_speed,
+            )
         mp.write_log(log, mp.load_log(recorded, robot=ROBOT, suspended=True, progress=PROGRESS))
     return read_parquet(log)
-
-
-def targets_of(settings: RecordSettings) -> np.ndarray:
-    """(steps, joints) targets [rad] of a recording."""
-    playback = settings.playback(ROBOT.require_wire().safety)
-    return hardware_targets(
-        ROBOT,
-        playback.excitation,
-        joints_of(ROBOT, settings.joint),
-        settings.seconds,
-        playback.amplitude,
-        playback.max_speed,
-        settings.seed,
-    )
 
 
 def deploy(

@@ -162,6 +162,20 @@ def test_targets_are_held_and_torques_averaged_at_other_periods():
     assert 1e-4 <= fine.load_inertia[0] <= 2e-4
 
 
+def test_a_joint_plays_the_class_of_its_position_whatever_its_side_and_suffix():
+    """Loads tell the classes apart: 1e-3 to 2e-3 kg·m² at hips, 1e-4 to 2e-4 at calves."""
+    excitation = replace(made_excitation(), classes=("hip", "calf"))
+    legs = ("FL", "FR", "RL", "RR")
+    names = [f"{leg}_{part}_joint" for leg in legs for part in ("hip", "calf")]
+
+    for seed in range(3):
+        inertia = excitation.streams(np.random.default_rng(seed), 10, DT, names).load_inertia
+
+        assert inertia is not None
+        assert np.all(inertia[::2] >= 1e-3)
+        assert np.all(inertia[1::2] <= 2e-4)
+
+
 def test_a_period_longer_than_that_of_the_runs_is_rejected():
     with pytest.raises(ConfigError) as refusal:
         made_excitation().streams(np.random.default_rng(2), 10, 0.02, ["FR_knee"])
@@ -176,7 +190,7 @@ def test_a_loaded_excitation_gives_the_streams_of_the_saved_one(tmp_path: Path):
     excitation.save(path)
     loaded = excitation_of(str(path))
 
-    joint_names = ["a_hip", "b"]
+    joint_names = ["l_hip", "b"]
     saved_stream = excitation.streams(np.random.default_rng(4), 60, DT, joint_names)
     loaded_stream = loaded.streams(np.random.default_rng(4), 60, DT, joint_names)
 

@@ -15,7 +15,7 @@ from motorprior.hardware.motions import PolicyMotion
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.hardware.runs import record
 from motorprior.hardware.safety_gate import Gains, SafetyGate
-from motorprior.hardware.settings import RecordSettings
+from motorprior.hardware.settings import RunSettings
 from motorprior.hardware.virtual_robot import Firmware
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.policy import act
@@ -145,10 +145,10 @@ class _Witness(SimulatedPort):
 def test_targets_on_a_grid_are_those_that_acted(tmp_path: Path):
     port = _Witness()
     with on_its_clock(port):
-        settings = RecordSettings(tmp_path, excitation="sine", seconds=4.0, yes=True)
+        settings = RunSettings(tmp_path, yes=True)
         every_joint = tuple(range(PUPPER_V2.num_joints))
-        targets = hardware_targets(PUPPER_V2, "sine", every_joint, 4.0, 0.4, 8.0, settings.seed)
-        record(PUPPER_V2, port.port, settings, targets, lambda _: None)
+        targets = hardware_targets(PUPPER_V2, "sine", every_joint, 4.0, 0.4, 8.0, seed=0)
+        record(PUPPER_V2, port.port, settings, targets, lambda _: None, max_speed=8.0)
     log = read_deploy_recording(tmp_path / "run.csv", PUPPER_V2, period=0.001)
     first = round(1e3 * log.time[0])
     count = log.num_rows - 20

@@ -24,7 +24,7 @@ from motorprior.hardware.robot_link import RobotLink
 from motorprior.hardware.runs import deploy, diagnose, record
 from motorprior.hardware.safety_gate import Gains
 from motorprior.hardware.session import Check, check_before_arming, check_telemetry
-from motorprior.hardware.settings import DeploySettings, RecordSettings
+from motorprior.hardware.settings import DeploySettings, RunSettings
 from motorprior.hardware.virtual_robot import ERROR, IDLE
 from motorprior.logs.readers.deploy_recording import Mode, read_deploy_recording
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -222,9 +222,9 @@ def test_a_fault_during_the_crouch_does_not_start_the_walk_again(
 def test_a_suspended_robot_does_not_crouch(tmp_path: Path):
     port = FaultyPort(PUPPER_V2, suspended=True)
     with on_its_clock(port):
-        settings = RecordSettings(tmp_path / "run", excitation="sine", seconds=1.0, yes=True)
+        settings = RunSettings(tmp_path / "run", yes=True)
         targets = np.tile(PUPPER_V2.nominal_pose, (100, 1))
-        record(PUPPER_V2, "p", settings, targets, print)
+        record(PUPPER_V2, "p", settings, targets, print, max_speed=8.0)
     assert port.events[-1][1] == IDLE and not Incident(port).crouched
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.robots.joint_classes import classes_by_name, position_classes
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,18 @@ def test_the_class_of_a_joint_is_its_name_without_side_and_number(
     names: tuple[str, ...], classes: tuple[str, ...]
 ):
     assert classes_by_name(names) == classes
+
+
+@pytest.mark.parametrize(
+    ("names", "described", "classes"),
+    [
+        (("FL_calf_joint", "FR_calf_joint"), ("M8010",) * 2, ("calf", "calf")),
+        (("joint1", "joint2", "joint3"), ("upper", "lower", "lower"), ("upper", "lower", "lower")),
+        (("joint1", "joint2"), ("M8010",) * 2, ("joint1", "joint2")),
+        (("joint1", "joint2"), (), ("joint1", "joint2")),
+    ],
+)
+def test_positions_are_in_the_names_or_else_described(
+    names: tuple[str, ...], described: tuple[str, ...], classes: tuple[str, ...]
+):
+    assert position_classes(names, described) == classes

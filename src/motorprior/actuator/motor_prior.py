@@ -44,7 +44,7 @@ from motorprior.bounds import (
 )
 from motorprior.exceptions import ArtifactError, ConfigError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
-from motorprior.robots.joint_classes import class_in_name, classes_by_name
+from motorprior.robots.joint_classes import classes_among
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
@@ -149,24 +149,13 @@ class MotorPrior(Printable):
     def joint_classes(self, joints: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
         """The class of each joint of a log or a robot, or of joints of these names.
 
-        It is the class in the description of the robot or the log, if the prior has that class.
-        Otherwise it is the class of the training motor of the same name or, without one, the class
-        in the joint's name.
+        `classes_among` states how it is found in the description, the training motor of the same
+        name and the joint's name.
         """
         names = joints if isinstance(joints, Sequence) else joints.joint_names
-        given_classes = () if isinstance(joints, Sequence) else joints.given_classes
-        recorded = self.classes.names
+        described = () if isinstance(joints, Sequence) else joints.given_classes
         class_of_training_motor = dict(zip(self.joint_names, self.classes.of_motors, strict=False))
-
-        classes = []
-        for joint, (name, by_name) in enumerate(zip(names, classes_by_name(names), strict=True)):
-            in_name = class_in_name(name)
-            inferred = in_name if in_name in recorded else by_name
-            inferred = class_of_training_motor.get(name, inferred)
-            described = given_classes[joint] if any(given_classes) else inferred
-            use_description = described in recorded or inferred not in recorded
-            classes.append(described if use_description else inferred)
-        return tuple(classes)
+        return classes_among(self.classes.names, names, described, class_of_training_motor)
 
     def sample(
         self,

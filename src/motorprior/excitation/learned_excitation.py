@@ -7,7 +7,7 @@ bounds what they make.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from motorprior.excitation.frames import CHANNELS, SUB
 from motorprior.excitation.generator import CODE, generated_stream, weight_shapes
 from motorprior.excitation.recorded import recorded_stream
 from motorprior.excitation.surrogate import surrogate_stream
+from motorprior.robots.joint_classes import classes_among
 from motorprior.schema import Header, Tensor, check_tensors
 
 METHODS = ("generated", "surrogate", "recorded")
@@ -71,8 +72,16 @@ class LearnedExcitation:
     # of the generator; empty if not trained
     weights: Mapping[str, np.ndarray] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
-    jumps: ClassVar[bool] = False
-    is_bounded: ClassVar[bool] = True
+
+    @property
+    def jumps(self) -> bool:
+        """Learned targets have a bounded speed."""
+        return False
+
+    @property
+    def is_bounded(self) -> bool:
+        """Learned targets have the amplitude of the runs."""
+        return True
 
     def __repr__(self) -> str:
         classes = ", ".join(self.classes)
@@ -113,8 +122,10 @@ class LearnedExcitation:
     ) -> Streams:
         """Streams as of `Excitation.streams`; torques do not scale with ``unit``.
 
-        A joint belongs to the class that is its name or the end of its name. Joints of no class
-        get a random one. Raises ConfigError for a period longer than the runs' control period.
+        ``joint_names`` are names of joints or of classes, see `classes_among`. Joints of no class
+        of the runs get a random one.
+
+        Raises ConfigError for a period longer than the runs' control period.
         """
         if dt > 1.001 * self.period:
             raise ConfigError(
@@ -143,19 +154,23 @@ class LearnedExcitation:
             inertia = np.exp(rng.uniform(*np.log(loads).T))
         return Streams(target[frame], np.stack(means, axis=1) / dt, inertia)
 
+    def within(self, away: np.ndarray, amplitude: float, speed: float, dt: float) -> np.ndarray:
+        """Distances (steps, n) [rad] within amplitude [rad] and speed [rad/s].
+
+        Only steps that are too fast are slowed, so the stream keeps its size.
+        """
+        bounds = Bounds(amplitude, speed, self.bounds[:, 2].max(), 0.0)
+        return bounded(np.concatenate([away[:1], away]), bounds, dt)
+
     def _classes_of(self, joint_names: Sequence[str], rng: Rng) -> np.ndarray:
         """(n,) indices of the joints' classes, as knee of FR_knee; random where none fits."""
-        random_classes = rng.integers(len(self.classes), size=len(joint_names)).tolist()
-        indices = []
-        for joint_name, random_class in zip(joint_names, random_classes, strict=True):
-            fitting = [
-                index
-                for index, joint_class in enumerate(self.classes)
-                if f"_{joint_name}".endswith(f"_{joint_class}")
-            ]
-            longest = max(fitting, key=lambda index: len(self.classes[index]), default=random_class)
-            indices.append(longest)
-        return np.array(indices)
+        indices = rng.integers(len(self.classes), size=len(joint_names))
+        class_named = {name: name for name in self.classes}
+        classes = classes_among(self.classes, joint_names, class_of_joint=class_named)
+        for joint, joint_class in enumerate(classes):
+            if joint_class in self.classes:
+                indices[joint] = self.classes.index(joint_class)
+        return indices
 
     def frames(
         self, rng: Rng, num_frames: int, classes: np.ndarray

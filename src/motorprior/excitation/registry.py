@@ -1,12 +1,12 @@
 """Find an excitation by its name or file. To add one, see `hand_made.EXCITATIONS`."""
 
 from motorprior.exceptions import ConfigError
-from motorprior.excitation.excitation import Excitation
+from motorprior.excitation.excitation import StreamSource
 from motorprior.excitation.hand_made import EXCITATIONS as EXCITATIONS
 from motorprior.excitation.learned_excitation import LearnedExcitation
 
 
-def excitation_of(name: str, further_names: tuple[str, ...] = ()) -> Excitation | LearnedExcitation:
+def excitation_of(name: str, further_names: tuple[str, ...] = ()) -> StreamSource:
     """The excitation of this name, or in this file (.safetensors).
 
     Raises:

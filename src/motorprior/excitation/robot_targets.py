@@ -1,22 +1,31 @@
 """Position targets of a whole robot that excite its joints about the nominal pose."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from motorprior.bounds import require_number, require_seed
 from motorprior.exceptions import ConfigError
-from motorprior.excitation.bounded_stream import Bounds, bounded
-from motorprior.excitation.excitation import Rng
-from motorprior.excitation.learned_excitation import LearnedExcitation
-from motorprior.excitation.registry import excitation_of
+from motorprior.excitation.excitation import Rng, StreamSource
+from motorprior.excitation.recording import MotionSettings
+from motorprior.excitation.registry import EXCITATIONS, excitation_of
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays
+from motorprior.robots.joint_classes import position_classes
 from motorprior.robots.robot import Robot
 
-OF_ROBOTS = ("varied", "trot")  # excitations of a whole robot
+VARIED = "varied"
+OF_ROBOTS = (VARIED, "trot")  # excitations of a whole robot
 # frequency and speed of the trot, relative to the robot's usual frequency and maximum speed
 _SLOW = 0.5
 _FADE = 0.5  # [s] in which the amplitude grows from 0 and returns to it
 _MIN_RANGE = 1e-9  # [rad], of a joint that does not move
+# default limits of the targets' speed [rad/s], see `MotionSettings.max_speed`
+_FAST_TARGETS = 40.0
+_SLOW_TARGETS = 8.0
+# default amplitudes [rad]; small on the ground, where feet that push into it look blocked
+_STANDING_AMPLITUDE = 0.1
+_SUSPENDED_AMPLITUDE = 0.4
 _STREAM = 0x51E7  # tag of the random stream of `excitation_targets`, not that of the motors
 
 
@@ -25,18 +34,75 @@ def joints_of(robot: Robot, name: str) -> tuple[int, ...]:
 
     Raises ConfigError for a name that fits no joint.
     """
+    if name == "all":
+        return tuple(range(robot.num_joints))
+    for leg in robot.legs:
+        if leg.name == name:
+            return leg.joints
+
+    classes = position_classes(robot.joint_names, robot.given_classes)
     indices = tuple(
         index
-        for index, joint in enumerate(robot.joint_names)
-        if name in ("all", joint, *joint.split("_"))
+        for index, (joint, joint_class) in enumerate(zip(robot.joint_names, classes, strict=True))
+        if name in (joint, joint_class)
     )
     if not indices:
-        words = [word for joint in robot.joint_names for word in joint.split("_")]
-        names = ", ".join(("all", *dict.fromkeys(words), robot.joint_names[0]))
+        legs = [leg.name for leg in robot.legs]
+        names = ", ".join(dict.fromkeys(("all", *legs, *classes, robot.joint_names[0])))
         raise ConfigError(
             f"joint {name!r} is unknown", remedy=f"use one of {names}, ...", argument="joint"
         )
     return indices
+
+
+class RobotMotion(NamedTuple):
+    """Targets that a real robot plays, and what they are made of."""
+
+    targets: np.ndarray  # (control steps, joints) [rad]
+    excitation: str  # its name or file
+    amplitude: float  # maximum distance from the nominal pose [rad]
+    max_speed: float  # limit of the targets' speed [rad/s]
+
+
+def recorded_motion(robot: Robot, settings: MotionSettings) -> RobotMotion:
+    """The motion of a recording, with the defaults of the robot's posture.
+
+    Raises ConfigError for a setting out of range or a robot without a wire, or as
+    `hardware_targets`.
+    """
+    max_target_speed = robot.require_wire().safety.target_speed
+
+    # steps of a leg that carries weight would tip a standing robot
+    excitation = settings.excitation or ("multisine" if settings.standing else VARIED)
+
+    amplitude = settings.amplitude
+    if amplitude is None:
+        amplitude = _STANDING_AMPLITUDE if settings.standing else _SUSPENDED_AMPLITUDE
+
+    max_speed = settings.max_speed
+    if max_speed is None:
+        # steps in the air must be fast, to reach a motor's torque limit
+        has_fast_steps = _has_steps(excitation) and not settings.standing
+        usual_speed = _FAST_TARGETS if has_fast_steps else _SLOW_TARGETS
+        max_speed = min(max_target_speed, usual_speed)
+
+    require_number("seconds", settings.seconds, 1.0, 3600.0)
+    require_number("amplitude", amplitude, 0.0, 1.5, positive=True)
+    require_number("max_speed", max_speed, 0.0, max_target_speed, positive=True)
+    require_seed(settings.seed)
+
+    joints = joints_of(robot, settings.joint)
+    targets = hardware_targets(
+        robot, excitation, joints, settings.seconds, amplitude, max_speed, settings.seed
+    )
+    return RobotMotion(targets, excitation, amplitude, max_speed)
+
+
+def _has_steps(excitation: str) -> bool:
+    """Whether targets of this excitation change faster than any limit of their speed."""
+    if excitation in EXCITATIONS:
+        return EXCITATIONS[excitation].jumps
+    return excitation == VARIED
 
 
 def excitation_targets(
@@ -49,10 +115,9 @@ def excitation_targets(
     excitation = excitation_of(name)
     rng = np.random.default_rng([seed, _STREAM])
     steps = max(2, round(seconds / robot.control_dt))
-    away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
+    away = _streamed_targets(excitation, robot, rng, steps)
 
-    min_range = amplitude if excitation.is_bounded else _MIN_RANGE
-    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=0))
+    away *= _scale(away, amplitude, excitation, 0)
     return np.clip(robot.nominal_pose + away, robot.lower, robot.upper)
 
 
@@ -87,7 +152,7 @@ def hardware_targets(
     """
     steps = round(seconds / robot.control_dt)
     rng = np.random.default_rng([seed, robot.num_joints])
-    if name == "varied":
+    if name == VARIED:
         smooth_steps = steps // 2
         multisine = _away(robot, "multisine", joints, smooth_steps, amplitude, speed, rng)
         jumps = _away(robot, "steps", joints, steps - smooth_steps, amplitude, speed, rng)
@@ -128,7 +193,7 @@ def _away(
     if excitation is None:
         away = _trot(robot, steps)
     else:
-        away = excitation.streams(rng, steps, robot.control_dt, robot.joint_names).position_target
+        away = _streamed_targets(excitation, robot, rng, steps)
         away -= 0.5 * (away.max(axis=0) + away.min(axis=0))
     not_moved = [joint for joint in range(robot.num_joints) if joint not in joints]
     away[:, not_moved] = 0.0
@@ -142,12 +207,9 @@ def _away(
 
     # Signals are scaled joint by joint; a trot keeps its shape.
     axis = None if excitation is None else 0
-    min_range = amplitude if excitation is not None and excitation.is_bounded else _MIN_RANGE
-    away *= amplitude / np.maximum(min_range, np.abs(away).max(axis=axis))
-    if isinstance(excitation, LearnedExcitation):
-        # only steps that are too fast are slowed; the stream keeps its size
-        bounds = Bounds(amplitude, speed, excitation.bounds[:, 2].max(), 0.0)
-        away = bounded(np.concatenate([away[:1], away]), bounds, robot.control_dt)
+    away *= _scale(away, amplitude, excitation, axis)
+    if excitation is not None:
+        away = excitation.within(away, amplitude, speed, robot.control_dt)
 
     time = np.arange(steps) * robot.control_dt
     away *= np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)[:, None]
@@ -155,6 +217,24 @@ def _away(
         fastest = np.abs(np.diff(away, axis=0)).max(axis=axis) / robot.control_dt
         away /= np.maximum(1.0, fastest / speed)
     return away
+
+
+def _scale(
+    away: np.ndarray, amplitude: float, excitation: StreamSource | None, axis: int | None
+) -> np.ndarray:
+    """Factor of distances (steps, joints) that brings their maximum along an axis to the amplitude.
+
+    Distances of a bounded excitation are only reduced.
+    """
+    is_bounded = excitation is not None and excitation.is_bounded
+    min_range = amplitude if is_bounded else _MIN_RANGE
+    return amplitude / np.maximum(min_range, np.abs(away).max(axis=axis))
+
+
+def _streamed_targets(excitation: StreamSource, robot: Robot, rng: Rng, steps: int) -> np.ndarray:
+    """(steps, joints) targets of an excitation [rad]; a learned one plays each joint's position."""
+    classes = position_classes(robot.joint_names, robot.given_classes)
+    return excitation.streams(rng, steps, robot.control_dt, classes).position_target
 
 
 def _trot(robot: Robot, steps: int) -> np.ndarray:

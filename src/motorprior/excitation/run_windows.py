@@ -14,7 +14,7 @@ from motorprior.excitation.frames import SUB
 from motorprior.excitation.learned_excitation import UNKNOWN_LOAD, LearnedExcitation
 from motorprior.logs.motor_log import MotorLog, motion_digest
 from motorprior.logs.operations import EXCITED_STD, resample
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.robots.joint_classes import position_classes
 
 SECONDS = 1.28  # duration of a window [s]: two to four steps of a leg
 # [s]: with a longer one, a window has too few frames for the generator's critic
@@ -124,9 +124,7 @@ def _check(logs: Sequence[MotorLog], period: float, commands: Sequence[float]) -
 def _windows_of_log(log: MotorLog, period: float, command: float) -> list[tuple[str, _Window]]:
     """Class and window, of all moving joints and segments."""
     num_frames = round(SECONDS / period)
-    classes = classes_by_name(log.joint_names)  # positions on the robot, whatever the motors
-    if not any(classes):
-        classes = log.joint_names
+    classes = position_classes(log.joint_names, log.given_classes)
 
     windows = []
     for segment in log.segments():

@@ -29,7 +29,7 @@ from motorprior.hardware.session import (
     require_ok,
     stop_on_signals,
 )
-from motorprior.hardware.settings import DeploySettings, RecordSettings, RunSettings
+from motorprior.hardware.settings import DeploySettings, RunSettings
 from motorprior.hardware.teleop import Print
 from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Gait, Robot, SafetyLimits
@@ -94,24 +94,38 @@ def _dry_run(
 
 
 def record(
-    robot: Robot, port: str, settings: RecordSettings, targets: np.ndarray, show: Print
+    robot: Robot,
+    port: str,
+    settings: RunSettings,
+    targets: np.ndarray,
+    show: Print,
+    *,
+    max_speed: float,
+    standing: bool = False,
 ) -> Path:
-    """Play the (steps, joints) ``targets`` [rad] and record; returns the recording.
+    """Play targets and record; returns the recording.
 
-    ``settings`` limit the speed of the targets and are stored with the recording. Raises
-    ConfigError for a setting out of range, and RobotFault if a fault ended the recording early; its
-    file is kept.
+    Args:
+        robot: the robot at the port.
+        port: name of the serial port.
+        settings: stored with the recording.
+        targets: (steps, joints) [rad].
+        show: prints messages.
+        max_speed: limit of the targets' speed [rad/s].
+        standing: whether the robot stands on the ground; otherwise it is suspended.
+
+    Raises:
+        ConfigError: a setting out of range.
+        RobotFault: a fault ended the recording early; its file is kept.
     """
     wire = robot.require_wire()
-    playback = settings.playback(wire.safety)
-    settings = replace(settings, **asdict(playback))
     gains = Gains.of(wire, settings.kp, settings.kd, settings.max_current)
-    how_to_stop = teleop.STANDING if settings.standing else teleop.SUSPENDED
+    how_to_stop = teleop.STANDING if standing else teleop.SUSPENDED
     limits = replace(
         wire.safety,
-        target_speed=playback.max_speed,
+        target_speed=max_speed,
         # a suspended robot may hang tilted
-        max_tilt=wire.safety.max_tilt if settings.standing else math.inf,
+        max_tilt=wire.safety.max_tilt if standing else math.inf,
     )
 
     origin = {"command": "record"}
@@ -119,8 +133,8 @@ def record(
         session,
         out,
     ):
-        session.need_imu = settings.standing and session.need_imu
-        motions.excite(session, targets, suspended=not settings.standing)
+        session.need_imu = standing and session.need_imu
+        motions.excite(session, targets, suspended=not standing)
     show(f"recorded {out / _RECORDING}")
     return out / _RECORDING
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import ConfigError, LogError, listed, quoted
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.robots.joint_classes import motor_classes
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
 
@@ -147,8 +147,8 @@ class MotorLog(Printable):
 
     @property
     def joint_classes(self) -> tuple[str, ...]:
-        """(J) class of each joint, see `robots.joint_classes`."""
-        return self.given_classes or classes_by_name(self.joint_names)
+        """(J) class of each joint's motor."""
+        return motor_classes(self.joint_names, self.given_classes)
 
     @property
     def readings(self) -> np.ndarray:

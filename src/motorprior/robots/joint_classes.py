@@ -1,11 +1,11 @@
 """The class of a joint: joints of one class have the same motor and position on the robot.
 
-Calves are an example. A robot's description or a log may state the class of each joint
-(``given_classes``); otherwise it is in the joints' names (`classes_by_name`).
+Calves are an example. A robot's description or a log may state the class of each joint; otherwise
+it is in the joints' names.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 # words of a joint's name that state its side or its leg, not its class
 _SIDES = frozenset((
@@ -32,3 +32,46 @@ def classes_by_name(joint_names: Sequence[str]) -> tuple[str, ...]:
     if "" in classes or 2 * alone >= len(classes):
         return ("",) * len(classes)
     return classes
+
+
+def motor_classes(joint_names: Sequence[str], described: Sequence[str]) -> tuple[str, ...]:
+    """The class of each joint's motor: the described one or, without descriptions, by name."""
+    return tuple(described) or classes_by_name(joint_names)
+
+
+def position_classes(joint_names: Sequence[str], described: Sequence[str]) -> tuple[str, ...]:
+    """The class of each joint's position on the robot, whatever its motor.
+
+    It is in the joints' names. If they state none, it is the described class, unless the same class
+    is described for all joints. Otherwise every joint is a class, of its own name.
+    """
+    by_name = classes_by_name(joint_names)
+    if any(by_name):
+        return by_name
+    has_several_classes = len(set(described)) > 1
+    return tuple(described) if has_several_classes else tuple(joint_names)
+
+
+def classes_among(
+    existing: Collection[str],
+    joint_names: Sequence[str],
+    described: Sequence[str] = (),
+    class_of_joint: Mapping[str, str] | None = None,
+) -> tuple[str, ...]:
+    """The class of each joint among ``existing`` classes, if one of them fits.
+
+    A described class that exists comes first. The next one is the class of the joint of the same
+    name in ``class_of_joint``, then the class in the joint's name. A joint that fits no existing
+    class has the class that is described or, without descriptions, that of `classes_by_name`.
+    """
+    classes = []
+    for joint, (name, by_name) in enumerate(
+        zip(joint_names, classes_by_name(joint_names), strict=True)
+    ):
+        in_name = class_in_name(name)
+        inferred = in_name if in_name in existing else by_name
+        inferred = (class_of_joint or {}).get(name, inferred)
+        described_class = described[joint] if any(described) else inferred
+        uses_description = described_class in existing or inferred not in existing
+        classes.append(described_class if uses_description else inferred)
+    return tuple(classes)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError, listed
-from motorprior.robots.joint_classes import classes_by_name
+from motorprior.robots.joint_classes import motor_classes
 from motorprior.robots.model_source import ModelFile
 from motorprior.texts import Overview, Printable
 
@@ -254,7 +254,7 @@ class Robot(Printable):
     @property
     def joint_classes(self) -> tuple[str, ...]:
         """Class of each joint; motors of one class are sampled from one distribution."""
-        return self.given_classes or classes_by_name(self.joint_names)
+        return motor_classes(self.joint_names, self.given_classes)
 
     @property
     def nominal_pose(self) -> np.ndarray:
