@@ -11,7 +11,7 @@ from third_party_files import write_bam
 import motorprior as mp
 from motorprior.logs.doctor.checks import check_log
 from motorprior.logs.doctor.findings import grouped
-from motorprior.logs.doctor.response import COMPARE
+from motorprior.logs.doctor.response import COMPARE_JOINTS
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.prepare_log import cleaned
 from motorprior.progress import Note
@@ -118,7 +118,9 @@ def test_a_reversed_joint_gets_a_sign_and_joints_of_one_command_are_to_be_compar
     either = replace(log, position_target=command, joint_pos=angle, joint_vel=None)
     findings = of_check(check_log(either), "tracking")
 
-    assert [(finding.severity, finding.remedy) for finding in findings] == [("error", COMPARE)] * 2
+    assert [(finding.severity, finding.remedy) for finding in findings] == [
+        ("error", COMPARE_JOINTS)
+    ] * 2
 
 
 def test_equal_findings_of_several_joints_are_one_line():

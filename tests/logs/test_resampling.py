@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
-from motorprior.logs.operations import begin_at_gaps, drop_repeats, repeated_rows, resample
+from motorprior.logs.operations import split_at_gaps, drop_repeats, repeated_rows, resample
 
 
 @pytest.mark.parametrize("period", [0.002, 1 / 3000])
@@ -49,7 +49,7 @@ def with_pauses(log, seconds, *rows):
 
 def test_a_segment_begins_after_every_gap_and_nothing_else_changes(make_log):
     log = with_pauses(make_log(posture=np.repeat([1, 0], [80, 120])), 2.5, 60, 130)
-    cut, note = begin_at_gaps(log, 0.002)
+    cut, note = split_at_gaps(log, 0.002)
     slices = [(rows.start, rows.stop) for rows in cut.segment_slices()]
 
     assert slices == [(0, 60), (60, 130), (130, 200)]
@@ -59,12 +59,12 @@ def test_a_segment_begins_after_every_gap_and_nothing_else_changes(make_log):
 
 
 def test_segments_that_are_too_short_are_left_out_and_counted(make_log):
-    cut, note = begin_at_gaps(with_pauses(make_log(), 1.0, 100, 103, 107), 0.0)
+    cut, note = split_at_gaps(with_pauses(make_log(), 1.0, 100, 103, 107), 0.0)
 
     assert [rows.stop - rows.start for rows in cut.segment_slices()] == [100, 4, 93]
     assert "3 rows" in note
 
-    shorter, _ = begin_at_gaps(with_pauses(make_log(), 1.0, 100, 103, 107), 0.05)
+    shorter, _ = split_at_gaps(with_pauses(make_log(), 1.0, 100, 103, 107), 0.05)
 
     assert [rows.stop - rows.start for rows in shorter.segment_slices()] == [100, 93]
     assert resample(shorter, 0.05).num_rows == 21 - 1 + 19
@@ -73,7 +73,7 @@ def test_segments_that_are_too_short_are_left_out_and_counted(make_log):
     bursts = np.arange(200) * 1e-4 + 0.05 * (np.arange(200) // 3)
 
     with pytest.raises(LogError, match="rate"):
-        begin_at_gaps(make_log(time=bursts))
+        split_at_gaps(make_log(time=bursts))
 
 
 def test_dropping_repeats_restores_the_log_that_was_polled(make_log):

@@ -1,9 +1,9 @@
 """Column maps: short TOML files that state what the columns of a third-party table mean.
 
-docs/your-motors.md describes them. An angle is sign·unit·value + zero, a velocity or torque
-sign·unit·value; a velocity has the sign of the angle. An angle with ``wraps`` jumps by a turn in
-its column and is unwrapped. The table of a channel overrides the table of its joint, which
-overrides [units].
+docs/your-motors.md describes them. An angle is sign·unit·value + zero; a velocity or torque is
+sign·unit·value, where a velocity has the sign of the angle. A column of angles with ``wraps`` jumps
+by a turn where the angle does not; it is unwrapped. The table of a channel overrides the table of
+its joint, and the table of the joint overrides [units].
 """
 
 import math
@@ -38,7 +38,7 @@ SCALES: dict[str, dict[str, float]] = {
     "voltage": {"V": 1.0, "dV": 0.1, "mV": 1e-3},
     "temperature": {"degC": 1.0},
 }
-# quantity of each channel that may have a sign or a unit of its own
+# channel that may have its own sign or unit -> its quantity
 QUANTITIES = {
     "position_target": "angle",
     "joint_pos": "angle",
@@ -57,7 +57,7 @@ NAME = "{name}"
 _UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {
     "ticks_per_turn": number(above=1.0)
 }
-# changes of a channel besides the unit of its quantity
+# entries that convert the values of a channel, besides the unit of its quantity
 _CHANGES = {
     "scale": number(above=0.0),
     "sign": Field("1 or -1", lambda value: is_number(value, -1.0, 1.0) and abs(value) == 1),
@@ -96,8 +96,8 @@ _MAP = Schema(
         {"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}
     ),
 )
-# entries that a ColumnMap has as they are
-_PLAIN = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
+# entries that `ColumnMap` copies without a conversion
+_COPIED = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
 _UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
 _JOINT = {
@@ -111,7 +111,7 @@ _JOINT = {
 
 @dataclass(frozen=True)
 class Conversion:
-    """A value in SI units is factor·value of the column + offset."""
+    """Conversion of a column to SI units: factor · (value in the column) + offset."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -140,21 +140,21 @@ class ColumnMap:
     """
 
     source: str  # file or name of the map
-    # channel -> name of its columns with JOINT or NAME; all joints may share an operating condition
+    # channel -> name of its columns with the placeholder JOINT or NAME; a column of an operating
+    # condition without placeholder is for all joints
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     motor: str = ""
     robot: str = ""
     encoder: str = ""
-    time: str | None = None  # its column, or None with rate
-    time_scale: float = 1.0  # seconds per unit of that column
+    time: str | None = None  # column of the time; None if the rate is given
+    time_scale: float = 1.0  # seconds per unit of the column ``time``
     rate: float | None = None  # row rate [Hz]
     segment: str | None = None  # column with the index of the recording
     posture: str | None = None
     base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
-    operating_conditions: Mapping[str, float] = field(
-        default_factory=dict
-    )  # values for all rows and joints
+    # constant operating conditions, the same for all rows and joints
+    operating_conditions: Mapping[str, float] = field(default_factory=dict)
     gain_unit: str = PHYSICAL_GAINS
     firmware: Mapping[str, float] = field(default_factory=dict)
 
@@ -172,11 +172,11 @@ def shipped_maps() -> tuple[str, ...]:
 
 
 def load_column_map(columns: ColumnMap | str | Path) -> ColumnMap:
-    """A map itself, a shipped one by name, or a .toml file by path.
+    """A column map: ``columns`` itself, a shipped map by name, or a .toml file by path.
 
     Raises:
-        ArtifactError: no such map or file, no TOML, or an unknown or bad entry, with its key and
-            value.
+        ArtifactError: there is no such map or file, the file is no TOML, or an entry is unknown or
+            invalid; the message names its key and value.
     """
     if isinstance(columns, ColumnMap):
         return columns
@@ -205,7 +205,7 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
         gain_unit=units.get("gain", PHYSICAL_GAINS),
         firmware=table.get("firmware", {}),
         operating_conditions={name: value * scales[name] for name, value in constants.items()},
-        **{name: table[name] for name in _PLAIN if name in table},
+        **{name: table[name] for name in _COPIED if name in table},
     )
 
 
@@ -246,10 +246,10 @@ def _joints(tables: dict[str, Any], units: dict[str, Any], where: str) -> tuple[
         joints.append(MappedJoint(column, name, table.get("kp"), table.get("kd"), conversions))
 
     names = [joint.name for joint in joints]
-    double = {name for name in names if names.count(name) > 1}
-    if double:
+    repeated_names = {name for name in names if names.count(name) > 1}
+    if repeated_names:
         raise ArtifactError(
-            f"two joints are named {min(double)!r}", where=where, remedy="name each once"
+            f"two joints are named {min(repeated_names)!r}", where=where, remedy="name each once"
         )
     for name in GAINS:
         lacking = [joint.column for joint in joints if getattr(joint, name) is None]
@@ -262,7 +262,10 @@ def _joints(tables: dict[str, Any], units: dict[str, Any], where: str) -> tuple[
 def _conversion(
     channel: str, joint: dict[str, Any], units: dict[str, Any], place: str
 ) -> Conversion:
-    """Conversion of a channel of a joint, from its own table, the joint's, or [units]."""
+    """Conversion of a channel of a joint, from the tables of channel and joint, and [units].
+
+    ``joint`` is the table of the joint, ``place`` its name in errors.
+    """
     quantity = QUANTITIES[channel]
     changes = joint.get(channel, {})
     _check(changes, _CHANGES | {quantity: _UNITS[quantity]}, f"{place}.{channel}")
@@ -272,16 +275,17 @@ def _conversion(
     if channel == "joint_vel":
         sign = joint.get("joint_pos", {}).get("sign", sign)
 
-    first = ChainMap(*tables)
+    merged = ChainMap(*tables)  # the first table with an entry counts
+    scale = _scale(quantity, tables, place)
     return Conversion(
-        factor=float(changes.get("sign", sign) * _scale(quantity, tables, place)),
-        offset=float(first.get("zero", 0.0)),
-        wraps=quantity == "angle" and first.get("wraps", False),
+        factor=float(changes.get("sign", sign) * scale),
+        offset=float(merged.get("zero", 0.0)),
+        wraps=quantity == "angle" and merged.get("wraps", False),
     )
 
 
 def _scale(quantity: str, tables: tuple[dict[str, Any], ...], where: str) -> float:
-    """SI units per unit of the column, from the first table that gives one."""
+    """SI units per unit of the column, from the first table with a scale or a unit; 1 without."""
     for table in tables:
         if "scale" in table:
             return float(table["scale"])

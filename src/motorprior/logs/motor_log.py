@@ -30,7 +30,7 @@ JOINT_SERIES = {
     "supply_voltage": "V",
     "motor_temperature": "degC",
 }
-CODES = ("segment", "posture")  # integer channels of shape (T,)
+INTEGER_CHANNELS = ("segment", "posture")  # integer channels of shape (T,)
 BASE_AXES = ("roll", "pitch")
 MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recording
 ENCODERS = ("joint", "rotor")
@@ -108,7 +108,7 @@ class MotorLog(Printable):
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
-        required = ("time", "position_target", "joint_pos", *CODES)
+        required = ("time", "position_target", "joint_pos", *INTEGER_CHANNELS)
         optional = [name for name in channels(self) if name not in required]
         loads = "unknown; mp.load_log computes them from a model"
         if self.load_inertia is not None:
@@ -411,7 +411,7 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
     shapes: dict[str, tuple[int, ...]] = {
         **dict.fromkeys(JOINT_SERIES, (num_rows, log.num_joints)),
         "time": (num_rows,),
-        **dict.fromkeys(CODES, (num_rows,)),
+        **dict.fromkeys(INTEGER_CHANNELS, (num_rows,)),
         "base_orientation": (num_rows, len(BASE_AXES)),
     }
     arrays = {
@@ -423,8 +423,8 @@ def _as_arrays(log: MotorLog, where: Where) -> MotorLog:
 
 
 def _as_array(name: str, value: Any, shape: tuple[int, ...], where: Where) -> Any:
-    dtype = np.int64 if name in CODES else np.float64
-    words = "integers" if name in CODES else "numbers"
+    dtype = np.int64 if name in INTEGER_CHANNELS else np.float64
+    words = "integers" if name in INTEGER_CHANNELS else "numbers"
     try:
         array = np.asarray(value).astype(dtype, casting="same_kind", copy=False)
     except (ValueError, TypeError) as error:

@@ -1,4 +1,7 @@
-"""Operations on logs: gaps, grid, noise, repeats, joining. Loads: `loads`."""
+"""Operations on logs: gaps, grid, noise, repeated rows, joining, halves.
+
+`loads` computes the loads of a log.
+"""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +12,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError, listed
 from motorprior.logs.motor_log import (
-    CODES,
+    INTEGER_CHANNELS,
     JOINT_SERIES,
     MIN_ROWS,
     MotorLog,
@@ -23,11 +26,11 @@ GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its se
 MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
 _MAX_NAMED = 5  # gaps that the message lists
 # channels that are held until the next row; the others are interpolated
-_HELD = ("load_inertia", "logged_kp", "logged_kd", *CODES)
+_HELD = ("load_inertia", "logged_kp", "logged_kd", *INTEGER_CHANNELS)
 
 
 def gap_rows(log: MotorLog) -> np.ndarray:
-    """(G,) rows before which more than 5 median time steps of their segment passed."""
+    """(G,) rows after a gap: a time step of more than 5 medians of the steps of the segment."""
     rows = [np.zeros(0, dtype=np.intp)]
     for segment in log.segment_slices():
         steps = np.diff(log.time[segment])
@@ -37,15 +40,15 @@ def gap_rows(log: MotorLog) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def begin_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
-    """Begin a segment after every gap, so that nothing is interpolated or fitted across it.
+def split_at_gaps(log: MotorLog, period: float = 0.0) -> tuple[MotorLog, str]:
+    """Begin a segment after every gap, so that nothing is interpolated or fitted across a gap.
 
-    Runs of rows next to gaps are dropped if they have fewer than 4 rows, or are shorter than the
-    ``period`` [s] of the grid for the log.
+    A run of rows next to a gap is dropped if it has fewer than 4 rows, or if it is shorter than
+    ``period`` [s], the period of the log's later grid.
 
     Returns:
-        The log, its segments renumbered, and a sentence about the gaps; the same log and "" if
-        there are none.
+        The log with renumbered segments, and a text about the gaps; the same log and "" if there
+        are no gaps.
 
     Raises:
         LogError: no run of rows remains.
@@ -98,13 +101,14 @@ def _gap_text(log: MotorLog, gaps: np.ndarray, num_dropped: int) -> str:
 def resample(log: MotorLog, period: float) -> MotorLog:
     """Put each segment on the grid t_k = t_0 + k·period, up to its last row.
 
-    Each row has the mean of the held commands from its time to the next row. With the command at
-    its time, commands between two rows would act up to a period late, and identified delays would
-    be too short. Measurements are interpolated linearly. Drop repeated measurements first
-    (`drop_repeats`), or the result moves in steps.
+    The command of a row is the mean of the recorded, held commands over the period that begins at
+    the row. If it were only the command at the row's time, a command that was recorded between two
+    rows would act up to a period late, and identified delays would be too short. Measurements are
+    interpolated linearly. Drop repeated measurements first (`drop_repeats`), or the result moves in
+    steps.
 
     Raises:
-        LogError: a period that is longer than a segment.
+        LogError: the period is longer than a segment.
     """
     segments = [_resampled(segment, period) for segment in log.segments()]
     values = {name: np.concatenate([segment[name] for segment in segments]) for name in segments[0]}
@@ -115,7 +119,8 @@ def _resampled(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
     """Channels of one segment on the grid."""
     start = float(segment.time[0])
     duration = float(segment.time[-1]) - start
-    num_rows = math.floor(duration / period * (1.0 + 1e-12) + 1e-6) + 1
+    num_periods = duration / period * (1.0 + 1e-12)
+    num_rows = math.floor(num_periods + 1e-6) + 1  # a last period may be short by rounding
     grid = start + period * np.arange(num_rows)
     if len(grid) < 2:
         raise LogError(
@@ -125,7 +130,9 @@ def _resampled(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
             remedy="choose a shorter period",
         )
 
-    row_in_force = np.searchsorted(segment.time, grid + 1e-6 * period, side="right") - 1
+    # the last recorded row at each time of the grid, with a tolerance for rounding
+    rows_after = np.searchsorted(segment.time, grid + 1e-6 * period, side="right")
+    row_in_force = rows_after - 1
     values = {
         "position_target": mean_command(segment.time, segment.position_target, grid, period),
         "time": grid,
@@ -142,22 +149,23 @@ def _resampled(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
 def without_noise(log: MotorLog) -> MotorLog:
     """The log with smoothed angles and velocities (`smoothing`).
 
-    Unchanged if it is smoothed or free of noise.
+    The log itself if it has been smoothed already, or is free of noise.
     """
     from motorprior.logs.smoothing import smoothed, smoothing_of  # it compiles
 
     if log.joint_reading is not None:
         return log
     segments = tuple(log.segment_slices())
-    noise_and_density = smoothing_of(log.joint_pos, segments, log.period)
-    if noise_and_density is None:
+    noise_and_jerk = smoothing_of(log.joint_pos, segments, log.period)
+    if noise_and_jerk is None:
         return log
-    pos, vel = smoothed(log.joint_pos, segments, log.period, *noise_and_density)
+    noise, jerk_density = noise_and_jerk
+    pos, vel = smoothed(log.joint_pos, segments, log.period, noise, jerk_density)
     return replace(log, joint_pos=pos, joint_vel=vel, joint_reading=log.joint_pos)
 
 
 def with_velocities(log: MotorLog) -> MotorLog:
-    """The log with velocities: its own, or differences of its angles."""
+    """The log with velocities: the recorded ones, or else differences of its angles."""
     if log.joint_vel is not None:
         return log
     velocity = np.zeros_like(log.joint_pos)
@@ -172,10 +180,11 @@ def with_velocities(log: MotorLog) -> MotorLog:
 def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     """The log at steps of ``period`` [s], with angles by splines through smoothed readings.
 
-    joint_reading has splines through raw readings. Velocities are the splines' derivatives:
-    recorded ones are often filtered, and loads need accelerations. Commands are smoothed like the
-    angles, since many logs give both late by up to a sample, unless that changes them by
-    MAX_SMOOTHING or more: large steps drive a motor to its limit.
+    The channel joint_reading has splines through the raw readings. Velocities are the derivatives
+    of the smoothed angles' splines: recorded velocities are often filtered, and loads need
+    accelerations. Commands are smoothed like the angles, because many logs record both up to a
+    sample late. The commands of a motor stay as they are if smoothing would change one by
+    MAX_SMOOTHING or more: large steps drive a motor to its torque limit.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -184,11 +193,12 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     segments = tuple(log.segment_slices())
     grid = resample(log, period)
     angles = log.joint_pos
-    noise_and_density = smoothing_of(angles, segments, log.period)
-    if noise_and_density is not None:
-        noise, density = noise_and_density
-        angles = smoothed(angles, segments, log.period, noise, density)[0]
-        grid = _with_smooth_commands(grid, noise * math.sqrt(log.period / period), density, period)
+    noise_and_jerk = smoothing_of(angles, segments, log.period)
+    if noise_and_jerk is not None:
+        noise, jerk_density = noise_and_jerk
+        angles, _ = smoothed(angles, segments, log.period, noise, jerk_density)
+        noise_on_grid = noise * math.sqrt(log.period / period)  # the same smoothing, see `smoothed`
+        grid = _with_smooth_commands(grid, noise_on_grid, jerk_density, period)
 
     pos = np.empty_like(grid.joint_pos)
     vel = np.empty_like(grid.joint_pos)
@@ -202,15 +212,17 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
-def _with_smooth_commands(log: MotorLog, noise: float, density: float, period: float) -> MotorLog:
-    """The log with smoothed commands of the motors whose command changes by less than the bound."""
+def _with_smooth_commands(
+    log: MotorLog, noise: float, jerk_density: float, period: float
+) -> MotorLog:
+    """The log with smoothed commands of the motors whose commands change by < MAX_SMOOTHING."""
     from motorprior.logs.smoothing import smoothed
 
-    commands = smoothed(log.position_target, tuple(log.segment_slices()), period, noise, density)[0]
-    change = np.abs(commands - log.position_target).max(axis=0)
-    return replace(
-        log, position_target=np.where(change < MAX_SMOOTHING, commands, log.position_target)
-    )
+    segments = tuple(log.segment_slices())
+    smooth, _ = smoothed(log.position_target, segments, period, noise, jerk_density)
+    max_change = np.abs(smooth - log.position_target).max(axis=0)  # (motors,)
+    commands = np.where(max_change < MAX_SMOOTHING, smooth, log.position_target)
+    return replace(log, position_target=commands)
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:
@@ -269,8 +281,10 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
         for name in ("robot", "motor", "encoder", "gain_unit")
         if getattr(first, name) != getattr(log, name)
     ]
-    registers = first.firmware.keys() ^ log.firmware.keys()
-    channel_names = (channels(first).keys() ^ channels(log).keys()) - {"segment"}
+    # registers and channels that only one of the two logs has
+    registers = set(first.firmware).symmetric_difference(log.firmware)
+    channel_names = set(channels(first)).symmetric_difference(channels(log))
+    channel_names.discard("segment")
     missing = [*sorted(f"firmware.{name}" for name in registers), *sorted(channel_names)]
     if missing:
         problems.append(f"only some of the logs have {', '.join(missing)}")
@@ -321,7 +335,9 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
 
 
 EXCITED_STD = 1e-3  # standard deviation above which a command or an angle moves [rad]
-MOVED_STD = 1e-2  # [rad]; of a joint without commands, above play and sway
+# standard deviation above which a joint whose command does not move counts as moved, not only as
+# swaying within its backlash [rad]
+MOVED_STD = 1e-2
 
 
 def train_test_halves(log: MotorLog) -> tuple[MotorLog, MotorLog]:
@@ -341,10 +357,10 @@ def excited_joints(log: MotorLog) -> np.ndarray:
 
 
 def moved(log: MotorLog) -> np.ndarray:
-    """(J,) whether a joint moves as commanded, or is moved by other joints by over MOVED_STD."""
-    pos = np.std(log.joint_pos, axis=0)
-    target = np.std(log.position_target, axis=0)
-    return (pos > EXCITED_STD) & ((target > EXCITED_STD) | (pos > MOVED_STD))
+    """(J,) whether a joint moves: with its command, or by more than MOVED_STD without a command."""
+    pos_std = np.std(log.joint_pos, axis=0)
+    target_std = np.std(log.position_target, axis=0)
+    return (pos_std > EXCITED_STD) & ((target_std > EXCITED_STD) | (pos_std > MOVED_STD))
 
 
 def static_joints(log: MotorLog) -> tuple[str, ...]:

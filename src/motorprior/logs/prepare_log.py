@@ -15,7 +15,7 @@ from motorprior.logs.doctor.readings import failed_reads
 from motorprior.logs.doctor.signs import gravity_signs
 from motorprior.logs.loads import load_source, with_loads
 from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, checked
-from motorprior.logs.operations import begin_at_gaps, resample, smooth_on_grid
+from motorprior.logs.operations import resample, smooth_on_grid, split_at_gaps
 from motorprior.logs.read_log import Recording
 from motorprior.progress import PYTHON_WARNINGS, Note, Progress
 from motorprior.robots.robot import Robot
@@ -191,7 +191,7 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
     finds, angles that precede their command, and angles of another size than their command.
 
     Raises:
-        LogError: as `begin_at_gaps`; a rate that no motor is recorded at; or a segment that has
+        LogError: as `split_at_gaps`; a rate that no motor is recorded at; or a segment that has
             fewer than 2 rows without failed reads.
     """
     notes = []
@@ -204,7 +204,7 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
         notes.append(Note("warning", f"{name}: {problem} ({text})"))
         log = checked(log.rows(~failed_rows))
 
-    log, gaps = begin_at_gaps(log, period)
+    log, gaps = split_at_gaps(log, period)
 
     for finding in grouped(check_log(log).findings):
         if finding.severity == "error" and finding.check == "rate":

@@ -15,7 +15,7 @@ from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
 from motorprior.robots.robot import Robot
 
-# checks of a window of one joint, where its command travels farthest; tracking is the first
+# checks of the window of a joint in which its command travels farthest; tracking comes first
 PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)
 _SEVERITIES = ("error", "warning", "info")
 
@@ -74,7 +74,7 @@ def _name_followed_joints(
 ) -> None:
     """State in findings about tracking which other joint's command an angle follows.
 
-    Exchanged joints do not follow their own commands.
+    This shows joints that were exchanged.
     """
     doubtful = [column for column in findings if findings[column][0].severity != "info"]
     doubtful_names = [log.joint_names[column] for column in doubtful]
@@ -85,7 +85,8 @@ def _name_followed_joints(
     if not any(followed.values()):
         return
     for column in doubtful:
-        # two joints may have been read from one; else they were exchanged
+        # If the followed joint follows its own command, both angles may have been read from one
+        # joint.
         is_exchanged = followed[column] in doubtful_names
         findings[column][0] = _with_followed_joint(
             findings[column][0], followed[column], is_exchanged
@@ -93,7 +94,10 @@ def _name_followed_joints(
 
 
 def _with_followed_joint(finding: Finding, followed: str, is_exchanged: bool) -> Finding:
-    """A finding about tracking of a joint that follows the command of joint ``followed``, or ""."""
+    """The finding about tracking, with the joint whose command the angle follows.
+
+    ``followed`` is the name of this joint, or "" if the angle follows no other joint's command.
+    """
     is_sign = finding.remedy == response.OTHER_SIGN
     if followed:
         finding = replace(
@@ -104,7 +108,7 @@ def _with_followed_joint(finding: Finding, followed: str, is_exchanged: bool) ->
         )
         if not is_sign and is_exchanged:
             return replace(finding, remedy=response.OTHER_ORDER)
-    # an apparent sign error may be one of order, too
+    # what looks like an error of the sign may also be an error of the joint order
     if followed or is_sign:
-        return replace(finding, remedy=response.COMPARE)
+        return replace(finding, remedy=response.COMPARE_JOINTS)
     return finding

@@ -11,22 +11,23 @@ IN_MAP = "in a column map (docs/your-motors.md)"
 class Finding:
     """One finding about a log."""
 
-    severity: Literal["error", "warning", "info"]  # do not use the log as it is; inspect it; a fact
+    # error: the log must not be used as it is; warning: inspect the log; info: a fact
+    severity: Literal["error", "warning", "info"]
     check: str  # name of the check
-    value: float  # what was measured, in the unit that the message names
-    message: str  # states value and bound
+    value: float  # measured value, in the unit that the message names
+    message: str  # what was found, with value and bound
     remedy: str = ""
-    joint: str | None = None  # None for the whole log
-    row: int = 0  # the first row concerned
+    joint: str | None = None  # None if the finding is about the whole log
+    row: int = 0  # the first row with the finding
 
     def __str__(self) -> str:
         return f"{self.message} -> {self.remedy}" if self.remedy else self.message
 
 
 def grouped(findings: Sequence[Finding]) -> list[Finding]:
-    """One finding per problem and remedy, with the other joints in its message.
+    """One finding per problem and remedy: the finding with the largest value.
 
-    It is the finding with the largest value.
+    Its message also names the other joints with this problem, and their values.
     """
     groups: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:

@@ -12,13 +12,14 @@ from motorprior.logs.operations import GAP_FACTOR, gap_rows, repeated_rows
 from motorprior.robots.robot import Robot
 from motorprior.signals import encoder_step
 
-RATES = (5.0, 2e4)  # plausible rates of motor logs [Hz]; others mean another unit of time
-MAX_JITTER = 0.5  # of the time steps, over their median
+# plausible range of the rate of a motor log [Hz]; outside of it the unit of time is another one
+RATES = (5.0, 2e4)
+MAX_JITTER = 0.5  # maximum jitter without a warning, see `rate`
 MAX_FAILED = 5  # maximum length of a failed read [readings]
 MAX_LAG = 0.25  # maximum lag of a servo behind its command [s]
 MAX_TURNS = 4.0  # maximum angle of a joint without known limits [turns]
-MAX_SPEED = 100.0  # no geared joint is so fast [rad/s]
-# how a reading jumps
+MAX_SPEED = 100.0  # speed that no geared joint reaches [rad/s]
+# ways in which a reading jumps
 FAILED = "and back (failed read)"
 STAYS = "and stays"
 WRAPS = "by a turn"
@@ -37,12 +38,14 @@ REMEDIES = {
 def rate(log: MotorLog) -> Iterator[Finding]:
     """Rate [Hz] and jitter of the rows.
 
-    The rate is 1 / median time step, the jitter (95th - 5th percentile of the time steps) / median.
+    The rate is 1 / median time step. The jitter is (95th - 5th percentile of the time steps) /
+    median time step.
     """
     rows, steps = time_steps(log)
     median = float(np.median(steps))
     hertz = 1.0 / median
-    jitter = float(np.subtract(*np.percentile(steps, [95, 5]))) / median
+    high, low = np.percentile(steps, [95, 5])
+    jitter = float(high - low) / median
     message = (
         f"median time step {1e3 * median:.3g} ms ({hertz:.4g} Hz), jitter {jitter:.2f} of the step"
     )
@@ -70,7 +73,7 @@ def rate(log: MotorLog) -> Iterator[Finding]:
 
 
 def gaps(log: MotorLog) -> Iterator[Finding]:
-    """Time steps above 5 medians of their segment."""
+    """Time steps of more than 5 medians of the steps in their segment."""
     rows = gap_rows(log)
     if rows.size:
         steps = log.time[rows] - log.time[rows - 1]
@@ -88,8 +91,9 @@ def gaps(log: MotorLog) -> Iterator[Finding]:
 def repeats(log: MotorLog) -> Iterator[Finding]:
     """Angles that repeat in fast motion: of all joints, or of one joint.
 
-    All joints repeat in rows without new readings, one joint if joints are read in turn. Slow
-    motion does not count: below an encoder step per row, angles repeat in any log.
+    The angles of all joints repeat in rows without new readings; the angle of one joint repeats if
+    the joints are read in turn. Slow motion does not count: an angle that moves by less than an
+    encoder step per row repeats in any log.
     """
     whole_rows = repeated_rows(log)
     travels = [_travel(angle) for angle in log.joint_pos.T]
@@ -102,7 +106,10 @@ def repeats(log: MotorLog) -> Iterator[Finding]:
 def _repeats(
     log: MotorLog, joint: str | None, repeated: np.ndarray, travel: np.ndarray, bound: float
 ) -> Iterator[Finding]:
-    """A share of ``repeated`` rows in fast motion above a bound."""
+    """The finding if the share of ``repeated`` rows in fast motion exceeds ``bound``.
+
+    Motion is fast if its ``travel`` is in the upper quartile.
+    """
     is_fast = travel > 0.0
     if is_fast.any():
         is_fast = travel >= np.percentile(travel[is_fast], 75)
@@ -126,9 +133,9 @@ def _repeats(
 
 
 def _travel(angle: np.ndarray) -> np.ndarray:
-    """(T,) smaller displacement of a joint in the 5 rows before and after.
+    """(T,) the smaller of a joint's displacements in the 5 rows before and the 5 rows after a row.
 
-    It is 0 below 10 encoder steps.
+    A displacement of less than 10 encoder steps counts as 0.
     """
     displacement = np.abs(angle[5:] - angle[:-5])
     travel = np.zeros(len(angle))
@@ -147,7 +154,7 @@ class Jump(NamedTuple):
 def jumps(log: MotorLog) -> Iterator[Finding]:
     """Errors: failed reads, encoders and commands that wrap by a turn, and lasting jumps.
 
-    A failed read is back within five readings.
+    After a failed read the angle is back within five readings.
     """
     period = _reading_period(log)
     for column, joint in enumerate(log.joint_names):
@@ -165,10 +172,10 @@ def jumps(log: MotorLog) -> Iterator[Finding]:
 
 
 def failed_reads(log: MotorLog) -> np.ndarray:
-    """(T, J) rows in which a read of a joint failed.
+    """(T, J) mask of rows in which a read of a joint failed.
 
-    Its angle jumps and comes back within 5 readings, or jumps within 5 readings of an end of a
-    segment; or its velocity is a spike (`velocity_spikes`).
+    A read failed if the angle jumps and comes back within 5 readings, if it jumps within 5 readings
+    of an end of its segment, or if the velocity is a spike (`velocity_spikes`).
     """
     failed = np.zeros(log.joint_pos.shape, dtype=bool)
     period = _reading_period(log)
@@ -188,9 +195,10 @@ def failed_reads(log: MotorLog) -> np.ndarray:
 
 
 def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
-    """(T, J) readings above MAX_SPEED, and above five times the median of 11 readings around them.
+    """(T, J) mask of single readings of an impossible velocity.
 
-    A joint that moves so fast, or in another unit, is as fast before and after.
+    A spike exceeds MAX_SPEED, and five times the median of the 11 readings around it. A joint that
+    really moves so fast, or whose velocity has another unit, is as fast before and after.
     """
     speed = np.abs(velocity)
     mode = "reflect" if len(speed) > MAX_FAILED else "edge"
@@ -201,17 +209,20 @@ def velocity_spikes(velocity: np.ndarray) -> np.ndarray:
 
 
 def _reading_period(log: MotorLog) -> float:
-    """Period of new readings [s]: a host may poll faster than the robot answers."""
-    steps = time_steps(log.rows(~repeated_rows(log)))[1]
-    return min(5.0 * log.period, float(np.median(steps))) if steps.size else log.period
+    """Median time between new readings [s]: a host may poll faster than the robot answers."""
+    _, steps = time_steps(log.rows(~repeated_rows(log)))
+    if not steps.size:
+        return log.period
+    return min(5.0 * log.period, float(np.median(steps)))
 
 
 def _jumps(log: MotorLog, column: int, period: float) -> Iterator[Jump]:
-    """Jumps of one joint; ``period`` of new readings [s].
+    """Jumps of one joint; ``period`` is the time between new readings [s].
 
-    A jump exceeds 3·u, 10 encoder steps, 10 rad/s and 0.03 rad, with u = sixth largest
-    |median(Δ[k-1], Δ[k], Δ[k+1])| over the steps Δ: fast motion increases u, a failed read does
-    not. `_spikes` also finds single readings that jump and come back during slow motion.
+    A jump exceeds 3·u, 10 encoder steps (at most 0.3 rad), 10 rad/s and 0.03 rad. The usual step u
+    is the sixth largest |median(Δ[k-1], Δ[k], Δ[k+1])| over the steps Δ: fast motion increases u, a
+    failed read does not. `_spikes` also finds single readings that jump and come back during slow
+    motion.
     """
     angle = log.joint_pos[:, column]
     command_steps = _steps(log, log.position_target[:, column])
@@ -232,7 +243,7 @@ def _jumps(log: MotorLog, column: int, period: float) -> Iterator[Jump]:
 
     lag = 1 + int(MAX_LAG / log.period)
     places = np.flatnonzero(np.abs(steps) > bound)[:10_000]
-    row_back = 0  # in which the last failed read is back
+    row_back = 0  # row in which the angle is back after the last failed read
     for number, place in enumerate(places.tolist()):
         row = int(rows[place])
         if row < row_back or row in spikes or row - 1 in spikes:
@@ -272,14 +283,14 @@ def _steps(log: MotorLog, values: np.ndarray) -> np.ndarray:
 
 
 def _usual_step(steps: np.ndarray) -> float:
-    """The step u of `_jumps` [rad]; steps by a turn do not count."""
+    """The usual step u of `_jumps` [rad]; steps by whole turns count as 0."""
     moves = np.pad(steps - math.tau * np.rint(steps / math.tau), 1)
     medians = np.median([moves[:-2], moves[1:-1], moves[2:]], axis=0)
     return float(np.sort(np.append(np.zeros(6), np.abs(medians)))[-6])
 
 
 def _steps_near(place: int, steps: np.ndarray, time: np.ndarray, seconds: float) -> np.ndarray:
-    """Sizes of up to three steps before and after one step, within some seconds of it."""
+    """Sizes of up to three steps before and three after one step, within ``seconds`` of it."""
     around = np.arange(max(0, place - 3), min(len(steps), place + 4))
     around = np.delete(around, min(place, 3))
     is_near = np.abs(time[around] - time[place]) <= seconds
@@ -289,8 +300,8 @@ def _steps_near(place: int, steps: np.ndarray, time: np.ndarray, seconds: float)
 def _spikes(angle: np.ndarray, segments: Sequence[slice], min_jump: float) -> Iterator[int]:
     """Rows of single readings that jump and come back.
 
-    Both steps exceed ``min_jump`` [rad], and 8 times the motion around them: the steps before and
-    after, and their sum.
+    Both steps, out and back, exceed ``min_jump`` [rad], and 8 times the motion around them. This
+    motion is the largest of the step before them, the step after them, and their sum.
     """
     for segment in segments:
         steps = np.diff(angle[segment])
@@ -307,7 +318,7 @@ def _spikes(angle: np.ndarray, segments: Sequence[slice], min_jump: float) -> It
 def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]:
     """Angles outside the limits of the robot, or too large for a joint without limits.
 
-    Beyond one turn is a warning, beyond four turns an error.
+    An angle beyond one turn is a warning, an angle beyond four turns an error.
     """
     limits = np.full((log.num_joints, 2), np.nan)
     if robot is not None:
@@ -336,7 +347,7 @@ def _unknown_limits(log: MotorLog, limits: np.ndarray) -> Iterator[Finding]:
 def _large_angle(
     channel: str, joint: str, angle: np.ndarray, low: float, high: float
 ) -> Iterator[Finding]:
-    """An angle beyond a number of turns and beyond known limits."""
+    """The finding if an angle exceeds one or MAX_TURNS turns, and the known limits."""
     row = int(np.argmax(np.abs(angle)))
     size = abs(float(angle[row]))
     travel = float(np.ptp(angle))
@@ -378,8 +389,8 @@ def _outside_limits(
 def speeds(log: MotorLog) -> Iterator[Finding]:
     """Speeds above 100 rad/s of joint_pos or joint_vel.
 
-    A speed of joint_pos counts if it lasts for two steps, so jumps and segment ends do not count.
-    Single such readings of joint_vel are failed reads.
+    The speed of joint_pos counts if it lasts for two steps, so that jumps and ends of segments do
+    not count. Single fast readings of joint_vel count as failed reads.
     """
     yield from _speeds_of_angles(log)
     if log.joint_vel is None:
@@ -392,13 +403,15 @@ def speeds(log: MotorLog) -> Iterator[Finding]:
 
 
 def _speeds_of_angles(log: MotorLog) -> Iterator[Finding]:
-    width = max(1, round(0.01 / log.period))  # over a single row an encoder step would look fast
+    # steps over 10 ms: over a single row, an encoder step would look fast
+    width = max(1, round(0.01 / log.period))
     rows = np.arange(0, log.num_rows, width)
     velocity = np.diff(log.joint_pos[rows], axis=0)
     velocity /= np.maximum(np.diff(log.time[rows]), width * log.period)[:, None]
 
-    slower_step = np.minimum(*np.abs([velocity[1:], velocity[:-1]]))
-    lasting = slower_step * (velocity[1:] * velocity[:-1] > 0.0)
+    slower_step = np.minimum(np.abs(velocity[1:]), np.abs(velocity[:-1]))
+    is_same_direction = velocity[1:] * velocity[:-1] > 0.0
+    lasting = slower_step * is_same_direction
     for column, joint in enumerate(log.joint_names):
         fast_rows = rows[np.flatnonzero(lasting[:, column] > MAX_SPEED)]
         if len(fast_rows) > 5:
@@ -436,7 +449,7 @@ def _fast_readings(joint: str, is_spike: np.ndarray, speed: np.ndarray) -> Itera
 
 
 def summary(log: MotorLog) -> Iterator[Finding]:
-    """For comparison with the robot (info): angles in degrees, and logged gains and registers."""
+    """Facts for comparison with the robot: angles in degrees, logged gains and registers."""
     degrees = np.rad2deg([log.joint_pos.min(axis=0), log.joint_pos.max(axis=0)])
     ranges = [
         f"{joint} {low:.4g}..{high:.4g}"

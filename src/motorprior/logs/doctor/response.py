@@ -21,18 +21,23 @@ from motorprior.logs.operations import (
 )
 from motorprior.signals import encoder_step, runs_of_true
 
-MIN_CORRELATION = 0.5  # of an angle with its command
-VELOCITY_SLOPES = (0.7, 1.4)  # plausible velocity / derivative of the angle
-TRAVEL = 0.1  # share of its range by which the command continues beyond an end stop
+MIN_CORRELATION = 0.5  # minimum correlation of an angle with its command
+VELOCITY_SLOPES = (0.7, 1.4)  # plausible range of joint_vel / derivative of joint_pos
+# minimum motion of a command beyond an end stop: the larger of a share of the command's range, and
+# an angle [rad]
+MIN_CONTINUATION = 0.1
+MIN_CONTINUATION_ANGLE = 0.03
 MAX_OFFSET = 1.2  # maximum offset of an angle from its command [rad]; loads deflect servos less
 CERTAIN_CORRELATION = 0.8  # correlation above which sign and order of a joint are certain
-RATIOS = (0.1, 3.0)  # plausible motion / command; others mean a failed motion or another unit
+# plausible range of the standard deviations' ratio angle / command; outside of it the motion failed
+# or the units differ
+MOTION_RATIOS = (0.1, 3.0)
 MIN_REVERSALS = 4
-# size of a window
+# minimum and maximum rows of a window
 MIN_ROWS = 20
 MAX_ROWS = 20_000
 # remedies
-COMPARE = "compare sign and order of the joints, and the clocks of command and angle"
+COMPARE_JOINTS = "compare sign and order of the joints, and the clocks of command and angle"
 OTHER_SIGN = (
     f"reverse one {IN_MAP}: sign = -1 in [joints.….joint_pos] or [joints.….position_target]"
 )
@@ -44,8 +49,10 @@ OTHER_ORDER = (
 def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
     """The window without gaps in which the command of a joint travels farthest.
 
-    A window has at most 20 000 rows. Returns its rows, and that joint alone on a uniform grid with
-    the period of new readings; None if the command moves in no window of 20 new readings.
+    A window has at most 20 000 rows. Returns the window's rows in the log, and a log of this joint
+    in the window, on a uniform grid. The period of the grid is the median time between new
+    readings: repeated rows do not count. Returns None if the command moves in no window of more
+    than 20 new readings.
     """
     repeated = repeated_rows(log)
     command = log.position_target[:, column]
@@ -59,19 +66,21 @@ def excited_window(log: MotorLog, column: int) -> tuple[slice, MotorLog] | None:
             window = slice(int(rows[0]), int(rows[-1]) + 1)
     if window is None:
         return None
-    period = log.rows(window).rows(~repeated[window]).period
-    return window, resample(log.joint(column).rows(window), period)
+    new_readings = log.rows(window).rows(~repeated[window])
+    return window, resample(log.joint(column).rows(window), new_readings.period)
 
 
 def _windows(log: MotorLog) -> Iterator[np.ndarray]:
-    """Rows without gaps, at most MAX_ROWS together."""
-    starts = {segment.start for segment in log.segment_slices()} | set(gap_rows(log).tolist())
-    for rows in np.split(np.arange(log.num_rows), sorted(starts - {0})):
+    """Rows of each window: without gaps, within a segment, and at most MAX_ROWS."""
+    segment_starts = {segment.start for segment in log.segment_slices()}
+    rows_after_gaps = set(gap_rows(log).tolist())
+    cuts = sorted((segment_starts | rows_after_gaps) - {0})
+    for rows in np.split(np.arange(log.num_rows), cuts):
         yield from np.split(rows, range(MAX_ROWS, len(rows), MAX_ROWS))
 
 
 def excitation(log: MotorLog) -> Iterator[Finding]:
-    """Joints that are not commanded, move far less or more than commanded, or reverse rarely."""
+    """Joints that are not excited, move far less or more than commanded, or reverse rarely."""
     excited = excited_joints(log)
     if not excited.size:
         yield Finding(
@@ -89,12 +98,12 @@ def excitation(log: MotorLog) -> Iterator[Finding]:
 
 
 def _motion(log: MotorLog, column: int, command_std: float) -> Iterator[Finding]:
-    """Too little, too much, or rarely reversed motion of a commanded joint."""
+    """Findings if the motion of a commanded joint is too small, too large, or rarely reversed."""
     joint = log.joint_names[column]
     angle = log.joint_pos[:, column]
 
     ratio = float(np.std(angle)) / command_std
-    low, high = RATIOS
+    low, high = MOTION_RATIOS
     if not low <= ratio <= high:
         message = f"{joint} moves {ratio:.3g} times its command, outside {low:g} to {high:g}"
         remedy = (
@@ -132,8 +141,8 @@ def reversals(angle: np.ndarray) -> int:
 def frozen_angle(log: MotorLog) -> Iterator[Finding]:
     """Angles that rest for 0.5 s, away from end stops, while the command moves.
 
-    The command moves by half of its range and 0.1 rad. The last 0.25 s do not count, as a servo
-    responds late.
+    The command must move by more than half of its range in the log, and by more than 0.1 rad. Its
+    motion in the last 0.25 s of the rest does not count, as a servo responds late.
     """
     segment_starts = [segment.start for segment in log.segment_slices()]
     lag = round(MAX_LAG / log.period)
@@ -148,7 +157,8 @@ def frozen_angle(log: MotorLog) -> Iterator[Finding]:
         for first_repeat, end in runs_of_true(is_still).tolist():
             row = first_repeat - 1
             seconds = float(log.time[end - 1] - log.time[row])
-            travel = np.ptp(command[row : max(row + 1, end - lag)])
+            last_row = max(row + 1, end - lag)
+            travel = np.ptp(command[row:last_row])
             at_stop = angle[row] in (angle.min(), angle.max()) and np.ptp(angle) > 0.0
             if seconds >= 0.5 and travel > min_travel and not at_stop:
                 message = (
@@ -161,44 +171,54 @@ def frozen_angle(log: MotorLog) -> Iterator[Finding]:
 
 
 class Peaks(NamedTuple):
-    """Correlation of an angle with its command at several delays, and its first peaks."""
+    """Correlation of an angle with its command at several delays, and its first peaks.
 
-    correlation: np.ndarray  # with the command k rows earlier, k = -zero_lag, …, lag
-    zero_lag: int
-    late: int  # k >= 0 of the first positive peak
-    opposed: int  # k >= 0 of the first negative peak
+    A delay is a number of rows. It is negative if the angle moves before its command.
+    """
+
+    correlation: np.ndarray  # correlation at the delays -max_lead, …, max_delay; (delays,)
+    zero_index: int  # index of the delay 0 in ``correlation``, which is max_lead
+    delay: int  # delay of the first positive peak, at least 0
+    opposed_delay: int  # delay of the first negative peak, at least 0
 
 
 def correlation_peaks(window: MotorLog) -> Peaks:
-    """Correlation of the angle with earlier and later commands, over the same rows of the angle."""
+    """Correlation of the angle with its command up to 0.5 s before and 0.25 s after it.
+
+    Every correlation is over the same rows of the angle.
+    """
     command = window.position_target[:, 0]
     angle = window.joint_pos[:, 0]
-    lag = min(int(0.5 / window.period), len(angle) // 2)  # 0.5 s later
-    zero_lag = min(max(1, int(0.25 / window.period)), len(angle) // 4)  # to 0.25 s earlier
+    max_delay = min(int(0.5 / window.period), len(angle) // 2)
+    max_lead = min(max(1, int(0.25 / window.period)), len(angle) // 4)
 
-    rows = slice(lag, len(angle) - zero_lag)
+    rows = slice(max_delay, len(angle) - max_lead)
     motion = angle[rows] - angle[rows].mean()
-    r = np.zeros(zero_lag + lag + 1)
+    r = np.zeros(max_lead + max_delay + 1)
     for index in range(len(r)):
-        shifted = command[lag + zero_lag - index :][: len(motion)]
-        shifted = shifted - shifted.mean()
-        norm = np.sqrt((shifted @ shifted) * (motion @ motion))
-        r[index] = shifted @ motion / max(norm, 1e-300)
+        delay = index - max_lead
+        first = max_delay - delay
+        delayed_command = command[first : first + len(motion)]
+        command_motion = delayed_command - delayed_command.mean()
+        norm = np.sqrt((command_motion @ command_motion) * (motion @ motion))
+        r[index] = command_motion @ motion / max(norm, 1e-300)
 
-    from_zero = r[zero_lag - 1 :]
-    return Peaks(r, zero_lag, _first_peak(from_zero), _first_peak(-from_zero))
+    from_minus_one = r[max_lead - 1 :]  # at the delays -1, 0, 1, …
+    return Peaks(r, max_lead, _first_peak(from_minus_one), _first_peak(-from_minus_one))
 
 
 def _first_peak(r: np.ndarray) -> int:
-    """Index of the first peak of r[1:] above 95 % of the highest.
+    """Delay of the first peak that has at least 95 % of the highest correlation.
 
-    Equal peaks of a sine are one period apart. Ripple is no peak: r must fall by 0.1 between a peak
-    and the highest.
+    ``r`` are correlations at the delays -1, 0, 1, …; the first one is only a neighbour. A sine has
+    equally high peaks, one period apart: the first one counts. Ripple does not count as a peak: r
+    must fall by 0.1 between the peak and the highest one.
     """
     highest = 1 + int(np.argmax(r[1:]))
     for index in range(1, highest):
-        is_high = r[index] >= max(r[index - 1], r[index + 1], 0.95 * r[highest])
-        if is_high and r[index:highest].min() < r[index] - 0.1:
+        is_peak = r[index] >= max(r[index - 1], r[index + 1])
+        is_high = r[index] >= 0.95 * r[highest]
+        if is_peak and is_high and r[index:highest].min() < r[index] - 0.1:
             return index - 1
     return highest - 1
 
@@ -206,16 +226,17 @@ def _first_peak(r: np.ndarray) -> int:
 def tracking(window: MotorLog) -> Iterator[Finding]:
     """Sign, joint order, lag and offset of the angle against the command.
 
-    They come from the first peak of their correlation. An angle opposes its command if the negative
-    peak within a servo's lag is larger than the positive one.
+    The lag is the delay of the first peak of their correlation. The angle moves against its command
+    if the first negative peak is within a servo's lag, and is clearly larger than a positive peak
+    within this lag.
     """
     peaks = correlation_peaks(window)
     yield _tracking(window, peaks)
 
     joint = window.joint_names[0]
     offset = float(np.median(window.joint_pos - window.position_target))
-    follows = float(peaks.correlation[peaks.zero_lag + peaks.late])
-    if abs(offset) > MAX_OFFSET and follows >= MIN_CORRELATION:
+    positive_peak = float(peaks.correlation[peaks.zero_index + peaks.delay])
+    if abs(offset) > MAX_OFFSET and positive_peak >= MIN_CORRELATION:
         message = f"{joint} is {offset:+.2f} rad off its command (median), more than {MAX_OFFSET}"
         remedy = (
             "if no load deflects it so far, correct the zero of command or angle in the file, "
@@ -225,40 +246,47 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
 
 
 def _tracking(window: MotorLog, peaks: Peaks) -> Finding:
-    r, zero_lag, late, opposed = peaks
+    """The finding about sign, joint order and lag."""
+    r, zero_index, delay, opposed_delay = peaks
     joint = window.joint_names[0]
     period = window.period
-    seconds = late * period
-    follows = float(r[zero_lag + late])
-    opposes = float(r[zero_lag + opposed])
+    seconds = delay * period
+    positive_peak = float(r[zero_index + delay])
+    negative_peak = float(r[zero_index + opposed_delay])
 
     described = (
-        f"{joint} follows its command {1e3 * seconds:.3g} ms later, correlation {follows:.2f}"
+        f"{joint} follows its command {1e3 * seconds:.3g} ms later, correlation {positive_peak:.2f}"
     )
-    opposed_ms = 1e3 * opposed * period
-    against = f"moves against its command {opposed_ms:.3g} ms later, correlation {opposes:.2f}"
+    opposed_ms = 1e3 * opposed_delay * period
+    against = (
+        f"moves against its command {opposed_ms:.3g} ms later, correlation {negative_peak:.2f}"
+    )
 
-    can_oppose = opposes < -MIN_CORRELATION and opposed * period < MAX_LAG
-    followed_in_time = follows if seconds < MAX_LAG else 0.0
-    if can_oppose and -opposes - followed_in_time > 0.1:
-        remedy = OTHER_SIGN if -opposes > CERTAIN_CORRELATION else COMPARE
-        return Finding("error", "tracking", opposes, f"{joint} {against}", remedy, joint)
+    can_oppose = negative_peak < -MIN_CORRELATION and opposed_delay * period < MAX_LAG
+    positive_peak_in_time = positive_peak if seconds < MAX_LAG else 0.0
+    if can_oppose and -negative_peak - positive_peak_in_time > 0.1:
+        remedy = OTHER_SIGN if -negative_peak > CERTAIN_CORRELATION else COMPARE_JOINTS
+        return Finding("error", "tracking", negative_peak, f"{joint} {against}", remedy, joint)
 
-    if follows < MIN_CORRELATION:
+    if positive_peak < MIN_CORRELATION:
         message = f"{described}, below {MIN_CORRELATION}"
         remedy = (
             "check power, joint order and clocks; or command more than the dead band of the servo"
         )
-        return Finding("warning", "tracking", follows, message, remedy, joint)
+        return Finding("warning", "tracking", positive_peak, message, remedy, joint)
 
-    if can_oppose and opposed < late and seconds < MAX_LAG:
+    if can_oppose and opposed_delay < delay and seconds < MAX_LAG:
         message = f"{described}, or {against}"
         remedy = "record more than one frequency, or a step: the lag of one sine is ambiguous"
         return Finding("warning", "tracking", seconds, message, remedy, joint)
 
-    # rows before the command, while the correlation rises
-    ahead = int(np.argmin(np.append(np.diff(r[zero_lag::-1]) > 0.0, False)))
-    is_closer_ahead = 1.0 - r[zero_lag - ahead] <= 0.2 * (1.0 - r[zero_lag])
+    # the number of rows before the command over which the correlation rises
+    ahead = 0
+    while ahead < zero_index and r[zero_index - ahead - 1] > r[zero_index - ahead]:
+        ahead += 1
+    deviation_ahead = 1.0 - r[zero_index - ahead]
+    deviation_at_zero = 1.0 - r[zero_index]
+    is_closer_ahead = deviation_ahead <= 0.2 * deviation_at_zero
     if ahead * period >= 0.015 and is_closer_ahead:
         message = f"{joint} moves {1e3 * ahead * period:.3g} ms before its command"
         remedy = (
@@ -268,7 +296,7 @@ def _tracking(window: MotorLog, peaks: Peaks) -> Finding:
         return Finding("warning", "tracking", -ahead * period, message, remedy, joint)
 
     speed = float(np.percentile(np.abs(np.diff(window.position_target[:, 0])), 95)) / period
-    # [rad]; less may be dead band and friction
+    # A lag of less than 0.1 rad at the command's speed may come from dead band and friction.
     if seconds > MAX_LAG and seconds * speed > 0.1:
         message = f"{described}, above {1e3 * MAX_LAG:g} ms"
         remedy = "check the clocks of command and measurement"
@@ -277,18 +305,20 @@ def _tracking(window: MotorLog, peaks: Peaks) -> Finding:
 
 
 def followed_joint(log: MotorLog, rows: slice, window: MotorLog, columns: Sequence[int]) -> str:
-    """Name of the other joint whose command the angle of a window follows best, or "".
+    """Name of the joint whose command the angle of a window follows best.
 
-    ``columns`` are the joints to try. The angle must follow clearly, within a servo's lag.
+    ``columns`` are the joints to try. The result is "" if it is the window's own joint, or if the
+    angle follows no command with a correlation above CERTAIN_CORRELATION within a servo's lag.
     """
     grid = resample(log.rows(rows), window.period)
     best = CERTAIN_CORRELATION
     name = ""
     for column in columns:
         command = grid.position_target[:, [column]]
-        r, zero_lag, late, _ = correlation_peaks(replace(window, position_target=command))
-        if late * window.period < MAX_LAG and r[zero_lag + late] > best:
-            best = float(r[zero_lag + late])
+        peaks = correlation_peaks(replace(window, position_target=command))
+        correlation = float(peaks.correlation[peaks.zero_index + peaks.delay])
+        if peaks.delay * window.period < MAX_LAG and correlation > best:
+            best = correlation
             name = log.joint_names[column]
     return "" if name == window.joint_names[0] else name
 
@@ -296,27 +326,31 @@ def followed_joint(log: MotorLog, rows: slice, window: MotorLog, columns: Sequen
 def saturation(window: MotorLog) -> Iterator[Finding]:
     """An angle that rests at its extreme for 0.1 s while the command continues beyond it.
 
-    The command, delayed by the lag, continues by 10 % of its range and 0.03 rad after the joint
-    stopped. Friction and dead bands stop a joint only after a reversal.
+    After the joint stopped, the command, delayed by the lag, must go on by more than 10 % of its
+    range, and by more than 0.03 rad. It cannot be friction or a dead band: these stop a joint only
+    after a reversal.
     """
     joint = window.joint_names[0]
-    r, zero_lag, late, _ = correlation_peaks(window)
+    peaks = correlation_peaks(window)
     delay = 0
-    if r[zero_lag + late] >= MIN_CORRELATION:
-        delay = min(late, int(0.1 / window.period))
+    if peaks.correlation[peaks.zero_index + peaks.delay] >= MIN_CORRELATION:
+        delay = min(peaks.delay, int(0.1 / window.period))
     min_rows = max(5, round(0.1 / window.period) + 1)  # reversals are shorter
 
     for sign in (1.0, -1.0):
         command = sign * window.position_target[:, 0]
         angle = sign * window.joint_pos[:, 0]
         top = angle.max()
-        beyond = max(TRAVEL * np.ptp(command), 0.03)
+        min_continuation = max(MIN_CONTINUATION * np.ptp(command), MIN_CONTINUATION_ANGLE)
 
         stops = []
         for first, after in runs_of_true(angle >= top - encoder_step(angle)).tolist():
-            acting = command[max(0, first - delay) : max(1, after - delay)]
-            continues = acting.max() - max(acting[0], top) > beyond
-            if first and after - first >= min_rows and continues:
+            acting_start = max(0, first - delay)
+            acting_stop = max(1, after - delay)
+            acting_command = command[acting_start:acting_stop]
+            continuation = acting_command.max() - max(acting_command[0], top)
+            is_long = after - first >= min_rows
+            if first and is_long and continuation > min_continuation:
                 stops.append((first, after))
         if stops:
             time = window.period * sum(after - first - 1 for first, after in stops)
@@ -355,7 +389,7 @@ def copied(log: MotorLog) -> Iterator[Finding]:
 def velocity(log: MotorLog) -> Iterator[Finding]:
     """Slope of the integral of joint_vel against the change of joint_pos over 0.1 s.
 
-    It is insensitive to encoder steps.
+    The slope is 1 for correct velocities, and insensitive to encoder steps.
     """
     if log.joint_vel is None:
         return
@@ -377,7 +411,7 @@ def velocity(log: MotorLog) -> Iterator[Finding]:
             f"correct its joint order, gear, sign or unit {IN_MAP} "
             '(velocity = "deg/s"), or leave it out'
         )
-        # another sign, or deg/s or rpm
+        # another sign, or another unit such as deg/s or rpm
         is_certain = abs(correlation) > MIN_CORRELATION and (slope < 0.0 or slope > 5.0)
         severity = "error" if is_certain else "warning"
         yield Finding(severity, "velocity", slope, message, remedy, joint)

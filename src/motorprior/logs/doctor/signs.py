@@ -12,24 +12,26 @@ from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-# maximum offset between angle and command [rad]; a larger one would absorb gravity that barely
-# changes
+# maximum fitted offset between angle and command [rad]; a larger offset would absorb the effect of
+# gravity where it barely changes
 MAX_OFFSET = 0.01
-# minimum reduction of the squared error; of 40 logs of a real arm with correct signs, the worst has
-# 0.14
+# Minimum relative reduction of the squared error by reversing joints. Among 40 logs of a real arm
+# with correct signs, the largest reduction is 0.14.
 MIN_REDUCTION = 0.25
-MIN_RMS = 2e-3  # of the error, and of its reduction [rad]
-MIN_ROWS = 20  # of steady motion, and of a window with a known load
-MAX_RATIO = 3.0  # of a torque over that of its load [-]; friction and armature explain less
+MIN_RMS = 2e-3  # minimum root-mean-square error, and minimum of its reduction [rad]
+MIN_ROWS = 20  # minimum rows of steady motion, and of a window with a known load
+# maximum ratio of the standard deviations of joint_torque and of the load's torque, either way [-];
+# friction and armature explain a smaller ratio
+MAX_RATIO = 3.0
 _REVERSE = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
 
 
 def torque_sign(window: MotorLog) -> Iterator[Finding]:
     """Torques that never change sign, or oppose the command or their load.
 
-    A torque that never changes sign is a magnitude; one that holds a weight keeps its sign, too,
-    but does not come near 0. A torque that opposes pushes away from the command and takes work out
-    of the joint.
+    A torque that comes near 0 and never changes sign is a magnitude. (The torque of a joint that
+    holds a weight keeps its sign, too, but does not come near 0.) A torque opposes the command if
+    it pushes away from the command and takes work out of the joint.
     """
     if window.joint_torque is None or np.ptp(window.joint_torque) == 0.0:
         return
@@ -64,9 +66,9 @@ def torque_sign(window: MotorLog) -> Iterator[Finding]:
 
 
 def _against_load(window: MotorLog) -> Iterator[Finding]:
-    """A torque that opposes the torque of the known load, or has another scale.
+    """Findings if joint_torque opposes the torque of the known load, or has another scale.
 
-    The torque of the load is J·q̈ - external torque.
+    The torque of the load is J·q̈ - external torque, with the load inertia J.
     """
     assert window.joint_torque is not None
     assert window.load_inertia is not None
@@ -125,7 +127,7 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
         return
 
     def residual(*joints: int) -> float:
-        """Mean square of the errors that are left with some joints reversed."""
+        """Mean square [rad²] of the residual errors of the fit with these joints reversed."""
         sign = np.where(np.isin(np.arange(log.num_joints), joints), -1.0, 1.0)
         return _residual(sign * gravity(sign * motion.angle), motion)
 
@@ -155,7 +157,11 @@ def gravity_signs(log: MotorLog, robot: Robot) -> Iterator[Finding]:
 def _best_reversal(
     residual: Callable[..., float], as_given: float, num_joints: int
 ) -> tuple[tuple[int, ...], float]:
-    """The joint, or else the two joints, that leave about the smallest residual if reversed."""
+    """The joint, or else the two joints, to reverse, and the residual then.
+
+    The reversal leaves the smallest residual, within 5 % of the improvement on ``as_given``; among
+    such reversals, a single joint comes first.
+    """
     columns = range(num_joints)
     reversals_to_try = [*combinations(columns, 1), *combinations(columns, 2)]
     residuals = {joints: residual(*joints) for joints in reversals_to_try}
@@ -177,7 +183,7 @@ def _steady_motion(log: MotorLog) -> _SteadyMotion:
     target_change = log.position_target[rows + half] - log.position_target[rows - half]
     commanded_speed = target_change / time
 
-    # [rad/s]; static friction may act either way
+    # Rows below 0.03 rad/s do not count: static friction may act either way.
     moves = (np.abs(speed) > 0.03) & (np.abs(speed) < 0.5)
     is_steady = moves & (np.abs(speed - commanded_speed) < 0.05)
 
@@ -190,7 +196,7 @@ def _steady_motion(log: MotorLog) -> _SteadyMotion:
 
 
 def _residual(gravity: np.ndarray, motion: _SteadyMotion) -> float:
-    """Mean square of the errors [rad²] that the fit leaves, over joints and their steady rows."""
+    """Mean square of the fit's residuals, over all joints' rows of steady motion [rad²]."""
     from scipy.optimize import lsq_linear  # takes half a second
 
     squares = 0.0

@@ -18,7 +18,7 @@ from motorprior.exceptions import ArtifactError, LogError
 from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader
 from motorprior.logs.motor_log import (
     BASE_AXES,
-    CODES,
+    INTEGER_CHANNELS,
     JOINT_SERIES,
     SIGN_CONVENTION,
     MotorLog,
@@ -32,7 +32,7 @@ from motorprior.schema import Schema
 SCHEMA_VERSION = 4
 METADATA_KEY = b"motorprior"
 REWRITE = "write the log again with this version of motorprior"
-_CHANNELS = (*JOINT_SERIES, *CODES, "base_orientation")
+_CHANNELS = (*JOINT_SERIES, *INTEGER_CHANNELS, "base_orientation")
 _UNITS = {"time": "s", **JOINT_SERIES, "base_orientation": "rad"}
 _TEXTS = ("robot", "motor", "source", "encoder", "gain_unit")
 _HEADER = Schema(
@@ -119,7 +119,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
             if name not in table.column_names:
                 raise missing_column("column", name, table.column_names, path, REWRITE)
         columns = [table.column(name).to_numpy() for name in names]
-        is_flat = channel in ("time", *CODES)
+        is_flat = channel in ("time", *INTEGER_CHANNELS)
         values[channel] = columns[0] if is_flat else np.stack(columns, axis=1)
     return checked(MotorLog(**values), where=path)
 
@@ -150,7 +150,7 @@ def _column_names(
     """Column names of ``time`` and of each channel present, in file order."""
     names = {"time": ["time_s"]}
     for channel in present:
-        if channel in CODES:
+        if channel in INTEGER_CHANNELS:
             names[channel] = [channel]
         elif channel == "base_orientation":
             names[channel] = [f"base_{axis}_rad" for axis in BASE_AXES]
