@@ -38,10 +38,10 @@ def targets(
     ratio=1.0,
     lift=LIFT,
     walker=WALKER,
-    rise=(0.0, 0.0),
+    slope=(0.0, 0.0),
 ):
     out = np.full(PUPPER_V2.num_joints, np.nan)
-    joint_targets(walker, phase, forward, yaw_rate, FREQUENCY, height, rise, ratio, lift, out)
+    joint_targets(walker, phase, forward, yaw_rate, FREQUENCY, height, slope, ratio, lift, out)
     return out
 
 

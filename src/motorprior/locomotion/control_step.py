@@ -41,13 +41,14 @@ from motorprior.rotations import roll_pitch_below, roll_pitch_yaw
 # results.
 MAX_TARGET_SPEED = 40.0
 LEVEL_RATE = 0.1  # weight of the body's rate relative to its tilt in levelling [s]
-# ramp of the command in force from standing to the largest speed or yaw rate [s]
+# time in which the command in force rises from standing to the largest speed or yaw rate [s]
 RAMP = 0.5
 # maximum observed heading error [rad]; a robot that was turned by hand does not spin back
 MAX_HEADING_ERROR = 0.5
-# Maximum observed drift over the distance in a second at maximum speed; 2.3 standard deviations in
-# trainings of 5 s. With 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies
-# amplified this until the robot fell.
+# Maximum observed drift, as a share of the distance that the robot walks in one second at its
+# maximum speed. It is 2.3 standard deviations of the drift in trainings of 5 s. With a share of
+# 0.3, walks of 20 s drifted by 7 standard deviations, and linear policies amplified this until the
+# robot fell.
 MAX_DRIFT = 0.1
 
 # indices of `GaitState.scalars`
@@ -61,14 +62,14 @@ _SPEED_ERRORS = 6
 
 
 class RobotState(NamedTuple):
-    """State of a simulated robot after a control step; compiled code takes it as it is."""
+    """State of a simulated robot after a control step, for compiled code and for Python."""
 
-    base_pos: np.ndarray  # (3,) [m], world; x is the initial heading, z up
+    base_pos: np.ndarray  # (3,) position of the base in the world: x initial heading, z up [m]
     base_quat: np.ndarray  # (4,) rotation_base_to_world (w, x, y, z)
-    base_lin_vel: np.ndarray  # (3,) [m/s], world
-    base_ang_vel: np.ndarray  # (3,) [rad/s], base frame
-    measured_joint_pos: np.ndarray  # (joints,) [rad] at the encoders
-    foot_pos: np.ndarray  # (legs, 3) centres of the feet [m], world; NaN if unknown
+    base_lin_vel: np.ndarray  # (3,) linear velocity of the base in the world [m/s]
+    base_ang_vel: np.ndarray  # (3,) angular velocity of the base in the base's frame [rad/s]
+    measured_joint_pos: np.ndarray  # (joints,) joint angles at the encoders [rad]
+    foot_pos: np.ndarray  # (legs, 3) centres of the feet in the world [m]; NaN if unknown
     # Σ over joints of torque², mean over the physics steps of the control step [(N·m)²]
     torque_squared_sum: float
     fault: int = 0  # 0, or the number of a fault that ended the episode
@@ -77,17 +78,20 @@ class RobotState(NamedTuple):
 class GaitState(NamedTuple):
     """State and scratch memory of a gait."""
 
-    observation: np.ndarray  # (observations,) the last one
+    observation: np.ndarray  # (observations,) the last observation
     filtered: np.ndarray  # (actions,) low-passed action
-    command: np.ndarray  # (actions,) scratch: the action in physical units
+    scaled_action: np.ndarray  # (actions,) scratch: residuals [rad] and modulation of the gait
     target: np.ndarray  # (joints,) position targets of the last control step [rad]
-    path: np.ndarray  # (2, joints) scratch: the gait now and one control step later [rad]
+    # (2, joints) scratch: joint angles of the gait, now and one control step later [rad]
+    gait_pos: np.ndarray
     velocity_command: np.ndarray  # (2,) command in force: speed [m/s], yaw rate [rad/s]
-    # (7,) phase in [0, 1); heading error, integrated from the gyroscope [rad]; drift to the body's
-    # left of the commanded path, integrated from it [m]; commanded heading [rad]; filtered speeds,
-    # forward and left [m/s]; sum over the steps of |filtered forward speed - commanded speed| [m/s]
+    # (7,) phase of the gait in [0, 1); heading error, integrated from the gyroscope [rad]; drift to
+    # the body's left of the commanded path, integrated from the heading error [m]; commanded
+    # heading [rad]; filtered forward speed and filtered speed to the left [m/s]; sum over the steps
+    # of |filtered forward speed - commanded speed| [m/s]
     scalars: np.ndarray
-    # (legs, 4) centre [m] and shank angle about the body's y axis [rad] one control step ago
+    # (legs, 4) one control step ago: centre of each foot [m], and angle of its shank about the
+    # body's y axis [rad]
     feet: np.ndarray
 
     @property
@@ -108,9 +112,9 @@ def new_gait(walker: WalkerArrays) -> GaitState:
     gait = GaitState(
         observation=np.zeros(observation_size(joints)),
         filtered=np.zeros(actions),
-        command=np.zeros(actions),
+        scaled_action=np.zeros(actions),
         target=np.zeros(joints),
-        path=np.zeros((2, joints)),
+        gait_pos=np.zeros((2, joints)),
         velocity_command=np.zeros(2),
         scalars=np.zeros(7),
         feet=np.zeros((len(walker.legs), 4)),
@@ -121,7 +125,7 @@ def new_gait(walker: WalkerArrays) -> GaitState:
 
 @njit(cache=True)
 def begin_gait(walker: WalkerArrays, gait: GaitState) -> None:
-    """Nominal pose, phase 0, no speed, no heading error and no drift."""
+    """Reset to the nominal pose and phase 0, without speed, heading error and drift."""
     gait.filtered[:] = 0.0
     gait.velocity_command[:] = 0.0
     gait.scalars[:] = 0.0
@@ -155,53 +159,58 @@ def follow_command(walker: WalkerArrays, gait: GaitState, forward: float, yaw_ra
 
     The command in force follows the given speed ``forward`` [m/s] and ``yaw_rate`` [rad/s], to the
     left, at a bounded rate and within the robot's range, up to MAX_COMMAND times its highest speed.
-    The heading error ψ integrates the observed heading rate less the commanded one. The drift
-    integrates v sin ψ at the commanded speed v; without it a robot that pulls to one side would
-    walk on at a small constant error. All except the command fade out as the robot stops.
+    The heading error ψ is the integral of the observed heading rate minus the commanded yaw rate.
+    The drift is the integral of v sin ψ with the commanded speed v. Without the observed drift, a
+    robot that pulls to one side would keep a small constant heading error, and leave the path. The
+    observed drift, heading error and phase fade to 0 as the robot stops.
     """
     observation = gait.observation
     velocity = gait.velocity_command
 
     forward = min(MAX_COMMAND * walker.max_speed, max(walker.min_speed, forward))
     yaw_rate = min(walker.max_yaw_rate, max(-walker.max_yaw_rate, yaw_rate))
-    step = walker.control_dt / RAMP
-    max_speed_step = step * walker.max_speed
-    max_yaw_step = step * walker.max_yaw_rate
-    velocity[0] += min(max_speed_step, max(-max_speed_step, forward - velocity[0]))
-    velocity[1] += min(max_yaw_step, max(-max_yaw_step, yaw_rate - velocity[1]))
+    ramp_share = walker.control_dt / RAMP  # share of the ramp in a control step
+    max_speed_step = ramp_share * walker.max_speed
+    max_yaw_step = ramp_share * walker.max_yaw_rate
+    speed_step = forward - velocity[0]
+    yaw_step = yaw_rate - velocity[1]
+    velocity[0] += min(max_speed_step, max(-max_speed_step, speed_step))
+    velocity[1] += min(max_yaw_step, max(-max_yaw_step, yaw_step))
 
-    share = gait_share(walker, velocity[0], velocity[1])
+    moving_share = gait_share(walker, velocity[0], velocity[1])
     gait.scalars[_COMMANDED_HEADING] += walker.control_dt * velocity[1]
-    if share > 0.0:  # a standing robot would integrate its gyroscope's bias
+    if moving_share > 0.0:  # a standing robot would integrate its gyroscope's bias
         gait.scalars[_HEADING] += walker.control_dt * (heading_rate(observation) - velocity[1])
     heading = min(MAX_HEADING_ERROR, max(-MAX_HEADING_ERROR, gait.scalars[_HEADING]))
     gait.scalars[_HEADING] = heading
 
-    # The drift fades out below a tenth of the highest speed: after a turn on the spot the path has
-    # changed.
+    # The drift fades out below a tenth of the highest speed: a robot that has turned on the spot
+    # begins a new path.
     drift = gait.scalars[_DRIFT] + walker.control_dt * velocity[0] * math.sin(heading)
     max_drift = MAX_DRIFT * walker.max_speed
     speed_share = gait_share(walker, velocity[0], 0.0)
     gait.scalars[_DRIFT] = speed_share * min(max_drift, max(-max_drift, drift))
 
+    # The observed drift is positive to the left of the direction of motion, not of the body. So the
+    # same turn corrects it in forward and in backward motion.
+    direction = math.copysign(1.0, velocity[0])
     first = observation.shape[0] - NUM_COMMAND_OBSERVATIONS
-    # Positive to the left of the direction of motion, so that the same turn corrects it forward and
-    # backward.
-    observation[first] = math.copysign(1.0, velocity[0]) * gait.scalars[_DRIFT]
-    observation[first + 1] = share * gait.scalars[_HEADING]
+    observation[first] = direction * gait.scalars[_DRIFT]
+    observation[first + 1] = moving_share * gait.scalars[_HEADING]
     observation[first + 2] = velocity[0]
     observation[first + 3] = velocity[1]
-    angle = 2.0 * math.pi * gait.scalars[_PHASE]
-    observation[first + 4] = share * math.cos(angle)
-    observation[first + 5] = share * math.sin(angle)
+    phase_angle = 2.0 * math.pi * gait.scalars[_PHASE]
+    observation[first + 4] = moving_share * math.cos(phase_angle)
+    observation[first + 5] = moving_share * math.sin(phase_angle)
 
 
 @njit(cache=True)
 def levelling(walker: WalkerArrays, observation: np.ndarray) -> tuple[float, float]:
     """Slope of the legs' extension, forward and to the left [m/m].
 
-    The slope is levelling_gain · (tilt + LEVEL_RATE · rate of the tilt). Legs on the low side
-    extend further, which stiffens a robot on soft motors against tilt.
+    It is the extension of a leg per distance of its foot from the origin: levelling_gain · (tilt +
+    LEVEL_RATE · rate of the tilt). The legs on the low side of a tilted robot extend, which
+    stiffens a robot on soft motors against tilt.
     """
     forward = observation[1] + LEVEL_RATE * observation[3]
     left = -observation[0] - LEVEL_RATE * observation[2]
@@ -215,47 +224,49 @@ def command_step(walker: WalkerArrays, gait: GaitState, action: np.ndarray) -> N
     The (actions,) action is clipped to [-1, 1], low-passed and scaled. Targets are gait + lead ·
     rate of the gait + support + residual. Their rate is at most MAX_TARGET_SPEED, and they stay
     within the joint limits. The support compensates the PD's deflection under the weight. The lead
-    compensates the PD's damping, which acts on joint_vel and not on the velocity error: an error of
-    kd/kp times the speed.
+    [s] compensates the PD's damping: it acts on joint_vel and not on the velocity error, so that a
+    moving joint lags its target by kd/kp times its speed.
     """
     policy.low_pass(action, walker.control_dt, gait.filtered)
-    policy.action_to_command(walker, gait.filtered, gait.command)
+    policy.scale_action(walker, gait.filtered, gait.scaled_action)
     joints = gait.target.shape[0]
-    command = gait.command
+    modulation = gait.scaled_action[joints:]
 
-    share = gait_share(walker, gait.velocity_command[0], gait.velocity_command[1])
-    frequency = float(command[joints + policy.FREQUENCY])
-    ratio = float(command[joints + policy.SWING_STANCE_RATIO])
-    height = float(command[joints + policy.HEIGHT])
-    stride_scale = command[joints + policy.STRIDE_SCALE]
+    moving_share = gait_share(walker, gait.velocity_command[0], gait.velocity_command[1])
+    frequency = float(modulation[policy.FREQUENCY])
+    ratio = float(modulation[policy.SWING_STANCE_RATIO])
+    height = float(modulation[policy.HEIGHT])
+    stride_scale = modulation[policy.STRIDE_SCALE]
     forward = stride_scale * gait.velocity_command[0]
-    turn = share * command[joints + policy.TURN]
+    turn = moving_share * modulation[policy.TURN]
     yaw_rate = stride_scale * gait.velocity_command[1] + turn
-    lift = share * walker.swing_height
-    rise = levelling(walker, gait.observation)
+    lift = moving_share * walker.swing_height
+    slope = levelling(walker, gait.observation)
 
-    # the gait now and one control step later
+    # joint angles of the gait, now and one control step later
+    gait_now = gait.gait_pos[0]
+    gait_later = gait.gait_pos[1]
     phase = float(gait.scalars[_PHASE])
-    later = advance_phase(phase, frequency, walker.control_dt)
+    next_phase = advance_phase(phase, frequency, walker.control_dt)
+    joint_targets(walker, phase, forward, yaw_rate, frequency, height, slope, ratio, lift, gait_now)
     joint_targets(
-        walker, phase, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[0]
-    )
-    joint_targets(
-        walker, later, forward, yaw_rate, frequency, height, rise, ratio, lift, gait.path[1]
+        walker, next_phase, forward, yaw_rate, frequency, height, slope, ratio, lift, gait_later
     )
 
+    # what the targets add to the gait: residual, lead and support
+    addition = gait.scaled_action
     for joint in range(joints):
-        advance = gait.path[1, joint] - gait.path[0, joint]
-        command[joint] += walker.lead[joint] * advance / walker.control_dt
-    add_support(walker, phase, ratio, share, gait.path[0], command)
+        advance = gait_later[joint] - gait_now[joint]
+        addition[joint] += walker.lead[joint] * advance / walker.control_dt
+    add_support(walker, phase, ratio, moving_share, gait_now, addition)
 
     max_change = MAX_TARGET_SPEED * walker.control_dt
     for joint in range(joints):
-        change = gait.path[0, joint] + command[joint] - gait.target[joint]
+        change = gait_now[joint] + addition[joint] - gait.target[joint]
         target = gait.target[joint] + min(max_change, max(-max_change, change))
         gait.target[joint] = min(walker.upper[joint], max(walker.lower[joint], target))
 
-    gait.scalars[_PHASE] = later
+    gait.scalars[_PHASE] = next_phase
 
 
 @njit(cache=True)
@@ -280,9 +291,11 @@ def evaluate_step(
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
     velocity = state.base_lin_vel
-    share = 1.0 - math.exp(-walker.control_dt / SPEED_FILTER)
-    scalars[_FORWARD] += share * (cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD])
-    scalars[_LEFT] += share * (cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT])
+    filter_weight = 1.0 - math.exp(-walker.control_dt / SPEED_FILTER)
+    forward_change = cosine * velocity[0] + sine * velocity[1] - scalars[_FORWARD]
+    left_change = cosine * velocity[1] - sine * velocity[0] - scalars[_LEFT]
+    scalars[_FORWARD] += filter_weight * forward_change
+    scalars[_LEFT] += filter_weight * left_change
 
     speed_error = scalars[_FORWARD] - gait.velocity_command[0]
     scalars[_SPEED_ERRORS] += abs(speed_error)
@@ -294,9 +307,9 @@ def evaluate_step(
     reward = weights[0] if not has_fallen else 0.0
     reward -= weights[1] * abs(speed_error) + weights[2] * abs(scalars[_LEFT])
     reward -= weights[3] * abs(heading_error) + weights[4] * abs(yaw_rate_error)
-    reward = (
-        reward - weights[5] * (abs(roll) + abs(pitch)) - weights[6] * effort - weights[7] * slip
-    )
+    reward -= weights[5] * (abs(roll) + abs(pitch))
+    reward -= weights[6] * effort
+    reward -= weights[7] * slip
     return walker.control_dt * reward, has_fallen
 
 
@@ -395,21 +408,23 @@ def sliding(
     joint_pos = state.measured_joint_pos
 
     for leg in range(walker.legs.shape[0]):
-        angle = pitch + joint_pos[walker.legs[leg, 1]] + joint_pos[walker.legs[leg, 2]]
+        hip = walker.legs[leg, 1]
+        knee = walker.legs[leg, 2]
+        shank_angle = pitch + joint_pos[hip] + joint_pos[knee]
         radius = walker.foot_radius[leg]
         max_height = radius + REWARD_CONTACT_HEIGHT
         last_foot = feet[leg]
         foot = state.foot_pos[leg]
 
-        # false for NaN
+        # a comparison with NaN, an unknown position, is false
         if foot[2] < max_height and last_foot[2] < max_height:
-            rolled = radius * (angle - last_foot[3])
+            rolled = radius * (shank_angle - last_foot[3])
             x = foot[0] - last_foot[0] - rolled * cosine
             y = foot[1] - last_foot[1] - rolled * sine
             total += math.sqrt(x * x + y * y) / walker.control_dt
 
         last_foot[:3] = foot
-        last_foot[3] = angle
+        last_foot[3] = shank_angle
     return total
 
 
@@ -427,15 +442,18 @@ def fallen(roll: float, pitch: float, height: float, lowest: float, highest: flo
 class SensorErrors(NamedTuple):
     """Sensor errors of one episode, for compiled code."""
 
-    noise: np.ndarray  # (observations, readings) added to each observation; no rows without noise
-    ages: np.ndarray  # (observations,) age of the reading in each observation [control steps]
-    past: np.ndarray  # (rows, readings) true readings, a delay line; no rows without delay; state
-    # (3,) unit vector against gravity, in the world; on a slope not the normal of the ground
+    # (observations, readings) noise that is added to each observation; no rows without noise
+    noise: np.ndarray
+    ages: np.ndarray  # (observations,) age of the readings in each observation [control steps]
+    # (rows, readings) delay line of true readings, which each observation changes; no rows without
+    # delay
+    past: np.ndarray
+    # (3,) unit vector against gravity in the world; on a slope it is not the normal of the ground
     up: np.ndarray
 
 
 def perfect_sensors() -> SensorErrors:
-    """Neither noise nor delay, on level ground."""
+    """Sensors without noise and delay, on level ground."""
     return SensorErrors(np.zeros((0, 0)), np.zeros(0), np.zeros((0, 0)), np.array([0.0, 0.0, 1.0]))
 
 
@@ -445,10 +463,10 @@ def apply_sensor_errors(
 ) -> None:
     """Replace the true readings of an observation by the measured ones.
 
-    Roll and pitch are true relative to the ground, and measured relative to gravity. A delay
-    between two control steps interpolates linearly between their readings. Before the reset the
-    readings were those at the reset. ``count`` is the number of observations since the reset before
-    this one; ``base_quat`` (4,) is rotation_base_to_world.
+    True roll and pitch are relative to the ground, measured roll and pitch relative to gravity. An
+    age between two control steps interpolates linearly between their readings. Readings from before
+    the reset equal the readings at the reset. ``count`` is the number of earlier observations since
+    the reset; ``base_quat`` (4,) is rotation_base_to_world.
     """
     if sensors.up[2] < 1.0:
         observation[0], observation[1] = roll_pitch_below(sensors.up, base_quat)

@@ -204,7 +204,7 @@ def joint_targets(
     yaw_rate: float,
     frequency: float,
     height: float,
-    rise: tuple[float, float],
+    slope: tuple[float, float],
     swing_stance_ratio: float,
     lift: float,
     out: np.ndarray,
@@ -218,8 +218,9 @@ def joint_targets(
     by the sideways part, hip and knee follow from `leg_angles`.
 
     At ``phase`` 0 of [0, 1) legs of phase 0 touch down. ``height`` is the height of the base above
-    the nominal pose [m], ``lift`` the height of a foot in the middle of its swing [m], ``rise`` an
-    additional slope of the legs' extension, forward and to the left of the origin [m/m].
+    the nominal pose [m], ``lift`` the height of a foot in the middle of its swing [m], ``slope`` an
+    additional extension of the legs per distance of their feet forward, and to the left, of the
+    origin [m/m] (`control_step.levelling`).
     """
     out[:] = walker.nominal_pose
     stance_share = 1.0 / (1.0 + swing_stance_ratio)
@@ -231,7 +232,7 @@ def joint_targets(
         x, y, rest_forward, rest_below = walker.nominal_feet[leg]
         along = rest_forward + ahead * (forward - yaw_rate * y) * stance_time
         aside = ahead * yaw_rate * x * stance_time
-        below = rest_below + height + rise[0] * x + rise[1] * y - lift * lifted
+        below = rest_below + height + slope[0] * x + slope[1] * y - lift * lifted
 
         abduction, hip, knee = walker.legs[leg]
         side = 1.0 if walker.nominal_pose[knee] > 0.0 else -1.0

@@ -126,7 +126,7 @@ def low_pass(action: np.ndarray, control_dt: float, state: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def action_to_command(walker: WalkerArrays, action: np.ndarray, out: np.ndarray) -> None:
+def scale_action(walker: WalkerArrays, action: np.ndarray, out: np.ndarray) -> None:
     """Scale a filtered (actions,) action a in [-1, 1] to physical units; zero is the usual trot.
 
     Writes residuals a · max_residual [rad], frequency f (1 + 0.4 a) [Hz], stride scale 1 + 0.75 a,

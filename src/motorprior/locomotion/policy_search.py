@@ -14,17 +14,19 @@ from motorprior.locomotion.policy_shape import PolicyShape
 
 EVALUATION_EVERY = 10  # iterations between evaluations
 EVALUATION_EPISODES = 16
-# stand for the iteration in the seeds of evaluation episodes and of the initial hidden units
+# numbers in place of an iteration in seeds: of evaluation episodes, and of initial hidden weights
 EVALUATION = 2**32 - 1
-HIDDEN = 2**32 - 2
-# weight of a start policy's observation statistics: about a dozen iterations
+INITIAL_HIDDEN_WEIGHTS = 2**32 - 2
+# Number of observations for which the statistics of a start policy count: about those of a dozen
+# iterations.
 START_OBSERVATIONS = 100_000
 
 
-Point: TypeAlias = dict[str, Any]
+CurvePoint: TypeAlias = dict[str, Any]
 """Point of the learning curve.
 
-The keys are iteration, mean and best return, mean steps, mean speed error, and episodes by fault.
+The keys are iteration, mean_return and best_return [m], mean_steps, mean_speed_error [m/s], and
+faults (the number of episodes by fault).
 """
 
 
@@ -45,8 +47,8 @@ def episode_seed(seed: int, iteration: int, direction: int) -> int:
 class PolicySearch:
     """A search for a policy from ``start`` or from the untrained gait; picklable, for workers.
 
-    The best policy has the largest mean return [m] in evaluation; before the first it is the
-    untrained gait.
+    The best policy has the largest mean return [m] of all evaluations; before the first evaluation
+    it is the untrained gait.
     """
 
     def __init__(self, config: ArsConfig, shape: PolicyShape, start: PolicyArrays | None = None):
@@ -54,7 +56,7 @@ class PolicySearch:
         self.shape = shape
         self.mean_returns = np.empty(0)  # mean training return of every iteration so far
 
-        # best policy of the evaluations, before the first one
+        # the best policy of all evaluations; these are the values before the first evaluation
         self.best = shape.untrained()
         self.best_return = -float(np.finfo(np.float64).max)
         self.best_iteration = -1
@@ -62,21 +64,26 @@ class PolicySearch:
         if start is not None:
             self.ars.parameters = shape.parameters(start)
             self.ars.average = self.ars.parameters
-            m2 = START_OBSERVATIONS * np.square(start.std)
-            self.ars.observations = RunningStats(START_OBSERVATIONS, start.mean, m2)
+            squares = START_OBSERVATIONS * np.square(start.std)  # Σ (x - mean)²
+            self.ars.observations = RunningStats(START_OBSERVATIONS, start.mean, squares)
         elif shape.units:
-            # Hidden weights of variance 1 / inputs. With zero readout this is the untrained gait.
+            # Hidden weights have the variance 1 / inputs. The readout is 0, so the policy is still
+            # the untrained gait.
             _, hidden, _ = shape.split(self.ars.parameters)
-            rng = np.random.default_rng([config.seed, HIDDEN])
-            hidden[:] = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
+            rng = np.random.default_rng([config.seed, INITIAL_HIDDEN_WEIGHTS])
+            initial_weights = rng.standard_normal(hidden.shape) / np.sqrt(hidden.shape[1])
+            hidden[:] = initial_weights  # ``hidden`` is a view of the parameters
 
     def policy(self, direction: int, sign: int) -> PolicyArrays:
         """Policy of a candidate, or of the averaged parameters if ``sign`` is 0."""
         parameters = self.ars.candidate(direction, sign) if sign else self.ars.average
         return self.shape.policy(parameters, self.ars.observations)
 
-    def advance(self, executor: Executor) -> Point:
-        """One ARS iteration: ask, run every candidate, tell."""
+    def advance(self, executor: Executor) -> CurvePoint:
+        """One ARS iteration: run an episode of every candidate, and update the parameters.
+
+        Returns the point of the learning curve.
+        """
         iteration = self.ars.iteration
         seed = self.ars.config.seed
         tasks = [
@@ -121,16 +128,17 @@ class PolicySearch:
         iterations: int,
         evaluator: Executor | None = None,
         patience: int | None = None,
-        progress: Callable[[Point], None] = lambda _: None,
+        progress: Callable[[CurvePoint], None] = lambda _: None,
     ) -> None:
         """Advance to ``iterations`` iterations.
 
         The policy is evaluated before the first iteration, every EVALUATION_EVERY iterations, and
-        at the end, by ``evaluator``, or by ``executor`` if it is not given. The search stops once
-        it has `plateaued`. ``progress`` is called after every iteration.
+        at the end. ``evaluator`` runs the episodes of the evaluations; ``executor`` runs them if it
+        is not given. The search stops once it has `plateaued`. ``progress`` is called after every
+        iteration.
         """
         evaluator = executor if evaluator is None else evaluator
-        if self.best_iteration < 0:  # the initial policy is kept if nothing improves on it
+        if self.best_iteration < 0:  # so the initial policy is kept if no later one is better
             self.evaluate(evaluator)
         while self.ars.iteration < iterations and not self.plateaued(patience):
             point = self.advance(executor)
@@ -141,16 +149,20 @@ class PolicySearch:
     def plateaued(self, patience: int | None) -> bool:
         """Whether the training return has not increased for a while.
 
-        The best mean return of EVALUATION_EVERY iterations is ``patience`` or more means ago. The
-        return in evaluation does not count: on other motors than in training, it may be largest
-        before the policy walks in its own simulation.
+        The training return is averaged over rounds of EVALUATION_EVERY iterations. The search has
+        plateaued if ``patience`` or more rounds have ended since the best round. The return in
+        evaluation does not count: on other motors than in training, a policy that does not yet walk
+        in its training simulation may have the largest return.
         """
-        rounds = len(self.mean_returns) // EVALUATION_EVERY
-        if patience is None or rounds <= patience:
+        num_rounds = len(self.mean_returns) // EVALUATION_EVERY
+        if patience is None or num_rounds <= patience:
             return False
 
-        means = self.mean_returns[: rounds * EVALUATION_EVERY].reshape(rounds, -1).mean(axis=1)
-        return rounds - 1 - int(means.argmax()) >= patience
+        returns = self.mean_returns[: num_rounds * EVALUATION_EVERY]
+        mean_of_round = returns.reshape(num_rounds, -1).mean(axis=1)
+        best_round = int(mean_of_round.argmax())
+        rounds_since_best = num_rounds - 1 - best_round
+        return rounds_since_best >= patience
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays for `restore`."""

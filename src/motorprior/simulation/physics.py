@@ -26,11 +26,11 @@ FAULTS = {
 # remedy of a fault
 TOO_STIFF = "the motors are too stiff or too strong for the physics step: use smaller gains"
 
-# Beyond these limits a simulation counts as diverged. If the physics step is too long for the
-# motors' gains, it exceeds them by far.
-MAX_POSITION = 1e3  # of the base [m]
-MAX_SPEED = 1e2  # of the base [m/s]
-MAX_ANGULAR_SPEED = 1e3  # of base and joints [rad/s]
+# A simulation beyond these limits counts as diverged. A simulation whose physics step is too long
+# for the motors' gains exceeds them by far.
+MAX_POSITION = 1e3  # maximum coordinate of the base [m]
+MAX_SPEED = 1e2  # maximum speed of the base [m/s]
+MAX_ANGULAR_SPEED = 1e3  # maximum angular speed of base and joints [rad/s]
 
 # MuJoCo's warnings by the fault that they indicate
 _WARNING = mujoco.mjtWarning
@@ -47,19 +47,19 @@ class WorldArrays(NamedTuple):
     """Addresses and views of one MjModel and MjData, for compiled code."""
 
     step: int  # address of `mj_step`
-    model: int  # address
-    data: int  # address
+    model: int  # address of the MjModel
+    data: int  # address of the MjData
     qpos: np.ndarray  # generalized coordinates, the joints last
     qvel: np.ndarray  # (nv,) generalized velocities, the joints last
     applied: np.ndarray  # (nv,) generalized forces, the joints last
     damping: np.ndarray  # (joints,) implicit damping of the joints in the model [N·m·s/rad]
-    passive: np.ndarray  # (joints,) damping in addition to the motors' [N·m·s/rad]
+    passive_damping: np.ndarray  # (joints,) damping in addition to the motors' [N·m·s/rad]
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
     torque: np.ndarray  # (joints,) torque of the motors in the last physics step [N·m]
     encoder_offset: np.ndarray  # (joints,) reading of the encoders at true zero [rad]
-    # (rows, joints) delay line of position targets, in true angles [rad]; state
+    # (rows, joints) delay line of position targets, in true angles [rad]; changes with every step
     commands: np.ndarray
-    clock: np.ndarray  # (1,) int64: control steps since the reset; state
+    clock: np.ndarray  # (1,) int64: control steps since the reset; changes with every step
     # (steps,) or (1,) int64: age of the targets in each control step [physics steps]
     delays: np.ndarray
     geoms: np.ndarray  # (geoms, 3) positions at the beginning of the last physics step [m]
@@ -87,7 +87,8 @@ def physics_step(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray)
     for joint in range(n):
         world.torque[joint] *= world.strength[joint]
         applied[joint] = world.torque[joint]
-        world.damping[joint] = world.strength[joint] * motors.damping[joint] + world.passive[joint]
+        motor_damping = world.strength[joint] * motors.damping[joint]
+        world.damping[joint] = motor_damping + world.passive_damping[joint]
 
     mj_step(world.step, world.model, world.data)  # pyright: ignore[reportCallIssue]
 

@@ -15,12 +15,12 @@ from motorprior.locomotion.control_step import SensorErrors, perfect_sensors
 from motorprior.locomotion.gait import NUM_IMU_READINGS
 from motorprior.robots.robot import GRAVITY, Robot
 
-MAX_DELAY = 0.2  # [s] of sensors and commands
-# random streams of the robot and its surroundings, of sensors and of motors
-_STREAM = 0xD12A
+MAX_DELAY = 0.2  # maximum delay of sensors and of commands [s]
+# tags of random streams: of the robot and its surroundings, of sensors, and of motors
+_DOMAIN_STREAM = 0xD12A
 _SENSOR_STREAM = 0x5E50
 _MOTOR_STREAM = 0x307A
-# bounds of the ranges in `Randomization`, unless 0 and 1000
+# lower and upper bounds of the values in `Randomization`; 0 and 1000 for values that are not here
 _MIN_VALUES = {
     "friction": 0.01,
     "strength": 0.01,
@@ -106,7 +106,7 @@ class Randomization:
 
     def domain(self, robot: Robot, seed: int, episode_steps: int) -> "Domain":
         """Sample the robot and its surroundings in the episode of this seed."""
-        rng = np.random.default_rng([_STREAM, seed])
+        rng = np.random.default_rng([_DOMAIN_STREAM, seed])
         motor_rng = np.random.default_rng([_MOTOR_STREAM, seed])
         joints = robot.num_joints
         jitter_steps = episode_steps if self.command_jitter else 0
@@ -132,7 +132,11 @@ class Randomization:
         )
 
     def _up(self, rng: np.random.Generator) -> np.ndarray:
-        """(3,) unit vector against gravity, from the first two random numbers of a domain."""
+        """(3,) unit vector against gravity.
+
+        ``rng`` is the domain's generator before its first random number: `domain` and `sensors` get
+        the same vector for the same seed.
+        """
         tilt = self.gravity_tilt * np.sqrt(rng.uniform())
         bearing = rng.uniform(0.0, 2.0 * np.pi)
         across = np.sin(tilt)
@@ -156,11 +160,12 @@ class Randomization:
 
     def sensors(self, robot: Robot, seed: int, episode_steps: int) -> SensorErrors:
         """Sample the sensor errors in the episode of this seed, on the slope of its `domain`."""
-        ground = perfect_sensors()._replace(up=self._up(np.random.default_rng([_STREAM, seed])))
+        up = self._up(np.random.default_rng([_DOMAIN_STREAM, seed]))
+        sensors_on_slope = perfect_sensors()._replace(up=up)
         has_delay = bool(self.sensor_delay[1] or self.sensor_jitter or self.dropped)
         has_noise = bool(self.joint_noise or self.tilt_noise or self.rate_noise)
         if not (has_delay or has_noise or self.gyro_bias):
-            return ground
+            return sensors_on_slope
 
         readings = NUM_IMU_READINGS + robot.num_joints
         deviation = np.full(readings, self.joint_noise)
@@ -176,8 +181,12 @@ class Randomization:
         noise[:, 2:NUM_IMU_READINGS] += bias
 
         ages = delay + self._jitter(rng, robot.control_dt, episode_steps + 1)
-        delay_rows = int(ages.max()) + 2 if ages.any() else 0
-        return ground._replace(noise=noise, ages=ages, past=np.zeros((delay_rows, readings)))
+        # rows of the delay line: the oldest reading lies between two of them
+        delay_rows = 0
+        if ages.any():
+            delay_rows = int(ages.max()) + 2
+        past = np.zeros((delay_rows, readings))
+        return sensors_on_slope._replace(noise=noise, ages=ages, past=past)
 
     def _jitter(self, rng: np.random.Generator, control_dt: float, observations: int) -> np.ndarray:
         """(observations,) additional ages by jitter and lost frames [control steps].

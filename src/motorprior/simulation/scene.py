@@ -220,7 +220,7 @@ class WalkSimulator:
             sensors=sensors,
             schedule=schedule,
             gait=gait,
-            action=np.zeros_like(gait.command),
+            action=np.zeros_like(gait.scaled_action),
             measured=np.zeros_like(gait.target),
             feet=np.zeros((len(gait.feet), 3)),
             mean=np.zeros_like(policy.mean),

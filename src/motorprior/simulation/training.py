@@ -19,7 +19,7 @@ from motorprior.exceptions import ArtifactError, ConfigError, SimulationFault
 from motorprior.locomotion.ars import ArsConfig
 from motorprior.locomotion.executor import Executor, ExecutorName, make_executor, require_executor
 from motorprior.locomotion.policy import ROBOT_WEIGHT, Policy
-from motorprior.locomotion.policy_search import Point, PolicySearch
+from motorprior.locomotion.policy_search import CurvePoint, PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import WARNINGS_AND_PROGRESS, Progress, usable_threads
@@ -43,33 +43,34 @@ CURVE = "curve.json"
 CHECKPOINT = "search.safetensors"
 METRICS = "metrics.jsonl"
 
-MAX_FAULTS = 0.5  # share of episodes with faults above which a training fails
-FIRST_ITERATIONS = 5  # iterations after which the share is checked for the first time
+MAX_FAULTS = 0.5  # share of episodes with a simulation fault above which a training fails
+FIRST_ITERATIONS = 5  # number of iterations after which this share is checked for the first time
 
 
 @dataclass(frozen=True)
 class WalkSettings(WalkConfig):
-    """Settings of a training: of its episodes and of the search."""
+    """Settings of a training: its episodes, and the search for the policy."""
 
     episode_steps: int = 1000
-    """Control steps per episode. Policies of short episodes may fall later, from errors that grow
-    slowly."""
+    """Control steps per episode. A policy that is trained in short episodes may fall in longer
+    walks, because some errors grow slowly."""
     randomization: Randomization = ROBUST
     """Randomization of each episode in addition to the motors: floor, masses, slope, sensors,
     pushes."""
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """Stop once the mean training return of 10 iterations was no new maximum so many times in a
-    row; never if not given."""
+    """The training ends once the mean training return of 10 iterations has not reached a new
+    maximum this many times in a row. If not given, it never ends early."""
     validation: str | None = None
-    """Fleet, a name or a .toml file, on whose physical motors policies are evaluated to choose the
-    best; the motors of the training if not given. Not the fleet of a twin on which the policy is
-    tested later."""
+    """Fleet, a name or a .toml file. Policies are evaluated on its motors to choose the best one;
+    if not given, on the motors of the training. Do not give the fleet of the twin on which the
+    policy is tested later."""
     hidden_units: int = 0
-    """Hidden units of the policy, an even number if it is symmetric; 0 for a linear one."""
+    """Number of hidden units of the policy, even for a symmetric policy; 0 for a linear policy."""
     symmetric: bool = True
-    """Mirrored observations give mirrored actions, so that the policy cannot limp to one side."""
+    """The policy is symmetric: mirrored observations give mirrored actions. It cannot limp to one
+    side."""
     search: ArsConfig = field(default_factory=ArsConfig)
     """Augmented random search."""
 
@@ -98,22 +99,25 @@ def train_policy(
     """Train a walking policy by augmented random search, on motors sampled for every episode.
 
     Args:
-        robot: with legs: a name, the path of a .toml file, or a robot from `load_robot`.
+        robot: a robot with legs: its name, the path of its .toml file, or a robot from
+            `load_robot`.
         motors: a text such as "prior:FILE" or "pd:kp=9" (`actuator.registry`); a prior, a posterior
-            or a fleet to sample from; fixed motors; or a function that samples them with a
-            generator.
+            or a fleet to sample from; fixed motors; or a function of a generator that samples
+            motors.
         settings: settings of the training.
-        start: a policy to continue from; the untrained gait if not given. The result is never worse
-            on the same motors.
-        out: folder for policy.safetensors, curve.json and metrics.jsonl, which the same call loads;
-            an interrupted training continues there. With it, motors must be a text, and start a
-            path.
-        workers: episodes at a time; up to two if not given. The result does not depend on it.
+        start: the initial policy; the untrained gait if not given. On the same motors, the trained
+            policy is never worse than the initial one in evaluation.
+        out: folder for policy.safetensors, curve.json and metrics.jsonl. A second call with the
+        same
+            arguments loads the policy, or continues an interrupted training. With ``out``, motors
+            must be a text, and start a path.
+        workers: number of episodes at a time; up to two if not given. The result does not depend on
+            it.
         executor: threads of this process, or Ray processes. The result does not depend on it.
-        ray_address: a running Ray cluster for the executor ray; Ray starts on this machine if not
-            given.
+        ray_address: address of a running Ray cluster for the executor ray; Ray starts on this
+            machine if not given.
         name: name of the training in its progress.
-        progress: where to report to.
+        progress: receives notes and progress.
         changes: fields of `WalkSettings`, such as iterations; ``seed`` is the seed of the
             search.
 
@@ -121,9 +125,10 @@ def train_policy(
         The best policy of all evaluations.
 
     Raises:
-        ConfigError: a robot without legs, motors that do not fit it, a number out of range, a start
-            of another shape, or symmetry of a robot that has none.
-        ArtifactError: a robot or a validation fleet that cannot be read.
+        ConfigError: the robot has no legs, the motors do not fit the robot, a number is out of
+            range, the start policy has another shape, or the policy of a robot without symmetry
+            shall be symmetric.
+        ArtifactError: a robot or a validation fleet cannot be read.
         SimulationFault: most episodes had a simulation fault.
     """
     robot = as_robot(robot)
@@ -175,7 +180,7 @@ def train_policy(
 
 
 def _motors_text(motors: MotorSource) -> str:
-    """Text of the motors for the provenance of a policy without files."""
+    """Description of the motors, for the provenance of a policy that is not written to a folder."""
     if isinstance(motors, str):
         return motors
     if isinstance(motors, Printable):
@@ -191,7 +196,7 @@ def _require_other_folder(out: Path, start: Path | None) -> None:
 
 
 def weight_warning(policy: Policy, robot: Robot) -> str:
-    """Text of the warning if a policy was trained on a robot of another weight, otherwise empty."""
+    """The warning if a policy was trained on a robot of another weight; otherwise ""."""
     trained = policy.provenance.get(ROBOT_WEIGHT, robot.weight)
     if abs(trained - robot.weight) <= 0.02 * robot.weight:
         return ""
@@ -207,7 +212,7 @@ class Checkpoint:
     folder: Path
     stage: Mapping[str, Any]  # `stage.description` of the training
 
-    def load(self) -> tuple[dict[str, np.ndarray], list[Point]] | None:
+    def load(self) -> tuple[dict[str, np.ndarray], list[CurvePoint]] | None:
         """State of the search, and learning curve; None if there is no checkpoint of this training.
 
         ArtifactError if it is damaged.
@@ -220,8 +225,8 @@ class Checkpoint:
             return None
         return state, header["curve"]
 
-    def save(self, search: PolicySearch, curve: Sequence[Point]) -> None:
-        """Write state and curve."""
+    def save(self, search: PolicySearch, curve: Sequence[CurvePoint]) -> None:
+        """Write the state of the search and the learning curve."""
         # metrics first: after a crash in between, the iteration runs again and writes both again
         lines = [json.dumps(point, sort_keys=True) + "\n" for point in curve]
         write_text(self.folder / METRICS, "".join(lines))
@@ -248,7 +253,7 @@ class Training:
             robot = robot.with_speed_range(start.forward)
         self.robot = settings.commands.extend_range(robot)
         self.settings = settings
-        self.curve = list[Point]()
+        self.curve = list[CurvePoint]()
 
         fleet = None
         if settings.validation is not None:
@@ -308,7 +313,7 @@ class Training:
             )
             task.advance(search.ars.iteration)
 
-            def add_point(point: Point) -> None:
+            def add_point(point: CurvePoint) -> None:
                 self._add(point)
                 if checkpoint is not None:
                     checkpoint.save(search, self.curve)
@@ -335,17 +340,17 @@ class Training:
             problem = "results on the twin are biased: validation uses its fleet"
             progress.note(f"{problem}; evaluate on another fleet")
 
-    def _add(self, point: Point) -> None:
+    def _add(self, point: CurvePoint) -> None:
         faults = {FAULTS[fault]: count for fault, count in point["faults"].items()}
         self.curve.append(point | {"faults": faults})
 
-    def _point_text(self, point: Point) -> str:
+    def _point_text(self, point: CurvePoint) -> str:
         upright = 100 * point["mean_steps"] / self.settings.episode_steps
         speed_error = f"speed error {point['mean_speed_error']:.2f} m/s"
         return f"return {point['mean_return']:.2f} m, upright {upright:.0f} %, {speed_error}"
 
     def _resume(self, checkpoint: Checkpoint) -> None:
-        """Restore search and curve from the checkpoint, if any; ArtifactError if it is damaged."""
+        """Restore search and curve if there is a checkpoint; ArtifactError if it is damaged."""
         try:
             saved = checkpoint.load()
             if saved is None:
@@ -377,7 +382,7 @@ class Training:
         raise SimulationFault(problem, remedy=TOO_STIFF)
 
     def policy(self, **provenance: Any) -> Policy:
-        """The best policy; ``provenance`` joins the settings."""
+        """The best policy; its provenance has the settings, the result, and ``provenance``."""
         search = self.search
         settings = asdict(self.settings)
         result = {

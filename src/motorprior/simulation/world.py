@@ -67,13 +67,14 @@ class World:
         self.control_dt = control_dt or robot.control_dt
         self.substeps = substeps_of(self.control_dt, self.physics_dt)
 
-        self._step_address = prepare_mujoco()
+        self._mj_step_address = prepare_mujoco()
         self.model = build_model(robot, self.physics_dt, suspended)
         # a diverged state must stay visible until `find_fault` has read it
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.data = mujoco.MjData(self.model)
 
-        # the joints follow the pose and the velocity of a free base
+        # In qpos and qvel, a free base comes before the joints: position and quaternion in qpos,
+        # linear and angular velocity in qvel.
         self._first_joint = 0 if self.is_fixed else 7
         self._first_dof = 0 if self.is_fixed else 6
         self._feet = np.array([self.model.geom(leg.foot).id for leg in robot.legs], np.int64)
@@ -101,7 +102,7 @@ class World:
         self._write_to_model(domain)
         mujoco.mj_resetData(self.model, self.data)
         self.model.dof_armature[self._first_dof :] = actuator.armature + domain.armature
-        damping = self.model.dof_damping[self._first_dof :]
+        damping = self.model.dof_damping[self._first_dof :]  # a view of the model
         damping[:] = domain.strength * actuator.damping + domain.damping
         arrays = self._arrays(domain, damping, joint_pos)
         self.data.qpos[self._first_joint :] = joint_pos
@@ -112,18 +113,18 @@ class World:
         return MujocoSimulation(self, arrays, motors)
 
     def _arrays(self, domain: Domain, damping: np.ndarray, joint_pos: np.ndarray) -> WorldArrays:
-        """Views of the engine's memory; ``damping`` is the joints' view of the model."""
+        """Views of the engine's memory; ``damping`` is the view of the joints' damping."""
         max_age = 2.0 * MAX_DELAY  # delay and jitter
         rows = int(np.ceil(max_age / self.control_dt)) + 1
         return WorldArrays(
-            step=self._step_address,
+            step=self._mj_step_address,
             model=self.model._address,
             data=self.data._address,
             qpos=self.data.qpos,
             qvel=self.data.qvel,
             applied=self.data.qfrc_applied,
             damping=damping,
-            passive=domain.damping,
+            passive_damping=domain.damping,
             strength=domain.strength,
             torque=np.zeros(self.robot.num_joints),
             encoder_offset=domain.encoder_offset,
