@@ -47,7 +47,7 @@ from motorprior.logs.operations import joined
 from motorprior.priors.adapt import adapt_to
 from motorprior.priors.fit_prior import PRIOR, fit_recipe
 from motorprior.report.page import Picture, Section, Table, page, picture
-from motorprior.report.plots_style import describe, legend_below, new_figure, panels, png_bytes
+from motorprior.report.plots_style import legend_below, new_figure, panels, png_bytes, set_labels
 from motorprior.report.transfer_page import with_interval
 from motorprior.results import Results
 from motorprior.robots.load import load_robot
@@ -541,7 +541,7 @@ def _budget_section(settings: Settings, figures: dict[str, float]) -> Section | 
         axes.loglog(seconds, errors, "o-", ms=3, color=COLORS[kind], label=kind)
     axes.set_xticks(settings.budgets, [f"{seconds:g}" for seconds in settings.budgets])
     axes.set_xticks([], minor=True)
-    describe(axes, "log per motor [s]", "error of the trotting robot [mrad]")
+    set_labels(axes, "log per motor [s]", "error of the trotting robot [mrad]")
     legend_below(figure, axes, columns=6)
 
     curves = picture(figure, "Closed-loop training, means over seeds with 95 % intervals")

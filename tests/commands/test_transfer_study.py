@@ -17,7 +17,7 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
-from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, REFERENCE, read_walks, scores
+from motorprior.studies.statistics import IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY, REFERENCE, read_walks, scores
 from motorprior.studies.study_settings import CONDITIONS, PDS, Study
 from motorprior.studies.transfer import CHOICES, WALKS, policy_runs_of
 from motorprior.studies.transfer_models import FIT
@@ -54,12 +54,12 @@ def test_every_policy_walks_on_every_sample_of_its_environments(study: Study):
     for walk in walks:
         conditions[walk["environment"], walk["condition"]].append(walk)
 
-    for environment, condition in product((OWN, *ENVIRONMENTS), study.conditions):
+    for environment, condition in product((IN_TRAINING, *ENVIRONMENTS), study.conditions):
         speeds = scores(conditions[environment, condition], "speed")
         assert speeds.shape == (study.benches, study.seeds, NUM_WALKS)
 
     out_of_family = {
-        walk["condition"] for walk in walks if walk["environment"] == OWN_OUT_OF_FAMILY
+        walk["condition"] for walk in walks if walk["environment"] == IN_TRAINING_OUT_OF_FAMILY
     }
 
     assert out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
@@ -79,7 +79,7 @@ def test_policies_walk_at_the_command_of_their_training(study: Study):
 
     speeds = []
     for row in read_walks(study.out / WALKS):
-        if (row["bench"], row["environment"], row["condition"]) == (0, OWN, "oracle"):
+        if (row["bench"], row["environment"], row["condition"]) == (0, IN_TRAINING, "oracle"):
             speeds.append(row["speed"])
 
     expected = [episode.displacement[0] / 2.5 for episode in episodes]  # walks of 2.5 s

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from motorprior.studies.statistics import compare_scores, estimate, holm, iqms, means, permutation_p
+from motorprior.studies.statistics import (
+    compare_scores,
+    estimate,
+    holm,
+    interquartile_means,
+    means,
+    permutation_p,
+)
 
 
 def studies(count: int, benches: int = 4, seeds: int = 4, draws: int = 16):
@@ -23,11 +30,15 @@ def studies(count: int, benches: int = 4, seeds: int = 4, draws: int = 16):
 
 
 def test_the_interquartile_mean_is_that_of_the_middle_half_of_the_finite_scores():
-    assert iqms(np.array([100.0, 3.0, 1.0, 4.0, 2.0, -100.0, 5.0, 6.0])) == np.mean([2, 3, 4, 5])
-    assert iqms(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
+    assert interquartile_means(np.array([100.0, 3.0, 1.0, 4.0, 2.0, -100.0, 5.0, 6.0])) == np.mean(
+        [2, 3, 4, 5]
+    )
+    assert interquartile_means(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
     with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, 4.0])
-    assert iqms(with_gaps) == means(with_gaps) == 3.0 and np.isnan(iqms(np.full(3, np.nan)))
-    rows = iqms(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
+    assert interquartile_means(with_gaps) == means(with_gaps) == 3.0 and np.isnan(
+        interquartile_means(np.full(3, np.nan))
+    )
+    rows = interquartile_means(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
     np.testing.assert_allclose(rows, [2.0, 1.5])
 
 

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, picture
-from motorprior.report.plots_style import TEXT, describe, model_label, new_figure, panels
+from motorprior.report.plots_style import TEXT, model_label, new_figure, panels, set_labels
 from motorprior.report.transfer_page import MEASURES, conditions_in, estimate_table, forest_plot
 from motorprior.studies.compare import FRICTIONS, PUSHES
-from motorprior.studies.statistics import OWN, REFERENCE, StudyStatistics
+from motorprior.studies.statistics import IN_TRAINING, REFERENCE, StudyStatistics
 from motorprior.studies.transfer_models import LOG_SECONDS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
@@ -78,7 +78,7 @@ def _gaps(summary: StudyStatistics) -> str:
     """Time upright lost between the training simulation and held-out robots of the fleet."""
     gaps = []
     for condition in conditions_in(summary):
-        in_training = summary.estimates[OWN, condition, "upright"].value
+        in_training = summary.estimates[IN_TRAINING, condition, "upright"].value
         held_out = summary.estimates["fleet", condition, "upright"].value
         gaps.append(f"{model_label(condition)} {100 * (in_training - held_out):+.0f}")
     return (
@@ -103,8 +103,8 @@ def _heat_maps(maps: Mapping[str, np.ndarray]) -> Figure:
     grid = panels(figure, 1, len(maps), sharey=True)[0]
     for axes, (condition, upright) in zip(grid, maps.items(), strict=True):
         _heat_map(axes, upright)
-        describe(axes, x="friction of the floor [-]", title=model_label(condition))
-    describe(grid[0], y="largest push [N·s]")
+        set_labels(axes, x="friction of the floor [-]", title=model_label(condition))
+    set_labels(grid[0], y="largest push [N·s]")
     return figure
 
 

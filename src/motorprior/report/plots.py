@@ -19,7 +19,8 @@ from motorprior.signals import rmse
 
 LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
 STEP = 0.3  # size of the step [rad]
-SHOWN_SECONDS = 8.0  # duration of a trace [s], from its end, where a chirp is fastest
+# drawn duration of a trace [s]: the end of the log, where a chirp has its highest frequency
+SHOWN_SECONDS = 8.0
 LearningCurve = tuple[np.ndarray, np.ndarray]  # iteration (N,) [-], mean return (N,) [m]
 
 _EXTERNAL_TORQUE = "#8a6fb3"  # colour
@@ -31,7 +32,8 @@ _BEHAVIOURS = {"step": "step [rad]", "chirp": "chirp [rad]", "friction": "fricti
 def excitation_and_response(log: MotorLog, title: str) -> Figure:
     """Commands and response of the first motor of a log: angles, velocity and logged torques."""
     figure = style.new_figure(4.6)
-    angle, velocity, torque = style.panels(figure, 3, sharex=True, heights=(1.4, 1, 1))[:, 0]
+    grid = style.panels(figure, 3, sharex=True, heights=(1.4, 1, 1))
+    angle, velocity, torque = grid[:, 0]
 
     time = log.time - log.time[0]
     style.target_line(angle, time, log.position_target[:, 0])
@@ -44,9 +46,9 @@ def excitation_and_response(log: MotorLog, title: str) -> Figure:
         if values is not None:
             axes.plot(time, values[:, 0], color=color, lw=1.1, label=label)
 
-    style.describe(angle, y="angle [rad]", title=title)
-    style.describe(velocity, y="velocity [rad/s]")
-    style.describe(torque, x=style.TIME, y="torque [N·m]")
+    style.set_labels(angle, y="angle [rad]", title=title)
+    style.set_labels(velocity, y="velocity [rad/s]")
+    style.set_labels(torque, x=style.TIME, y="torque [N·m]")
     style.legend_below(figure, (angle, velocity, torque))
     return figure
 
@@ -57,7 +59,8 @@ def step_responses(motors: Actuator, title: str, period: float) -> Figure:
     Each motor is on a joint that carries LOAD. ``period`` is the largest physics step of the motors
     [s].
     """
-    dt = period / max(1, round(period / 0.002))
+    steps_per_period = max(1, round(period / 0.002))
+    dt = period / steps_per_period
     count = motors.num_motors
     time = dt * np.arange(round(1.2 / dt))
     target = np.where((time >= 0.1) & (time < 0.7), STEP, 0.0)
@@ -72,19 +75,21 @@ def step_responses(motors: Actuator, title: str, period: float) -> Figure:
     axes.plot(time, angles[:, :10], color=style.INK, lw=0.4, alpha=0.5)
     axes.fill_between(time, low, high, color=style.INK, alpha=0.15, label="5-95 % of the motors")
     axes.plot(time, median, color=style.INK, lw=1.4, label="median")
-    style.describe(axes, x=style.TIME, y="joint angle [rad]", title=f"{title}; load {LOAD:g} kg·m²")
+    style.set_labels(
+        axes, x=style.TIME, y="joint angle [rad]", title=f"{title}; load {LOAD:g} kg·m²"
+    )
     style.legend_below(figure, (axes,))
     return figure
 
 
 def draw_traces(traces: Sequence[Trace]) -> Figure:
-    """A row per trace: true and simulated angles, and the errors, in the last seconds."""
+    """A row per trace: true and simulated angles, and the errors, in the last SHOWN_SECONDS."""
     figure = style.new_figure(0.7 + 1.9 * len(traces))
     grid = style.panels(figure, len(traces), 2)
     for (angle, error), trace in zip(grid, traces, strict=True):
         _draw_trace(angle, error, trace)
     for axes in grid[-1]:
-        style.describe(axes, x=style.TIME)
+        style.set_labels(axes, x=style.TIME)
     style.legend_below(figure, grid[:, 0], columns=3)
     return figure
 
@@ -106,8 +111,8 @@ def _draw_trace(angle: Axes, error: Axes, trace: Trace) -> None:
     best = min(simulated.values(), key=lambda values: float(rmse(values, measured)))
     style.fit_y(angle, np.append(measured, target), 0.3)
     style.fit_y(error, 1e3 * (best - measured), 1.5)
-    style.describe(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
-    style.describe(error, y="simulated - measured [mrad]")
+    style.set_labels(angle, y="angle [rad]", title=f"{trace.joint}, {trace.log}")
+    style.set_labels(error, y="simulated - measured [mrad]")
 
 
 def draw_class_behaviours(behaviours: Sequence[ClassBehaviour]) -> Figure:
@@ -118,7 +123,7 @@ def draw_class_behaviours(behaviours: Sequence[ClassBehaviour]) -> Figure:
     for row, behaviour in zip(grid, behaviours, strict=True):
         for axes, name in zip(row, names, strict=True):
             _draw_behaviour(axes, behaviour, name)
-        style.describe(row[0], title=behaviour.name or "all joints")
+        style.set_labels(row[0], title=behaviour.name or "all joints")
     style.legend_below(figure, figure.axes[:1])
     return figure
 
@@ -132,7 +137,7 @@ def _draw_behaviour(axes: Axes, behaviour: ClassBehaviour, name: str) -> None:
     lines[0].set_label("training motors")
 
     x_label = "speed [rad/s]" if name == "friction" else style.TIME
-    style.describe(axes, x=x_label, y=_BEHAVIOURS[name])
+    style.set_labels(axes, x=x_label, y=_BEHAVIOURS[name])
 
 
 def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
@@ -157,7 +162,7 @@ def draw_errors_by_joint(errors: Mapping[str, Mapping[str, float]]) -> Figure:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_yticks(range(len(joints)), joints)
     axes.set_ylim(len(joints) - 0.5, -0.5)
-    style.describe(axes, x="RMSE of the simulated angle [mrad]")
+    style.set_labels(axes, x="RMSE of the simulated angle [mrad]")
     style.legend_below(figure, axes, columns=3)
     return figure
 
@@ -187,7 +192,7 @@ def learning_curves(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
         label = f"{style.model_label(name)}, {len(seeds)} seed{plural}"
         line = style.model_line(axes, iteration, mean_return, name, label, color)
         line.set_linewidth(2.0)
-    style.describe(axes, x="ARS iteration [-]", y="mean return [m]")
+    style.set_labels(axes, x="ARS iteration [-]", y="mean return [m]")
     style.legend_below(figure, axes, columns=3)
     return figure
 

@@ -104,7 +104,7 @@ def panels(
     return grid
 
 
-def describe(
+def set_labels(
     axes: Axes, x: str | None = None, y: str | None = None, title: str | None = None
 ) -> None:
     """Axis labels (with their unit) and a title at the left."""

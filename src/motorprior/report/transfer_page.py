@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motorprior.report.page import Section, Table, page, picture
-from motorprior.report.plots_style import describe, model_color, model_label, new_figure, panels
+from motorprior.report.plots_style import model_color, model_label, new_figure, panels, set_labels
 from motorprior.studies.environments import ENVIRONMENTS, OUT_OF_FAMILY
 from motorprior.studies.statistics import (
     ALL_ENVIRONMENTS,
     CONVERGED,
-    OWN,
-    OWN_OUT_OF_FAMILY,
-    Cell,
+    IN_TRAINING,
+    IN_TRAINING_OUT_OF_FAMILY,
+    ConditionKey,
     Estimate,
     StudyStatistics,
 )
@@ -26,8 +26,8 @@ class _Format(NamedTuple):
     """How a measure is written in tables."""
 
     title: str
-    factor: float  # from the unit of the measure to the unit in the title
-    number: str  # format of a number
+    factor: float  # factor from the unit of the measure to the unit in the title
+    number_format: str
 
 
 MEASURES = {
@@ -37,7 +37,7 @@ MEASURES = {
 
 
 def transfer_page(summary: StudyStatistics, settings: Mapping[str, Any], command: str) -> str:
-    """The page as HTML; ``command`` makes the same page."""
+    """The page as HTML; it names the ``command`` that made it."""
     return page("Transfer study", study_sections(summary), settings, command)
 
 
@@ -57,11 +57,11 @@ def own_simulations(summary: StudyStatistics) -> Section:
     rows = []
     not_converged = []
     for condition in conditions_in(summary):
-        for env in (OWN, OWN_OUT_OF_FAMILY):
+        for env in (IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY):
             policies = summary.upright.get((env, condition))  # (benches, policies)
             if policies is None:
                 continue
-            name = condition if env == OWN else f"{condition}, out-of-family motors"
+            name = condition if env == IN_TRAINING else f"{condition}, out-of-family motors"
             cells = []
             for policies_of_bench in policies:
                 cells.append(" ".join(f"{100.0 * value:.0f}" for value in policies_of_bench))
@@ -88,8 +88,9 @@ def own_simulations(summary: StudyStatistics) -> Section:
 
 def _held_out_robots(summary: StudyStatistics) -> Section:
     text = (
-        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots, "
-        "an adapted one on its own: means over benches with 95 % intervals."
+        "One policy is trained per bench, motor model and seed, and evaluated on held-out robots; "
+        "an adapted policy is evaluated on the robot it was adapted to. The tables show means over "
+        "benches with 95 % intervals."
     )
     caption = (
         "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the "
@@ -115,11 +116,11 @@ def conditions_in(summary: StudyStatistics) -> list[str]:
 
 def estimate_table(summary: StudyStatistics, measure: str) -> Table:
     """A row per training condition, a cell per environment: the mean over benches, its interval."""
-    title, factor, number = MEASURES[measure]
+    title, factor, number_format = MEASURES[measure]
     cells = {}
     for (env, condition, name), estimate in summary.estimates.items():
         if name == measure:
-            cells[env, condition] = with_interval(estimate, factor, number)
+            cells[env, condition] = with_interval(estimate, factor, number_format)
     return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
 
 
@@ -128,20 +129,20 @@ def difference_table(summary: StudyStatistics, measure: str) -> Table:
 
     Conditions without any difference have no row.
     """
-    title, factor, number = MEASURES[measure]
+    title, factor, number_format = MEASURES[measure]
     cells = {}
     for (env, condition, name), comparison in summary.differences.items():
         if name == measure:
-            difference = with_interval(comparison.difference, factor, f"+{number}")
+            difference = with_interval(comparison.difference, factor, f"+{number_format}")
             cells[env, condition] = f"{difference} p={comparison.p:.2g}"
-    caption = f"{title}, minus that of the sampled prior [95 % interval], and p"
+    caption = f"{title}: difference from the sampled prior [95 % interval], and p"
     table = _table(summary, ENVIRONMENTS, cells, caption)
     rows = [row for row in table.rows if any(row[1:])]
     return Table(table.columns, rows, caption)
 
 
 def _table(
-    summary: StudyStatistics, order: Iterable[str], cells: Mapping[Cell, str], caption: str
+    summary: StudyStatistics, order: Iterable[str], cells: Mapping[ConditionKey, str], caption: str
 ) -> Table:
     """A row per training condition, a column per environment in this order."""
     evaluated = {env for env, _ in summary.upright}
@@ -152,12 +153,14 @@ def _table(
     return Table(("trained on", *envs), rows, caption)
 
 
-def with_interval(estimate: Estimate, factor: float, number: str) -> str:
-    """The value times ``factor`` and, if it is defined, its interval; ``number`` is a format."""
-    value = f"{factor * estimate.value:{number}}"
+def with_interval(estimate: Estimate, factor: float, number_format: str) -> str:
+    """Text of the value times ``factor`` and, if it is defined, of its interval."""
+    value = f"{factor * estimate.value:{number_format}}"
     if not np.isfinite(estimate.low):
         return value
-    return f"{value} [{factor * estimate.low:{number}}, {factor * estimate.high:{number}}]"
+    low = f"{factor * estimate.low:{number_format}}"
+    high = f"{factor * estimate.high:{number_format}}"
+    return f"{value} [{low}, {high}]"
 
 
 def forest_plot(summary: StudyStatistics) -> Figure:
@@ -167,7 +170,7 @@ def forest_plot(summary: StudyStatistics) -> Figure:
     """
     conditions = conditions_in(summary)
     evaluated = {env for env, _, measure in summary.estimates if measure == "upright"}
-    environments = [env for env in ENVIRONMENTS if env in evaluated] or [OWN]
+    environments = [env for env in ENVIRONMENTS if env in evaluated] or [IN_TRAINING]
 
     figure = new_figure(0.28 * len(conditions) + 0.9)
     grid = panels(figure, 1, len(environments), sharex=True, sharey=True)[0]
@@ -182,19 +185,21 @@ def _draw_environment(
     axes: Axes, summary: StudyStatistics, env: str, conditions: Sequence[str]
 ) -> None:
     """The panel of an environment."""
-    upright = {}
+    upright = {}  # environment, condition -> time upright
     for (name, condition, measure), estimate in summary.estimates.items():
         if measure == "upright":
             upright[name, condition] = estimate
     is_out_of_family = env in ENVIRONMENTS and ENVIRONMENTS[env].population == OUT_OF_FAMILY
-    training_env = OWN_OUT_OF_FAMILY if is_out_of_family else OWN
+    training_env = IN_TRAINING_OUT_OF_FAMILY if is_out_of_family else IN_TRAINING
 
     for row, condition in enumerate(conditions):
         color = model_color(condition)
         benches = summary.by_bench.get((env, condition, "upright"), np.empty(0))
         axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
 
-        in_training = upright.get((training_env, condition), upright.get((OWN, condition)))
+        in_training = upright.get((training_env, condition))
+        if in_training is None:  # the policies are the same for both populations
+            in_training = upright.get((IN_TRAINING, condition))
         if in_training is not None:
             (mark,) = axes.plot([in_training.value], [row], "o", markersize=5)
             mark.set_markerfacecolor("white")
@@ -208,4 +213,4 @@ def _draw_environment(
     labels = [model_label(condition) for condition in conditions]
     axes.set_yticks(range(len(conditions)), labels)
     axes.set_ylim(len(conditions) - 0.5, -0.5)
-    describe(axes, x="time upright [-]", title=env)
+    set_labels(axes, x="time upright [-]", title=env)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from motorprior.robots.user_model import UserModel
 
 _SEE = "see docs/your-robot.md"
-_CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
+_DEFAULT_CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
 _POSITIVE = number(1e-9, 1e9)
 _TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
 
@@ -62,7 +62,7 @@ _OPTIONAL = {
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
     "joint_classes": _per_joint_field(_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
-    **dict.fromkeys(_CLOCKS, number(1e-5, 1.0)),
+    **dict.fromkeys(_DEFAULT_CLOCKS, number(1e-5, 1.0)),
     **dict.fromkeys(("legs", "gait"), TABLE),
 }
 _NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
@@ -141,12 +141,16 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         _leg(name, leg_table, names, pose, model, f"{where}[legs.{name}]")
         for name, leg_table in leg_tables.items()
     )
-    _require_separate(leg_tables, where)
+    _require_distinct_legs(leg_tables, where)
     leg_mismatches = [model.leg_mismatch(leg, names, pose) for leg in legs]
+    first_mismatch = next((text for text in leg_mismatches if text), "")
 
     height = model.standing_height(pose, [leg.foot for leg in legs]) if legs else 0.0
     source = ModelFile.of(file)
-    low, high = table.get("load_inertia") or model.load_inertia(pose, len(legs), height)
+    load_inertia = table.get("load_inertia")
+    if load_inertia is None:
+        load_inertia = model.load_inertia(pose, len(legs), height)
+    low, high = load_inertia
     median_limit = sorted(numbers["torque_limit"])[len(names) // 2]
     return Robot(
         name=table["name"],
@@ -158,7 +162,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         nominal=numbers["nominal_pose"],
         encoder=table.get("encoder", "joint"),
         legs=legs,
-        leg_mismatch=next(filter(None, leg_mismatches), ""),
+        leg_mismatch=first_mismatch,
         gait=_gait(table.get("gait", {}), legs, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
         given_classes=classes,
@@ -199,7 +203,7 @@ def _joints(
     return tuple(joints)
 
 
-def _require_separate(leg_tables: dict[str, Any], where: str) -> None:
+def _require_distinct_legs(leg_tables: dict[str, Any], where: str) -> None:
     """Raise ArtifactError if two legs have the same joint or foot."""
     names: list[str] = []
     for leg_table in leg_tables.values():
@@ -230,7 +234,7 @@ def _leg(
 
 
 def _clocks(table: dict[str, Any], where: str) -> dict[str, Any]:
-    clocks = {key: float(table.get(key, default)) for key, default in _CLOCKS.items()}
+    clocks = {key: float(table.get(key, default)) for key, default in _DEFAULT_CLOCKS.items()}
     for key in ("physics_dt", "twin_physics_dt"):
         steps = clocks["control_dt"] / clocks[key]
         if abs(steps - round(steps)) > 1e-6:
@@ -258,11 +262,15 @@ def _floats(value: Any) -> Any:
 
 
 def _per_joint(key: str, value: Any, count: int, per_leg: int, where: str) -> tuple[Any, ...]:
-    """One value per joint: given for all, for the joints of each leg, or for each."""
+    """One value per joint, from one value, one per joint of a leg, or one per joint.
+
+    A single value is for all joints; the values of a leg are for the joints of every leg.
+    """
     values = tuple(value if isinstance(value, list) else [value])
     allowed_counts = sorted({1, per_leg, count})
     if len(values) not in allowed_counts:
         remedy = f"give {' or '.join(map(str, allowed_counts))} values"
         raise ArtifactError(f"{key} has {len(values)} values", where=where, remedy=remedy)
     values = tuple(float(entry) if is_number(entry) else entry for entry in values)
-    return values * (count // len(values))
+    repeats = count // len(values)
+    return values * repeats

@@ -15,10 +15,10 @@ from motorprior.robots.robot import Leg
 
 _MESHES = (".stl", ".obj", ".msh")  # formats that MuJoCo reads
 
-# a link with a larger radius of gyration is an error: relative to the model's size, and its minimum
-# [m]
-MAX_GYRATION = 10.0
-MIN_GYRATION = 5.0
+# The radius of gyration of a link must not exceed the larger of two bounds: a multiple of the
+# model's size, and a length [m].
+MAX_RELATIVE_GYRATION = 10.0
+MAX_GYRATION = 5.0
 
 
 def cannot_read(path: Path | None, reason: str) -> ArtifactError:
@@ -32,15 +32,18 @@ def cannot_read(path: Path | None, reason: str) -> ArtifactError:
 def read_spec(path: Path, is_free: bool, feet: Sequence[str]) -> Any:
     """The ``MjSpec`` of a model, with what a URDF cannot state.
 
-    A URDF gets a free joint at its root link where the robot's base is free, and its meshes at
-    their files; a mesh that is not found, or has a format that MuJoCo does not read, is left out
-    where the link states its inertia. A foot that is the name of a link or body is its only sphere.
-    Raises ArtifactError for a missing mesh that gives a link its inertia.
+    The root link of a URDF gets a free joint if the robot's base is free, and its meshes get the
+    paths of their files. A mesh that is not found, or has a format that MuJoCo does not read, is
+    removed if its link states an inertia. Where an entry of ``feet`` is the name of a link or body,
+    the only sphere of this body gets this name. Raises ArtifactError for a missing mesh from which
+    a link would get its inertia.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     if is_urdf(path):
-        # a link keeps its name, the base its body, and shapes that touch nothing stay for films
-        spec.compiler.fusestatic = spec.compiler.discardvisual = False
+        # Links are not merged with fixed neighbours: they keep their names, and the base its body.
+        spec.compiler.fusestatic = False
+        # shapes without collisions stay for films
+        spec.compiler.discardvisual = False
         _place_meshes(spec, path)
         base = spec.worldbody.first_body()
         if is_free and base is not None and base.first_joint() is None:
@@ -79,8 +82,9 @@ def _place_meshes(spec: Any, path: Path) -> None:
 class UserModel:
     """A compiled model file; ``feet`` are names of geoms, links or bodies.
 
-    ArtifactError if it cannot be compiled, has actuators that may not be removed, coupled joints or
-    a link whose mass is spread wider than the robot, or does not fit ``is_free``.
+    Raises ArtifactError if the model cannot be compiled, has actuators although
+    ``removes_actuators`` is false, has coupled joints or a link with too large a radius of
+    gyration, or if its base is not free or fixed as ``is_free`` states.
     """
 
     def __init__(
@@ -113,12 +117,16 @@ class UserModel:
             raise self._error(f"the world holds {roots} bodies", remedy)
 
     def _require_base(self, is_free: bool) -> None:
-        """Raise ArtifactError unless the first joint, and no other, is free if the base is."""
+        """Raise ArtifactError unless the free joints of the model fit its base.
+
+        Only the first joint of a free base is a free joint. A fixed base has no free joint.
+        """
         is_free_joint = self._model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)
         free_joints = np.flatnonzero(is_free_joint).tolist()
-        if free_joints == ([0] if is_free else []):
+        expected_joints = [0] if is_free else []
+        if free_joints == expected_joints:
             return
-        base = "free: it has one, the first" if is_free else "fixed"
+        base = "free, so that only the first joint may be free" if is_free else "fixed"
         remedy = (
             "change base in its file, or add or delete the free joint "
             '(<freejoint/>; URDF: type="floating")'
@@ -126,7 +134,7 @@ class UserModel:
         raise self._error(f"free joints {free_joints}, but its base is {base}", remedy)
 
     def _require_plausible(self) -> None:
-        """Raise ArtifactError for coupled joints, or a radius of gyration above MAX_GYRATION."""
+        """Raise ArtifactError for coupled joints, or a link with too large a radius of gyration."""
         model = self._model
         if model.neq:
             if model.eq_type[0] != mujoco.mjtEq.mjEQ_JOINT:
@@ -143,9 +151,10 @@ class UserModel:
             raise self._error(problem, remedy)
 
         radius = np.sqrt(model.body_inertia.max(axis=1) / np.maximum(model.body_mass, 1e-12))
-        radius *= (model.body_mass > 0.0) & (model.body_weldid > 0)  # of links that move
+        moves = (model.body_mass > 0.0) & (model.body_weldid > 0)
+        radius[~moves] = 0.0  # only links that move count
         body = int(radius.argmax())
-        bound = max(MIN_GYRATION, MAX_GYRATION * model.stat.extent)
+        bound = max(MAX_GYRATION, MAX_RELATIVE_GYRATION * model.stat.extent)
         if radius[body] > bound:
             name = model.body(body).name
             mass = model.body_mass[body]
@@ -206,7 +215,7 @@ class UserModel:
         if self._model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
 
-        data = self._at(pose)
+        data = self._data_at(pose)
         hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
         centre = data.geom_xpos[geom]
         thigh = float(np.linalg.norm(knee - hip))
@@ -215,19 +224,20 @@ class UserModel:
         return thigh, shank, float(self._model.geom_size[geom, 0]), (forward, left)
 
     def leg_mismatch(self, leg: Leg, names: tuple[str, ...], pose: dict[str, float]) -> str:
-        """How a leg differs from `Leg` as each of its joints moves by 0.1 rad from a pose.
+        """How the leg of the model differs from `Leg`, in a pose and with a joint moved by 0.1 rad.
 
-        The text is empty if it does not differ. Hip and knee must move the foot as in `Leg.reach`;
-        a growing abduction must move it to the left.
+        Hip and knee must move the foot as in `Leg.reach`; a growing abduction must move it to the
+        left. The text is empty if the leg does not differ.
         """
-        # above offsets of real legs, below a reversed joint
         step = 0.1
+        # Tolerance of the foot's position [m]: larger than the lateral offsets of real legs cause,
+        # smaller than the error by a reversed joint.
         tolerance = 0.08 * (leg.thigh + leg.shank)
         abduction, hip, knee = (names[joint] for joint in leg.joints)
         foot = self._model.geom(leg.foot).id
         for moved in (None, hip, knee):
             angles = pose | ({} if moved is None else {moved: pose[moved] + step})
-            data = self._at(angles)
+            data = self._data_at(angles)
             forward, _, down = data.geom_xpos[foot] - data.xanchor[self._model.joint(hip).id]
             expected = leg.reach(np.array([angles[name] for name in names]))
             if max(abs(forward - expected[0]), abs(-down - expected[1])) > tolerance:
@@ -238,8 +248,10 @@ class UserModel:
                     "(hip, knee about +y, straight at 0)"
                 )
 
-        left = self._at(pose | {abduction: pose[abduction] + step}).geom_xpos[foot]
-        if left[1] <= self._at(pose).geom_xpos[foot][1]:
+        abducted_pose = pose | {abduction: pose[abduction] + step}
+        y_abducted = self._data_at(abducted_pose).geom_xpos[foot, 1]
+        y_in_pose = self._data_at(pose).geom_xpos[foot, 1]
+        if y_abducted <= y_in_pose:
             return (
                 f"foot {leg.foot!r} moves right as {abduction!r} grows; "
                 "an abduction about +x moves it left"
@@ -248,7 +260,7 @@ class UserModel:
 
     def standing_height(self, pose: dict[str, float], feet: list[str]) -> float:
         """Height of the base at which the lowest foot touches the ground [m]."""
-        data = self._at(pose)
+        data = self._data_at(pose)
         geoms = [self._model.geom(name).id for name in feet]
         bottoms = [data.geom_xpos[geom, 2] - self._model.geom_size[geom, 0] for geom in geoms]
         return float(data.xpos[1, 2] - min(bottoms))  # body 1 is the base
@@ -256,21 +268,23 @@ class UserModel:
     def load_inertia(self, pose: dict[str, float], legs: int, height: float) -> tuple[float, float]:
         """Range of the load inertia of a motor [kg·m²].
 
-        0.3 times the smallest diagonal element of the joints' mass matrix, to 1.5 times the largest
-        or, with legs, the share of the mass per leg at the height of the base; the factors are a
-        margin.
+        The lower end is 0.3 times the smallest inertia of a joint, the diagonal element of the mass
+        matrix. The upper end is 1.5 times the largest inertia of a joint or of a leg; the inertia
+        of a leg is the robot's mass per leg times the squared height of the base. The factors 0.3
+        and 1.5 are margins.
         """
-        data = self._at(pose)
+        data = self._data_at(pose)
         joint_inertia = []
         column = np.zeros(self._model.nv)
+        unit_vectors = np.eye(self._model.nv)
         mujoco.mj_forward(self._model, data)
         for joint in range(self._model.nv - len(pose), self._model.nv):
-            mujoco.mj_mulM(self._model, data, column, np.eye(self._model.nv)[joint])
+            mujoco.mj_mulM(self._model, data, column, unit_vectors[joint])  # a column of the matrix
             joint_inertia.append(float(column[joint] - self._model.dof_armature[joint]))
         inertia_per_leg = self.mass / legs * height**2 if legs else 0.0
         return 0.3 * min(joint_inertia), 1.5 * max(*joint_inertia, inertia_per_leg)
 
-    def _at(self, pose: dict[str, float]):
+    def _data_at(self, pose: dict[str, float]):
         data = mujoco.MjData(self._model)
         for name, angle in pose.items():
             data.joint(name).qpos[0] = angle

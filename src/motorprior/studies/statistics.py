@@ -2,12 +2,12 @@
 
 A walk is a row with the seed of its bench, its environment, training condition, training seed,
 number ("walk"), and measures by name, see `gait_quality.walk_measures`. In one environment, walk k
-of every policy of a bench has the same floor, pushes and sensor noise and, but for policies that
-were adapted to a robot, the same motors.
+of every policy of a bench has the same floor, pushes and sensor noise. It also has the same motors,
+except for policies that were adapted to a robot: all their walks are on the motors of this robot.
 
-Scores are (benches, policies, walks), NaN if undefined. Benches are random effects: an interval of
-the mean over benches includes the variation between benches, policies and walks. With a single
-bench it is over walks and excludes the variation between trainings.
+Scores are (benches, policies, walks), NaN if undefined. Benches are random effects: the interval of
+a mean over benches includes the variation between benches, policies and walks. With a single bench,
+the interval is that of the mean over walks; it excludes the variation between trainings.
 """
 
 import csv
@@ -27,10 +27,10 @@ from motorprior.studies.gait_quality import UNITS
 
 REFERENCE = "sampled_prior"  # training condition with which the others are compared
 COMPARED = ("speed", "upright")  # measures that are compared
-# training simulations; the second with out-of-family motors
-OWN = "own"
-OWN_OUT_OF_FAMILY = "own_out_of_family"
-ALL_ENVIRONMENTS = (OWN, OWN_OUT_OF_FAMILY, *ENVIRONMENTS)
+# environments in tables: the training simulation, and that of a training on out-of-family motors
+IN_TRAINING = "own"
+IN_TRAINING_OUT_OF_FAMILY = "own_out_of_family"
+ALL_ENVIRONMENTS = (IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY, *ENVIRONMENTS)
 CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
 
 LEVEL = 0.95  # confidence level of intervals
@@ -39,10 +39,10 @@ _SEED = 0x57A7
 
 _KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
-# (..., scores) -> (...) of the finite scores; NaN if there are none
+# function from (..., scores) to the (...) statistics of the finite scores, NaN if there are none
 Statistic = Callable[[np.ndarray], np.ndarray]
-Cell: TypeAlias = tuple[str, str]  # environment, condition
-Measured: TypeAlias = tuple[str, str, str]  # environment, condition, measure
+ConditionKey: TypeAlias = tuple[str, str]  # environment, training condition
+MeasureKey: TypeAlias = tuple[str, str, str]  # environment, training condition, measure
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -59,8 +59,8 @@ class Estimate:
 class Comparison:
     """A training condition compared with a second one in the same environment."""
 
-    difference: Estimate  # of the statistic, the first minus the second
-    p: float  # two-sided, see `permutation_p`
+    difference: Estimate  # statistic of the first condition minus that of the second
+    p: float  # two-sided p of the permutation test, see `permutation_p`
 
 
 # The table of walks.
@@ -97,7 +97,10 @@ def _measures_of(walk: WalkRow) -> list[str]:
 
 
 def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
-    """(benches, seeds, walks) of one measure of one condition in one environment, all sorted."""
+    """(benches, seeds, walks) values of one measure, for walks of one condition in one environment.
+
+    Benches, seeds and walks are in ascending order.
+    """
     ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["walk"]))
     benches = {walk["bench"] for walk in walks}
     seeds = {walk["seed"] for walk in walks}
@@ -108,26 +111,27 @@ def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
 # Statistics of scores.
 
 
-def iqms(scores: np.ndarray) -> np.ndarray:
+def interquartile_means(scores: np.ndarray) -> np.ndarray:
     """(...) interquartile means of (..., scores).
 
-    Of n finite scores, the n/4 lowest and the n/4 highest are left out. n/4 is rounded down, as in
+    The n/4 lowest and the n/4 highest of n finite scores are left out. n/4 is rounded down, as in
     `scipy.stats.trim_mean`.
     """
     ordered = np.sort(scores, axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
+    num_left_out = count // 4  # at each end
     rank = np.arange(scores.shape[-1])
-    is_middle = (rank >= count // 4) & (rank < count - count // 4)
+    is_middle = (rank >= num_left_out) & (rank < count - num_left_out)
     return _masked_mean(ordered, is_middle)
 
 
 def means(scores: np.ndarray) -> np.ndarray:
-    """(...) means of the finite of (..., scores)."""
+    """(...) means of the finite values among (..., scores)."""
     return _masked_mean(scores, np.isfinite(scores))
 
 
 def _masked_mean(scores: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """(...) means of (..., scores) where the mask is true; NaN if it is nowhere."""
+    """(...) means of (..., scores) where the mask is true; NaN if the mask is nowhere true."""
     count = mask.sum(axis=-1)
     total = np.where(mask, scores, 0.0).sum(axis=-1)
     return total / np.where(count > 0, count, np.nan)
@@ -138,28 +142,37 @@ def statistic_of(measure: str) -> Statistic:
 
     An interquartile mean of the time upright would hide falls.
     """
-    return means if measure == "upright" else iqms
+    return means if measure == "upright" else interquartile_means
 
 
-def estimate(scores: np.ndarray, statistic: Statistic = iqms) -> Estimate:
-    """Mean over benches of the statistic of a bench's walks, with its interval.
+def estimate(scores: np.ndarray, statistic: Statistic = interquartile_means) -> Estimate:
+    """Mean over benches, with its interval, of the statistic of all walks of a bench.
 
-    For a single bench, the mean is over its samples.
+    With a single bench: mean over the walk numbers of the statistic of all policies' walks with
+    this number.
     """
-    return _interval(_units(scores, statistic))
+    return _interval(_independent_values(scores, statistic))
 
 
-def compare_scores(one: np.ndarray, two: np.ndarray, statistic: Statistic = iqms) -> Comparison:
-    """Compare scores of two training conditions on the same benches and samples."""
-    difference = _interval(_units(one, statistic) - _units(two, statistic))
-    return Comparison(difference, permutation_p(statistic(one), statistic(two)))
+def compare_scores(
+    one: np.ndarray, two: np.ndarray, statistic: Statistic = interquartile_means
+) -> Comparison:
+    """Compare the scores of two training conditions in one environment, on the same benches."""
+    differences = _independent_values(one, statistic) - _independent_values(two, statistic)
+    p = permutation_p(statistic(one), statistic(two))
+    return Comparison(_interval(differences), p)
 
 
-def _units(scores: np.ndarray, statistic: Statistic) -> np.ndarray:
-    """A value per bench; for a single bench, a value per sample."""
+def _independent_values(scores: np.ndarray, statistic: Statistic) -> np.ndarray:
+    """(benches,) statistic of each bench; for a single bench, (walks,) of each walk number.
+
+    An interval is computed from the variation between these values.
+    """
     if len(scores) > 1:
-        return statistic(scores.reshape(len(scores), -1))
-    return statistic(scores[0].T)
+        scores_of_bench = scores.reshape(len(scores), -1)
+        return statistic(scores_of_bench)
+    scores_of_walk = scores[0].T  # (walks, policies)
+    return statistic(scores_of_walk)
 
 
 def _interval(values: np.ndarray) -> Estimate:
@@ -179,10 +192,11 @@ def _interval(values: np.ndarray) -> Estimate:
 def permutation_p(one: np.ndarray, two: np.ndarray) -> float:
     """Two-sided permutation p of no difference between two training conditions (Pitman 1937).
 
-    Arguments are scores (benches, policies) without NaN. p is the share of random assignments of
-    the scores of each bench to the conditions, the actual one included, whose mean difference over
-    benches is at least as large: at least 1 / 20 001; 1 for a single policy. It holds for these
-    benches; the interval of the difference includes the variation between benches.
+    Arguments are scores (benches, policies) without NaN. A random assignment assigns the scores of
+    each bench to the two conditions. p is the share of assignments, the actual one included, whose
+    |mean difference over benches| is at least the actual one: p is at least 1 / 20 001, and 1 for a
+    single policy per condition. p is about these benches, while the interval of the difference
+    includes the variation between benches.
     """
     both = np.concatenate([one, two], axis=1)
     num_policies = both.shape[1]
@@ -190,10 +204,11 @@ def permutation_p(one: np.ndarray, two: np.ndarray) -> float:
         return 1.0
 
     rng = np.random.default_rng(_SEED)
-    policies = np.broadcast_to(np.arange(num_policies), (PERMUTATIONS, *both.shape))
-    order = rng.permuted(policies, axis=-1)
-    shuffled = np.take_along_axis(both[None], order, axis=-1)
-    assignments = np.concatenate([both[None], shuffled])  # the actual one first
+    unshuffled = np.broadcast_to(np.arange(num_policies), (PERMUTATIONS, *both.shape))
+    order = rng.permuted(unshuffled, axis=-1)  # (permutations, benches, policies) indices
+    actual = both[None]
+    shuffled = np.take_along_axis(actual, order, axis=-1)
+    assignments = np.concatenate([actual, shuffled])
 
     is_one = np.arange(num_policies) < one.shape[1]
     means_of_one = means(assignments[..., is_one])
@@ -222,19 +237,20 @@ class StudyStatistics:
     """Statistics of a table of walks, by (environment, condition, measure)."""
 
     benches: tuple[int, ...]  # seeds of the benches
-    # mean over benches of the interquartile mean, of ``upright`` of the mean, with 95 % interval
-    estimates: dict[Measured, Estimate]
-    by_bench: dict[Measured, np.ndarray]  # (benches,) the statistics of COMPARED measures
-    upright: dict[Cell, np.ndarray]  # (benches, policies) mean time upright
-    # condition compared with the sampled prior; p is corrected for all of these comparisons
-    differences: dict[Measured, Comparison]
+    # mean over benches of `statistic_of` the measure, with its 95 % interval
+    estimates: dict[MeasureKey, Estimate]
+    by_bench: dict[MeasureKey, np.ndarray]  # (benches,) statistics of the COMPARED measures
+    upright: dict[ConditionKey, np.ndarray]  # (benches, policies) mean time upright
+    # comparison of a condition with the sampled prior; p is corrected for all these comparisons
+    differences: dict[MeasureKey, Comparison]
 
     def as_results(self) -> Results:
-        """Rows ENVIRONMENT/CONDITION/MEASURE with /low and /high.
+        """The statistics as rows.
 
-        Rows of every bench begin with bench_SEED/. There are also
-        ENVIRONMENT/CONDITION/policies_upright, the share of policies that are upright for CONVERGED
-        of the time, and ENVIRONMENT/CONDITION/MEASURE_p_against_sampled_prior.
+        ENVIRONMENT/CONDITION/MEASURE, with /low and /high, is an estimate. Names of the statistics
+        of one bench begin with bench_SEED/. ENVIRONMENT/CONDITION/policies_upright is the share of
+        policies that are upright for at least CONVERGED of the time.
+        ENVIRONMENT/CONDITION/MEASURE_p_against_sampled_prior is the p of a comparison.
         """
         rows = []
         for (env, condition, measure), interval in self.estimates.items():
@@ -263,19 +279,20 @@ class StudyStatistics:
 def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
     """Statistics of all walks."""
     cells = _cells(walks)
-    estimates: dict[Measured, Estimate] = {}
-    by_bench: dict[Measured, np.ndarray] = {}
-    upright: dict[Cell, np.ndarray] = {}
-    differences: dict[Measured, Comparison] = {}
+    estimates: dict[MeasureKey, Estimate] = {}
+    by_bench: dict[MeasureKey, np.ndarray] = {}
+    upright: dict[ConditionKey, np.ndarray] = {}
+    differences: dict[MeasureKey, Comparison] = {}
     for (env, condition), cell in cells.items():
         for measure in _measures_of(cell[0]):
             if any(np.isfinite(walk[measure]) for walk in cell):
                 estimates[env, condition, measure] = _estimate_of(cell, measure)
 
         for measure in COMPARED:
-            of_cell = scores(cell, measure)
+            values = scores(cell, measure)
+            scores_of_bench = values.reshape(len(values), -1)
             statistic = statistic_of(measure)
-            by_bench[env, condition, measure] = statistic(of_cell.reshape(len(of_cell), -1))
+            by_bench[env, condition, measure] = statistic(scores_of_bench)
         upright[env, condition] = means(scores(cell, "upright"))
 
         reference = cells.get((env, REFERENCE))
@@ -289,9 +306,9 @@ def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
     return StudyStatistics(benches, estimates, by_bench, upright, _corrected(differences))
 
 
-def _cells(walks: Iterable[WalkRow]) -> dict[Cell, list[WalkRow]]:
-    """Walks by environment and condition, all conditions of an environment in turn."""
-    cells: dict[Cell, list[WalkRow]] = {}
+def _cells(walks: Iterable[WalkRow]) -> dict[ConditionKey, list[WalkRow]]:
+    """Walks by environment and condition; the conditions of an environment follow each other."""
+    cells: dict[ConditionKey, list[WalkRow]] = {}
     for walk in walks:
         cells.setdefault((walk["environment"], walk["condition"]), []).append(walk)
     environments = [env for env, _ in cells]
@@ -306,7 +323,7 @@ def _estimate_of(walks: Sequence[WalkRow], measure: str) -> Estimate:
     return result
 
 
-def _corrected(differences: Mapping[Measured, Comparison]) -> dict[Measured, Comparison]:
-    """The comparisons with p corrected for all of them."""
+def _corrected(differences: Mapping[MeasureKey, Comparison]) -> dict[MeasureKey, Comparison]:
+    """The comparisons, with p corrected for the number of comparisons."""
     p_values = holm({key: comparison.p for key, comparison in differences.items()})
     return {key: replace(comparison, p=p_values[key]) for key, comparison in differences.items()}

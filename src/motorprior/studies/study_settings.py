@@ -65,8 +65,9 @@ CONDITIONS = {
     "oracle": Condition(),
 }
 STANDARD = tuple(CONDITIONS)
-# a condition that is a text of motors, as of `walk`; the same for both populations
-OTHER_MOTORS = Condition(prior="given")
+# The condition whose name is itself a text of motors, as for `walk --motors`. Its policies are the
+# same for both populations.
+GIVEN_MOTORS = Condition(prior="given")
 
 # the sampled prior with the mean motor's values of some constants, and with fewer iterations
 CONDITIONS |= {
@@ -182,7 +183,7 @@ class Study:
         conditions = [CONDITIONS[name] for name in self.conditions if name in CONDITIONS]
         return [condition for condition in conditions if condition.pd or condition.prior]
 
-    def robot_of(self, seed: int) -> int:
+    def robot_number(self, seed: int) -> int:
         """Number of the robot that the adapted policies of a seed walk on."""
         return seed % self.robots if self.robots else seed
 

@@ -43,24 +43,37 @@ from motorprior.studies.environments import (
     walk_seed,
 )
 from motorprior.studies.gait_quality import walk_measures
-from motorprior.studies.statistics import OWN, OWN_OUT_OF_FAMILY, WalkRow, read_walks, write_walks
+from motorprior.studies.statistics import (
+    IN_TRAINING,
+    IN_TRAINING_OUT_OF_FAMILY,
+    WalkRow,
+    read_walks,
+    write_walks,
+)
 from motorprior.studies.study_settings import (
     CONDITIONS,
-    OTHER_MOTORS,
+    GIVEN_MOTORS,
     TRAINING,
     VALIDATION,
     Study,
 )
-from motorprior.studies.transfer_models import adapt_robots, fit_models, motors_text, robots_of
+from motorprior.studies.transfer_models import (
+    adapt_robots,
+    fit_models,
+    motors_of_condition,
+    robots_of,
+)
 
 WALKS = "walks.csv"
 SELECTION = "selection"  # folder of the policies that select settings, and of the selected settings
 
 CHOICES = {"pd_range": (0.1, 0.2, 0.3, 0.4), "prior_share": (0.0, 0.25, 0.5, 1.0)}
-_EQUAL_SETTING = 0.01  # of settings whose times upright differ by less, the faster is selected [-]
+# Difference of times upright below which two values of a setting count as equal [-]; the value with
+# the faster policies is then selected.
+_EQUAL_UPRIGHT = 0.01
 SELECTION_SEEDS = range(900, 902)  # seeds of policies and robots, used by no training condition
 
-SEEDS_APART = 1000  # demos and studies with different seeds share no search seed
+SEEDS_APART = 1000  # distance between search seeds of two benches: benches share no search seed
 _EPISODE_STEPS = 500  # episode length in training [control steps]
 # with the search's defaults, 0.02 and 0.03, policies of the same budget fall more often on held-out
 # robots
@@ -69,9 +82,9 @@ _DELTA_STD = 0.04
 
 
 def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
-    """The walks of a study, also written to WALKS.
+    """Train and evaluate the policies of a study, and write their walks to the table WALKS.
 
-    Policies are trained and evaluated unless they are finished.
+    Finished stages are not repeated. Returns the walks.
     """
     threads = usable_threads(config.workers, progress)
     if not config.ray_address:
@@ -87,8 +100,10 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
     for seed in range(config.seeds):
         for bench in benches:
             runs.extend(policy_runs_of(bench, seed))
-    # the oracle takes the longest, so it comes first: otherwise it runs alone at the end
-    runs.sort(key=lambda run: run.name != "oracle")
+    # the oracle takes the longest, so it comes first: otherwise it would run alone at the end
+    oracle_runs = [run for run in runs if run.name == "oracle"]
+    other_runs = [run for run in runs if run.name != "oracle"]
+    runs = oracle_runs + other_runs
 
     walks = walk_table(config, runs, progress)
     write_walks(config.out / WALKS, walks)
@@ -96,10 +111,11 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
 
 
 def with_selected(config: Study, threads: int, progress: Progress) -> Study:
-    """The study with the settings whose policies are best on robots of the validation fleet.
+    """The study with the selected values of the settings `Study.to_select`.
 
-    The policies are upright for longest and, among those, fast. The settings are selected once for
-    all benches, with the models of the first.
+    A value is selected if its policies are upright for the longest time on robots of the validation
+    fleet; among nearly equal times, if its policies are the fastest. The values are selected once
+    for all benches, with the models of the first bench.
     """
     fleet = config.validation_fleet(load_robot(config.robot))
     selected = {}
@@ -128,7 +144,7 @@ def _selection_runs(
     """The policies with one value of a setting, evaluated on the validation fleet."""
     fleet = config.validation_fleet(load_robot(config.robot))
     first_bench = config.of_benches()[0]
-    # the validation fleet takes the place of the out-of-family motors
+    # the environments of the out-of-family motors evaluate the policies on the validation fleet
     bench = replace(
         first_bench, out=config.out / SELECTION, out_of_family=str(fleet), validation=fleet
     )
@@ -140,7 +156,7 @@ def _selection_runs(
             bench,
             name=f"{condition_name}_{value:g}",
             seed=seed,
-            motors=motors_text(with_value, condition_name, VALIDATION, seed),
+            motors=motors_of_condition(with_value, condition_name, VALIDATION, seed),
             environments=(OUT_OF_FAMILY, "hard"),
             robot_number=seed if CONDITIONS[condition_name].adapted else None,
         )
@@ -161,13 +177,13 @@ def _mean_upright_and_speed(
 
 
 def _best_choice(upright_and_speed: dict[float, list[float]]) -> float:
-    """The value with the longest time upright; among nearly equal ones, with the highest speed."""
+    """The value with the longest time upright; among nearly equal times, with the highest speed."""
     max_upright = max(upright for upright, _ in upright_and_speed.values())
-    enough = max_upright - _EQUAL_SETTING
+    equal_upright = max_upright - _EQUAL_UPRIGHT  # longer times count as equal to this one
 
     def rank(value: float) -> tuple[float, float]:
         upright, speed = upright_and_speed[value]
-        return min(upright, enough), speed
+        return min(upright, equal_upright), speed
 
     return max(upright_and_speed, key=rank)
 
@@ -178,13 +194,14 @@ class PolicyRun:
 
     bench: Study  # settings of its bench, see `Study.of_benches`
     name: str  # training condition in tables
-    seed: int  # of the training
-    motors: str  # motors of the training episodes
+    seed: int  # seed of the training
+    motors: str  # motors of the training episodes, as a text for `walk --motors`
     # randomisation of the training episodes, in addition to the motors
     randomization: Randomization = TRAINING
     population: str = IN_FAMILY  # OUT_OF_FAMILY for conditions trained for out-of-family motors
-    environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # in which it is evaluated
-    robot_number: int | None = None  # the only robot that it walks on; all if None
+    environments: tuple[str, ...] = tuple(ENVIRONMENTS)  # environments of the evaluation
+    # number of the only robot that it is evaluated on; None: walk k is on robot k
+    robot_number: int | None = None
 
     @property
     def folder(self) -> str:
@@ -199,7 +216,7 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     for name in bench.conditions:
         if seed not in bench.seeds_of(name):
             continue
-        condition = CONDITIONS.get(name, OTHER_MOTORS)
+        condition = CONDITIONS.get(name, GIVEN_MOTORS)
         if not condition.per_population:
             runs.append(_policy_run(bench, name, seed, IN_FAMILY, bench.environments))
             continue
@@ -215,14 +232,16 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
 def _policy_run(
     bench: Study, name: str, seed: int, population: str, environments: tuple[str, ...]
 ) -> PolicyRun:
-    condition = CONDITIONS.get(name, OTHER_MOTORS)
-    iterations = min(condition.iterations or bench.iterations, bench.iterations)
-    number = bench.robot_of(seed)
+    condition = CONDITIONS.get(name, GIVEN_MOTORS)
+    iterations = bench.iterations
+    if condition.iterations is not None:
+        iterations = min(condition.iterations, iterations)
+    number = bench.robot_number(seed)
     return PolicyRun(
         replace(bench, iterations=iterations),
         name=name,
         seed=seed,
-        motors=motors_text(bench, name, population, number),
+        motors=motors_of_condition(bench, name, population, number),
         randomization=condition.randomization,
         population=population,
         environments=environments,
@@ -233,7 +252,7 @@ def _policy_run(
 def walk_table(
     config: Study, runs: Sequence[PolicyRun], progress: Progress = SILENT
 ) -> list[WalkRow]:
-    """Train and evaluate policies; finished ones are read."""
+    """The walks of policies, which are trained and evaluated unless they are finished."""
     environments = _installed_environments(progress)
     threads = usable_threads(config.workers, SILENT)
     at_a_time = threads if config.executor == "threads" else 1
@@ -287,9 +306,9 @@ def _walks_of(
         *fleet_files(robot, bench.out_of_family),
         *robot.files,
     ]
-    stage = description("study", settings, files)
-    if not is_finished(folder, stage):
-        with working(folder, stage):
+    stage_description = description("study", settings, files)
+    if not is_finished(folder, stage_description):
+        with working(folder, stage_description):
             walks = _evaluate(TrainedPolicy.load(policy, robot), run, environments)
             write_walks(folder / WALKS, walks)
 
@@ -307,8 +326,9 @@ def _walks_of(
 def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
     """Train a policy unless it is finished; returns its file."""
     bench = run.bench
-    # standing earns a little. With the default, walking badly earns less than falling, so the
-    # search learns to fall
+    # The reward of a robot that stands still at the commanded speed is slightly positive. With the
+    # default, a robot that walks badly has a negative reward; one that falls at once has almost none, so
+    # the search would learn to fall.
     alive = TaskWeights().speed * bench.commanded + 0.5
     search = ArsConfig(
         bench.directions,
@@ -363,7 +383,7 @@ def _evaluate(
     episodes: dict[str, list[Episode]] = {}
 
     # the training simulation
-    training_name = OWN_OUT_OF_FAMILY if run.population == OUT_OF_FAMILY else OWN
+    training_name = IN_TRAINING_OUT_OF_FAMILY if run.population == OUT_OF_FAMILY else IN_TRAINING
     scene = trained.scene(replace(walk, randomization=run.randomization))
     episodes[training_name] = run_walks(scene, policy, numbers, seed_of_walk, executor=executor)
 

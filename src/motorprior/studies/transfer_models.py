@@ -1,10 +1,10 @@
-"""Models of motors that the transfer study trains on: priors and PDs of benches and of robots.
+"""Models of motors for the trainings of the transfer study: priors and PDs of benches and robots.
 
 A study folder has, per bench,
 
     bench/EXCITATION      logs of the bench's motors
     priors/PRESET         priors identified from these logs
-    fits/PD               PDs fitted to them
+    fits/PD               PDs fitted to these logs
     robots/POPULATION_K   ten seconds of log of robot K, and prior and PD adapted to it
 """
 
@@ -36,17 +36,16 @@ FIT = "fit.json"  # constants and error of a PD
 LOG = "log.parquet"  # log of a robot
 POSTERIOR = "posterior.safetensors"  # prior adapted to the log of a robot
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
-LOG_STREAM = 0x20B2  # random stream of these logs
+LOG_STREAM = 0x20B2  # tag of the random stream of these logs
 
-# excitation of the bench's log to which the paper's prior, and all other models, are fitted
-PAPER_EXCITATION = "paper"
-EXCITATION = "rollout"
+PAPER_EXCITATION = "paper"  # excitation of the bench's log to which the paper's prior is fitted
+EXCITATION = "rollout"  # excitation of the bench's log to which all other models are fitted
 
 
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
-    """Record the motors of a bench; returns excitation -> log.
+    """Record the motors of a bench; returns the logs by excitation.
 
-    The paper's excitation is recorded only if a training condition needs it.
+    An excitation is recorded only if the model of a training condition is fitted to its log.
     """
     models = {condition.prior or condition.pd for condition in bench.fitted}
     excitation_names = []
@@ -71,7 +70,7 @@ def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
 
 
 def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> None:
-    """Record the motors of the benches; identify the priors and fit the PDs of the conditions."""
+    """Record the benches' motors; identify the priors, and fit the PDs, of the conditions."""
     works = []
     for bench in benches:
         logs = record_benches(bench, progress)
@@ -113,10 +112,13 @@ def _fit_pds(
     for name in sorted(pd_names):
         out = folder / name
         settings = {"start": start, "kind": name, "log": log_digest(log)}
-        stage = description("study", settings, robot.files)
-        if is_finished(out, stage):
+        stage_description = description("study", settings, robot.files)
+        if is_finished(out, stage_description):
             continue
-        with working(out, stage), progress.start(f"fit the PD {name}", RESTARTS) as task:
+        with (
+            working(out, stage_description),
+            progress.start(f"fit the PD {name}", RESTARTS) as task,
+        ):
             fit = fit_pd(log, PDS[name], start, task.advance)
             write_json(out / FIT, asdict(fit))
 
@@ -126,7 +128,7 @@ def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
     if not any(condition.adapted for condition in bench.fitted):
         return []
     robots = []
-    for number in sorted({bench.robot_of(seed) for seed in range(bench.seeds)}):
+    for number in sorted({bench.robot_number(seed) for seed in range(bench.seeds)}):
         for population in (IN_FAMILY, OUT_OF_FAMILY):
             robots.append((bench, population, number))
     return robots
@@ -135,7 +137,7 @@ def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
 def adapt_robots(
     robots: Iterable[tuple[Study, str, int]], threads: int, progress: Progress
 ) -> None:
-    """Record LOG_SECONDS of the motors of robots (bench, population, number), and adapt to them."""
+    """Record a log of LOG_SECONDS of each robot (bench, population, number), and adapt to it."""
     in_parallel([partial(_adapt, *robot) for robot in robots], threads, progress)
 
 
@@ -148,10 +150,10 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
 
     settings = {"study": bench.seed, "robot": number, "seconds": LOG_SECONDS}
     files = [*prior_files, *fleet_files(robot, fleet_name), *robot.files]
-    stage = description("study", settings, files)
-    if not is_finished(folder, stage):
+    stage_description = description("study", settings, files)
+    if not is_finished(folder, stage_description):
         title = f"bench {bench.seed}: adapt to robot {folder.name}"
-        with working(folder, stage), progress.start(title, 1):
+        with working(folder, stage_description), progress.start(title, 1):
             log = _record_robot(bench, population, number)
             write_log(folder / LOG, log)
             for file in prior_files:
@@ -166,7 +168,7 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
 
 
 def _record_robot(bench: Study, population: str, number: int) -> MotorLog:
-    """The log of the motors of a robot, of LOG_SECONDS."""
+    """A log of LOG_SECONDS of the motors of a robot."""
     robot = load_robot(bench.robot)
     fleet = load_robot_fleet(robot, bench.fleet_of(population))
     preset = bench_schedule("adapt").for_robot(robot)
@@ -180,10 +182,11 @@ def _robot_folder(bench: Study, population: str, number: int) -> Path:
     return bench.out / "robots" / f"{population}_{number}"
 
 
-def motors_text(bench: Study, name: str, population: str, number: int) -> str:
-    """Motors of a training condition, as a text that `walk` takes.
+def motors_of_condition(bench: Study, name: str, population: str, number: int) -> str:
+    """Motors of a training condition, as a text for `walk --motors`.
 
-    They are fitted to the bench or to the log of robot ``number``, or are a population of motors.
+    They are a model that was fitted to the bench, a model that was adapted to the log of robot
+    ``number``, or (oracle) the population of motors itself.
     """
     if name not in CONDITIONS:
         return name
