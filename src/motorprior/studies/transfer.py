@@ -327,8 +327,8 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
     """Train a policy unless it is finished; returns its file."""
     bench = run.bench
     # The reward of a robot that stands still at the commanded speed is slightly positive. With the
-    # default, a robot that walks badly has a negative reward; one that falls at once has almost none, so
-    # the search would learn to fall.
+    # default, a robot that walks badly has a negative reward; one that falls at once has almost
+    # none, so the search would learn to fall.
     alive = TaskWeights().speed * bench.commanded + 0.5
     search = ArsConfig(
         bench.directions,
