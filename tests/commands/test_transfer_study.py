@@ -17,7 +17,13 @@ from motorprior.simulation.scene import WalkConfig
 from motorprior.simulation.training import POLICY
 from motorprior.studies.compare import TrainedPolicy, run_walks
 from motorprior.studies.environments import ENVIRONMENTS, walk_seed
-from motorprior.studies.statistics import IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY, REFERENCE, read_walks, scores
+from motorprior.studies.statistics import (
+    IN_TRAINING,
+    IN_TRAINING_OUT_OF_FAMILY,
+    REFERENCE,
+    read_walks,
+    scores,
+)
 from motorprior.studies.study_settings import CONDITIONS, PDS, Study
 from motorprior.studies.transfer import CHOICES, WALKS, policy_runs_of
 from motorprior.studies.transfer_models import FIT

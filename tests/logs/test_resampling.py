@@ -5,7 +5,7 @@ import pytest
 
 from motorprior.exceptions import LogError
 from motorprior.logs.motor_log import channels
-from motorprior.logs.operations import split_at_gaps, drop_repeats, repeated_rows, resample
+from motorprior.logs.operations import drop_repeats, repeated_rows, resample, split_at_gaps
 
 
 @pytest.mark.parametrize("period", [0.002, 1 / 3000])

@@ -326,7 +326,7 @@ def _walks_of(
 def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
     """Train a policy unless it is finished; returns its file."""
     bench = run.bench
-    # The reward of a robot that stands still at the commanded speed is slightly positive. With the
+    # A robot that stands still at a commanded speed has a small positive reward. With the
     # default, a robot that walks badly has a negative reward; one that falls at once has almost
     # none, so the search would learn to fall.
     alive = TaskWeights().speed * bench.commanded + 0.5
