@@ -447,7 +447,7 @@ def write_picture(path: Path, runs: LearnedExcitation, test: LearnedExcitation, 
 def _draw_kind(
     panels_of_picture: Sequence[Axes], windows: np.ndarray, period: float, kind: str
 ) -> None:
-    """Lines of one kind in every panel; windows are (W, frames, 1 + SUB)."""
+    """Lines of one kind in every panel; windows are (W, frames, 1 + TORQUES_PER_FRAME)."""
     of_target, of_torque, of_spectrum, *of_distributions = panels_of_picture
     line: dict[str, Any] = {"color": COLORS[kind], "lw": 1}
     target = windows[..., 0]

@@ -7,7 +7,7 @@ import numpy as np
 
 from motorprior.bench.recording import BENCH_SCHEDULES
 from motorprior.excitation.excitation import Excitation
-from motorprior.excitation.frames import SUB
+from motorprior.excitation.frames import TORQUES_PER_FRAME
 from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.excitation.registry import EXCITATIONS
 from motorprior.results import Result, Results
@@ -33,7 +33,7 @@ KINDS = ("sinusoid", "rollout", "surrogate", "recorded", "generated")
 
 
 def features(windows: np.ndarray, period: float, impact_rate: float) -> np.ndarray:
-    """(W, features) of windows (W, frames, 1 + SUB) with frames of ``period`` [s]; see FEATURES.
+    """(W, features) of windows (W, frames, CHANNELS) with frames of ``period`` [s]; see FEATURES.
 
     An impact is a rise of |d torque/dt| above ``impact_rate`` [N·m/s], a reversal a change of the
     sign of the speed.
@@ -42,7 +42,7 @@ def features(windows: np.ndarray, period: float, impact_rate: float) -> np.ndarr
     torque = windows[..., 1:].reshape(len(windows), -1)
     speed = np.diff(target, axis=1) / period
     acceleration = np.diff(speed, axis=1) / period
-    torque_rate = np.diff(torque, axis=1) * SUB / period
+    torque_rate = np.diff(torque, axis=1) * TORQUES_PER_FRAME / period
     sizes = [
         target.std(axis=1),
         _rms(speed),
@@ -89,7 +89,7 @@ def _reversals(speed: np.ndarray) -> np.ndarray:
 def windows_of_kind(
     runs: LearnedExcitation, kind: str, joint_class: str, rng: np.random.Generator
 ) -> np.ndarray:
-    """(COUNT, frames, 1 + SUB) windows of an excitation of ``KINDS`` for one class."""
+    """(COUNT, frames, CHANNELS) windows of an excitation of ``KINDS`` for one class."""
     sources = _sources(runs, kind)
     num_frames = runs.windows.shape[1]
     num_windows = -(-COUNT // (STREAMS * len(sources)))  # of a stream
@@ -97,14 +97,17 @@ def windows_of_kind(
     windows = []
     for source in sources:
         streams = source.streams(
-            rng, frames_of_stream * SUB, runs.period / SUB, [joint_class] * STREAMS
+            rng,
+            frames_of_stream * TORQUES_PER_FRAME,
+            runs.period / TORQUES_PER_FRAME,
+            [joint_class] * STREAMS,
         )
-        shape = (STREAMS, frames_of_stream, SUB)
+        shape = (STREAMS, frames_of_stream, TORQUES_PER_FRAME)
         target = streams.position_target.T.reshape(shape).mean(axis=2, keepdims=True)
         target = target - target.mean(axis=1, keepdims=True)
         torque = streams.external_torque.T.reshape(shape)
         frames = np.concatenate([target, torque], axis=2)
-        windows.append(frames.reshape(STREAMS * num_windows, num_frames, 1 + SUB))
+        windows.append(frames.reshape(STREAMS * num_windows, num_frames, 1 + TORQUES_PER_FRAME))
     return rng.permutation(np.concatenate(windows))[:COUNT]
 
 
@@ -127,7 +130,7 @@ def coverage(made: np.ndarray, real: np.ndarray) -> float:
 
 
 def nearest_signal(made: np.ndarray, train: np.ndarray) -> np.ndarray:
-    """(n,) root mean square difference of windows (n, frames, 1 + SUB) to the nearest of ``train``.
+    """(n,) root mean square distance of windows (n, frames, CHANNELS) to the nearest of ``train``.
 
     Windows may be shifted by up to SHIFTS frames. Channels are divided by their standard deviation
     over ``train``.
@@ -173,7 +176,7 @@ def _likeness_of_class(
     train_windows = _windows_of_class(runs, name)
     test_windows = _windows_of_class(test, name)
     torque = test_windows[..., 1:].reshape(len(test_windows), -1)
-    torque_rate = np.diff(torque, axis=1) * SUB / runs.period
+    torque_rate = np.diff(torque, axis=1) * TORQUES_PER_FRAME / runs.period
     impact_rate = IMPACT * float(np.sqrt(np.mean(torque_rate**2))) + 1e-9
     train_features = features(train_windows, runs.period, impact_rate)
     test_features = features(test_windows, runs.period, impact_rate)

@@ -12,7 +12,7 @@ of 0 from one of 0.0003.
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
-from motorprior.bench.dynamometer import Response, respond_alike
+from motorprior.bench.dynamometer import Response, response_of_all
 
 PERIOD = 0.002  # sample period of all trials [s]
 # inertia of a leg, and of one that carries the robot [kg·m²]
@@ -102,7 +102,7 @@ def respond(
 
     The torque is (steps,) or constant.
     """
-    return respond_alike(actuator, target, inertia, external, PERIOD)
+    return response_of_all(actuator, target, inertia, external, PERIOD)
 
 
 def frequency_response(actuator: Actuator, frequency: float) -> tuple[np.ndarray, np.ndarray]:

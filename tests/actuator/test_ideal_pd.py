@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from imposed_motion import torques
 
-from motorprior.actuator.actuator import Factors, with_factors
+from motorprior.actuator.actuator import ConstantFactors, with_factors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import reset_actuator, step_actuator
 
@@ -41,8 +41,8 @@ def test_a_delayed_target_is_the_target_of_so_long_ago(lag):
 
 @pytest.mark.parametrize("coulomb", [0.0, 0.1])
 def test_scaled_motors_are_those_with_scaled_constants(coulomb: float):
-    values = Factors(kp=9.0, kd=0.8, torque_limit=1.3, coulomb=coulomb)  # pyright: ignore[reportArgumentType]
-    scales = Factors(*np.random.default_rng(0).uniform(0.5, 1.5, (4, 3)))
+    values = ConstantFactors(kp=9.0, kd=0.8, torque_limit=1.3, coulomb=coulomb)  # pyright: ignore[reportArgumentType]
+    scales = ConstantFactors(*np.random.default_rng(0).uniform(0.5, 1.5, (4, 3)))
     if not coulomb:
         scales = scales._replace(coulomb=np.ones(3))
 

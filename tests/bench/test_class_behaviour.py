@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import motorprior as mp
-from motorprior.actuator.actuator import Actuator, Factors, with_factors
+from motorprior.actuator.actuator import Actuator, ConstantFactors, with_factors
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
@@ -41,7 +41,7 @@ def implausible(motors: Actuator, armature: np.ndarray, period: float) -> np.nda
     time = period * np.arange(round(1.6 / period))
     step = np.where(time < 0.1, 0.0, STEP)
     one = np.ones(motors.num_motors)
-    off = with_factors(motors, Factors(one, one, 1e-9 * one, one))
+    off = with_factors(motors, ConstantFactors(one, one, 1e-9 * one, one))
 
     for factor in LOADS:
         load = factor * armature

@@ -6,7 +6,12 @@ import numpy as np
 from numba import njit, typeof
 from policies import random_policy
 
-from motorprior.actuator.actuator import Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.actuator import (
+    ConstantFactors,
+    empty_arrays,
+    require_step,
+    require_unchanged,
+)
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.kernels import ActuatorKind
@@ -66,8 +71,8 @@ class Spring:
     def damping(self) -> np.ndarray:
         return np.full(self.num_motors, KD)
 
-    def with_factors(self, factors: Factors) -> "Spring":
-        require_unchanged(SPRING, factors, *Factors._fields)
+    def with_factors(self, factors: ConstantFactors) -> "Spring":
+        require_unchanged(SPRING, factors, *ConstantFactors._fields)
         return self
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:

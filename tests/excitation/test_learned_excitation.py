@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.excitation.bounded_stream import Bounds, bounded
-from motorprior.excitation.frames import CHANNELS, SUB
-from motorprior.excitation.generator import CODE, weight_shapes
+from motorprior.excitation.frames import CHANNELS, TORQUES_PER_FRAME
+from motorprior.excitation.generator import CODE_SIZE, weight_shapes
 from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.excitation.recorded import FADE, recorded_stream
 from motorprior.excitation.registry import EXCITATIONS, excitation_of
@@ -29,13 +29,13 @@ def made_excitation(method: str = "recorded") -> LearnedExcitation:
     size = np.array([0.1, 0.4])[which][:, None]
     frequency = rng.uniform(1.0, 3.0, 20)
     target = size * np.sin(2 * np.pi * (frequency[:, None] * time + rng.random((20, 1))))
-    torque = 0.3 * rng.standard_normal((20, 64, SUB))
+    torque = 0.3 * rng.standard_normal((20, 64, TORQUES_PER_FRAME))
     windows = np.concatenate([target[..., None], torque], axis=2)
     limits = np.array([[0.15, 3.0, 100.0, 1.0], [0.5, 12.0, 400.0, 1.5]])
     scales = np.stack([windows[which == index].std(axis=(0, 1)) for index in (0, 1)])
 
     weights = {}
-    for name, shape in {"codes": (20, CODE), **weight_shapes(2)}.items():
+    for name, shape in {"codes": (20, CODE_SIZE), **weight_shapes(2)}.items():
         if len(shape) > 1:
             weights[name] = rng.standard_normal(shape) / np.sqrt(np.prod(shape[:-1]))
         else:
@@ -92,7 +92,7 @@ def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
     limits = excitation.bounds[which]
 
     assert target.shape == (frames, 3)
-    assert torque.shape == (frames * SUB, 3)
+    assert torque.shape == (frames * TORQUES_PER_FRAME, 3)
     assert target.tobytes() == again.tobytes()
     assert np.all(np.abs(target) <= limits[:, 0])
     assert np.all(np.abs(np.diff(target, axis=0)) <= limits[:, 1] * DT * (1 + 1e-9))
@@ -104,7 +104,7 @@ def test_streams_of_any_length_keep_the_bounds_and_have_no_seams(method: str):
 
 def test_a_channel_that_is_constant_in_the_runs_stays_constant():
     runs = made_excitation("generated")
-    scales = np.column_stack([runs.scales[:, :1], np.full((2, SUB), MIN_SCALE)])
+    scales = np.column_stack([runs.scales[:, :1], np.full((2, TORQUES_PER_FRAME), MIN_SCALE)])
     excitation = replace(runs, scales=scales)
 
     target, torque = excitation.frames(np.random.default_rng(1), 50, np.array([0, 1]))

@@ -8,7 +8,7 @@ from drawn_motors import draw_pd
 from policies import random_policy
 from scipy.spatial.transform import Rotation
 
-from motorprior.actuator.actuator import Factors
+from motorprior.actuator.actuator import ConstantFactors
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.control_step import SensorErrors, apply_sensor_errors, perfect_sensors
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
@@ -78,8 +78,8 @@ def test_every_range_alone_changes_the_walk_and_the_same_seed_repeats_it(name):
 def test_draws_fill_their_ranges():
     domains = [EVERYTHING.domain(PUPPER_V2, seed, STEPS) for seed in range(300)]
 
-    for name in ("armature", "damping", "friction", "mass", "strength", *Factors._fields):
-        if name in Factors._fields:
+    for name in ("armature", "damping", "friction", "mass", "strength", *ConstantFactors._fields):
+        if name in ConstantFactors._fields:
             values = np.array([getattr(domain.factors, name) for domain in domains])
         else:
             values = np.array([getattr(domain, name) for domain in domains])

@@ -20,7 +20,7 @@ from motorprior.actuator.kernels import ActuatorKind
 from motorprior.exceptions import ConfigError
 
 
-class Factors(NamedTuple):
+class ConstantFactors(NamedTuple):
     """Factors on constants of n motors, (n,) each [-]."""
 
     kp: np.ndarray
@@ -60,7 +60,7 @@ class Actuator(Protocol):
         """
         ...
 
-    def with_factors(self, factors: Factors) -> Self:
+    def with_factors(self, factors: ConstantFactors) -> Self:
         """The same motors with scaled constants.
 
         Raises:
@@ -69,7 +69,7 @@ class Actuator(Protocol):
         ...
 
 
-def with_factors(actuator: Actuator, factors: Factors) -> Actuator:
+def with_factors(actuator: Actuator, factors: ConstantFactors) -> Actuator:
     """`Actuator.with_factors`; the same actuator if all factors are 1."""
     is_unchanged = all(np.all(factor == 1.0) for factor in factors)
     return actuator if is_unchanged else actuator.with_factors(factors)
@@ -124,7 +124,7 @@ def require_motors(actuator: object, count: int) -> None:
     )
 
 
-def require_unchanged(kind: ActuatorKind, factors: Factors, *missing: str) -> None:
+def require_unchanged(kind: ActuatorKind, factors: ConstantFactors, *missing: str) -> None:
     """Raise `ConfigError` if a factor is not 1 on a constant that motors of this kind lack."""
     for name in missing:
         if np.any(getattr(factors, name) != 1.0):

@@ -19,7 +19,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ConstantFactors, empty_arrays, require_step
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor_step import (
@@ -139,7 +139,7 @@ class GreyBoxActuator:
     conditions: OperatingConditions = HALF_WARM
     # (2, n) kp and kd in the model's ``gain_unit``; if the unit is "", factors on kp and kd
     gains: np.ndarray | None = None
-    factors: Factors | None = None  # multiply the constants
+    factors: ConstantFactors | None = None  # multiply the constants
 
     def __repr__(self) -> str:
         return f"{self.num_motors} grey-box motors, see constants()"
@@ -164,10 +164,10 @@ class GreyBoxActuator:
         """(n,) zero [N·m·s/rad]: before the first step, no gear is in contact."""
         return np.zeros(self.num_motors)
 
-    def with_factors(self, factors: Factors) -> "GreyBoxActuator":
+    def with_factors(self, factors: ConstantFactors) -> "GreyBoxActuator":
         """See `Actuator.with_factors`. The integral gain, kp·integral_rate, scales with kp."""
         if self.factors is not None:
-            factors = Factors(*np.multiply(self.factors, factors))
+            factors = ConstantFactors(*np.multiply(self.factors, factors))
         return replace(self, factors=factors)
 
     def constants(self) -> dict[str, np.ndarray]:

@@ -34,7 +34,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from motorprior.actuator.actuator import Factors, empty_arrays, require_step, require_unchanged
+from motorprior.actuator.actuator import (
+    ConstantFactors,
+    empty_arrays,
+    require_step,
+    require_unchanged,
+)
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
@@ -94,7 +99,7 @@ class IdealPd:
         """(n,) kd [N·m·s/rad]."""
         return self.kd
 
-    def with_factors(self, factors: Factors) -> "IdealPd":
+    def with_factors(self, factors: ConstantFactors) -> "IdealPd":
         """See `Actuator.with_factors`."""
         if self.kind is IDEAL_PD:
             require_unchanged(self.kind, factors, "coulomb")

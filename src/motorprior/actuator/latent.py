@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from motorprior.actuator.actuator import Factors, require_step, require_unchanged
+from motorprior.actuator.actuator import ConstantFactors, require_step, require_unchanged
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.kernels import ActuatorKind, without_refcounts
@@ -187,9 +187,9 @@ class NetworkActuator:
         """(n,) zero [N·m·s/rad]: the network's torque includes it."""
         return np.zeros(self.num_motors)
 
-    def with_factors(self, factors: Factors) -> Self:
+    def with_factors(self, factors: ConstantFactors) -> Self:
         """See `Actuator.with_factors`; a network has no constants to scale."""
-        require_unchanged(LATENT, factors, *Factors._fields)
+        require_unchanged(LATENT, factors, *ConstantFactors._fields)
         return self
 
     def arrays(self, physics_dt: float) -> ActuatorArrays:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.actuator import Factors
+from motorprior.actuator.actuator import ConstantFactors
 from motorprior.actuator.constants import (
     COLUMNS,
     NUM_SAMPLES,
@@ -27,7 +27,8 @@ from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
 _REMEDY = "write it with `motorprior adapt`"
-NARROWER = 0.8  # maximum posterior / prior standard deviation of a constant that the log narrows
+# A log narrows a constant if posterior / prior standard deviation is below this ratio.
+MAX_NARROWED_RATIO = 0.8
 _HEADER = Header(
     "motor posterior",
     2,
@@ -35,7 +36,7 @@ _HEADER = Header(
         "joint_names": many(TEXT, minimum=1),
         "prior_sha256": TEXT,
         "seconds": number(above=0.0),
-        "surprise": many(number(0.0, 1.0), minimum=1),  # outlier_p_value
+        "surprise": many(number(0.0, 1.0), minimum=1),  # the field outlier_p_value
     },
     _REMEDY,
     "posterior.safetensors",
@@ -64,24 +65,25 @@ class MotorPosterior(Printable):
         limit_follows_gain: bool = False,
         prior_share: float = 0.0,
     ) -> GreyBoxActuator | NetworkActuator:
-        """Sample motors: one per joint of the posterior, or as many of a single motor.
+        """Sample motors, z ~ N(mean, covariance + prior_share²·I).
 
-        z ~ N(mean, covariance + prior_share²·I).
+        The posterior of several motors gives one sample of each. The posterior of a single motor
+        gives any number of samples of this motor.
 
         Args:
             joints: number of motors, or the robot.
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd, ignored if the prior has none; the logged gains if not
                 given.
-            limit_follows_gain: scale the torque limit of every motor by its kp over that of the
-                prior's central motor, as for a smaller torque constant in firmware that controls
-                currents. Grey boxes only.
-            prior_share: share of the prior's standard deviation of z (1), in addition to the
-                posterior's [-].
+            limit_follows_gain: scale the torque limit of every motor by the ratio of its kp to the
+                kp of the prior's central motor. If the firmware controls the current, a smaller
+                torque constant reduces both. Grey boxes only.
+            prior_share: additional standard deviation of z, as a share of the prior's standard
+                deviation, which is 1 [-].
 
         Raises:
-            ConfigError: the posterior has neither one motor nor as many, or an argument is out of
-                range.
+            ConfigError: the posterior has several motors, but not ``joints`` motors; or an argument
+                is out of range.
         """
         count = joints.num_joints if isinstance(joints, Robot) else joints
         require_count("count", count)
@@ -93,9 +95,9 @@ class MotorPosterior(Printable):
         require_number("prior_share", prior_share)
         num_latents = self.mean.shape[1]
         covariance = self.covariance + prior_share**2 * np.eye(num_latents)
-        factors = np.linalg.cholesky(covariance)
+        cholesky_factors = np.linalg.cholesky(covariance)
         noise = generator_of(seed).standard_normal((count, num_latents))
-        z = self.mean + np.einsum("mij,mj->mi", factors, noise)
+        z = self.mean + np.einsum("mij,mj->mi", cholesky_factors, noise)
 
         if self.gains is None:
             gains = None
@@ -117,28 +119,36 @@ class MotorPosterior(Printable):
         central, _ = self.prior.classes.mean_and_std(classes)
         one = np.ones(count)
         limit_factor = kp_ratio(motors.model, motors.z, central)
-        return motors.with_factors(Factors(kp=one, kd=one, torque_limit=limit_factor, coulomb=one))
+        return motors.with_factors(
+            ConstantFactors(kp=one, kd=one, torque_limit=limit_factor, coulomb=one)
+        )
 
     def constants(self) -> Constants:
         """Constants of these motors, with units and ranges, at their gains.
 
-        A constant is narrowed if its standard deviation (of the logarithm of positive constants) is
-        below NARROWER times the prior's for at least half of the motors. Ranges include
+        The log narrows a constant if, for at least half of the motors, its standard deviation in
+        the posterior is below MAX_NARROWED_RATIO times its standard deviation in the prior. For
+        positive constants it is the standard deviation of the logarithm. The ranges include
         `MODEL_ERROR`, as in `MotorPrior.intervals`.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)
         prior_precision = np.eye(mean.shape[1]) / std[:, :, None] ** 2
         precision = with_model_error(np.linalg.inv(self.covariance), prior_precision)
-        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
+        covariance = np.linalg.inv(precision)
 
-        # samples of the posterior, and of the prior
+        # NUM_SAMPLES samples of all motors of the posterior, and of the prior
         rng = np.random.default_rng(0)
-        factors = np.linalg.cholesky(np.linalg.inv(precision))
+        cholesky_factors = np.linalg.cholesky(covariance)
         noise = rng.standard_normal((NUM_SAMPLES, *self.mean.shape))
-        z = self.mean + np.einsum("mij,dmj->dmi", factors, noise)
-        values = named_constants(self.prior.model, z.reshape(-1, z.shape[-1]), gains)
+        z = self.mean + np.einsum("mij,dmj->dmi", cholesky_factors, noise)
         z_of_prior = mean + std * rng.standard_normal(z.shape)
-        prior_values = named_constants(self.prior.model, z_of_prior.reshape(-1, z.shape[-1]), gains)
+
+        # one row per sample and motor
+        gains_of_rows = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
+        rows = z.reshape(-1, z.shape[-1])
+        values = named_constants(self.prior.model, rows, gains_of_rows)
+        rows_of_prior = z_of_prior.reshape(-1, z.shape[-1])
+        prior_values = named_constants(self.prior.model, rows_of_prior, gains_of_rows)
 
         narrowed = {name: _narrows(values[name], prior_values[name]) for name in values}
         columns = (*COLUMNS[:-1], "narrowed by the log")
@@ -231,7 +241,7 @@ class MotorPosterior(Printable):
 
 
 def _narrows(posterior_values: np.ndarray, prior_values: np.ndarray) -> bool | None:
-    """Whether a log narrows a constant; None for one that does not vary, such as a logged gain.
+    """Whether a log narrows a constant; None if the constant does not vary, such as a logged gain.
 
     The arguments are NUM_SAMPLES samples of the constant of every motor.
     """
@@ -240,9 +250,10 @@ def _narrows(posterior_values: np.ndarray, prior_values: np.ndarray) -> bool | N
         prior_values = np.log(prior_values)
     posterior_std = posterior_values.reshape(NUM_SAMPLES, -1).std(axis=0)
     prior_std = prior_values.reshape(NUM_SAMPLES, -1).std(axis=0)
-    if not np.median(prior_std) > 1e-9:
+    varies = bool(np.median(prior_std) > 1e-9)
+    if not varies:
         return None
-    return bool(np.median(posterior_std - NARROWER * prior_std) < 0.0)
+    return bool(np.median(posterior_std - MAX_NARROWED_RATIO * prior_std) < 0.0)
 
 
 def kp_ratio(model: GreyBox, z: np.ndarray, central: np.ndarray | float = 0.0) -> np.ndarray:

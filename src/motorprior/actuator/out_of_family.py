@@ -58,7 +58,7 @@ from typing import Annotated
 
 import numpy as np
 
-from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ConstantFactors, empty_arrays, require_step
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.actuator.physical import TrueMotors, stribeck_share, voltage_limited
@@ -305,7 +305,7 @@ class OutOfFamilyMotors(TrueMotors):
 
     kind = OUT_OF_FAMILY_KIND
     # ki scales with kp, as in the learned models
-    factor_names = {name: name for name in Factors._fields} | {
+    factor_names = {name: name for name in ConstantFactors._fields} | {
         "static_torque": "coulomb",
         "ki": "kp",
     }

@@ -27,7 +27,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
-from motorprior.actuator.actuator import Factors, empty_arrays, require_step
+from motorprior.actuator.actuator import ConstantFactors, empty_arrays, require_step
 from motorprior.actuator.arrays import ActuatorArrays
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
@@ -52,7 +52,8 @@ class TrueMotors(ABC):
     """
 
     kind: ClassVar[ActuatorKind]  # name, title and compiled functions of the family
-    factor_names: ClassVar[Mapping[str, str]]  # parameter -> field of `Factors` that scales it
+    # parameter -> field of `ConstantFactors` that scales it
+    factor_names: ClassVar[Mapping[str, str]]
     kp: np.ndarray
     kd: np.ndarray
     torque_limit: np.ndarray
@@ -128,7 +129,7 @@ class PhysicalActuator:
         """
         return getattr(self.motors, "output_damping", np.zeros(self.num_motors))
 
-    def with_factors(self, factors: Factors) -> "PhysicalActuator":
+    def with_factors(self, factors: ConstantFactors) -> "PhysicalActuator":
         """See `Actuator.with_factors`."""
         scales = {
             name: getattr(factors, factor) for name, factor in self.motors.factor_names.items()
@@ -255,7 +256,7 @@ class PhysicalMotors(TrueMotors):
     """n physical motors; every field has shape (n,)."""
 
     kind = PHYSICAL
-    factor_names = {name: name for name in Factors._fields} | {"stribeck_torque": "coulomb"}
+    factor_names = {name: name for name in ConstantFactors._fields} | {"stribeck_torque": "coulomb"}
 
     kp: Annotated[np.ndarray, "N·m/rad"]
     kd: Annotated[np.ndarray, "N·m·s/rad"]

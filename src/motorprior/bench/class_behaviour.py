@@ -8,7 +8,7 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.geared_motor_step import STRIBECK_VELOCITY
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.bench.dynamometer import respond_alike
+from motorprior.bench.dynamometer import response_of_all
 
 LOAD = 3.0  # inertia of the load over the motor's armature [-]
 MIN_ARMATURE = 1e-3  # of a network, for its load [kg·m²]
@@ -65,7 +65,7 @@ def _responses(motors: Actuator, inertia: float, period: float) -> dict[str, np.
     """(n, T) responses by name, see `class_behaviours`."""
     responses = {}
     for name, target in (("step", _step(period)), ("chirp", _chirp(period))):
-        response = respond_alike(motors, target, inertia, 0.0, period)
+        response = response_of_all(motors, target, inertia, 0.0, period)
         responses[name] = response.joint_pos.T
 
     if isinstance(motors, GreyBoxActuator):

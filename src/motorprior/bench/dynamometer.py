@@ -40,8 +40,8 @@ def step_joints(arrays, h, target, external, stiffness, inertia, q, dq, torque):
     """Advance n joints on their motors (`ActuatorArrays`) by one step of ``h`` [s].
 
     All vectors are (n,), in SI units. The load is external + stiffness·q; ``inertia`` includes the
-    armature. Writes q, dq, and the torque of the motors without their damping. The JAX rollout
-    shares `next_velocity` alone: its arrays cannot be written.
+    armature. The function writes q, dq, and the torque of the motors without their damping. The
+    JAX rollout cannot use it, since JAX arrays cannot be written; it uses `next_velocity`.
     """
     step_actuator(arrays, h, target, q, dq, torque)
     for j in range(q.shape[0]):
@@ -95,7 +95,9 @@ class Response:
     joint_pos: np.ndarray  # (steps, n) [rad]
     joint_vel: np.ndarray  # (steps, n) [rad/s]
     joint_torque: np.ndarray  # (steps, n) mean over the following step [N·m]
-    encoder_pos: np.ndarray  # (steps, n) encoder readings [rad], on the rotor if the model has one
+    # (steps, n) encoder readings [rad]; the encoder is on the rotor if the model has a rotor, and
+    # on the joint otherwise
+    encoder_pos: np.ndarray
 
 
 @njit(cache=True, nogil=True)
@@ -128,7 +130,8 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     The integration step is the period of the trial, or shorter if the ``bench_step`` of the
     actuator kind requires it.
     """
-    substeps = max(1, int(np.ceil(trial.dt / actuator.kind.bench_step - 1e-9)))
+    steps_per_sample = trial.dt / actuator.kind.bench_step
+    substeps = max(1, int(np.ceil(steps_per_sample - 1e-9)))
     arrays = actuator.arrays(trial.dt / substeps)
     inertia = trial.load_inertia + actuator.armature
 
@@ -148,7 +151,7 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     return Response(*out)
 
 
-def respond_alike(
+def response_of_all(
     actuator: Actuator,
     target: np.ndarray,
     inertia: float,

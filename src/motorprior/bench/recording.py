@@ -17,10 +17,8 @@ from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
-REFERENCE_LOAD = (
-    1e-4,
-    3e-2,
-)  # load inertia of the robot for which the schedules are written [kg·m²]
+# (low, high) load inertia of the robot for which the schedules are written [kg·m²]
+REFERENCE_LOAD = (1e-4, 3e-2)
 # tags of random streams
 MOTORS_STREAM = 11
 EXCITATION_STREAM = 13
@@ -38,7 +36,8 @@ class BenchSchedule:
     segment_steps: int  # samples per contiguous recording
     load_inertia: tuple[float, float]  # (low, high) of the log-uniform load inertia [kg·m²]
     excitations: tuple[str, ...]  # names or files, see `excitation_of`, cycled over the segments
-    hold_steps: int  # samples for which targets are held in every second segment
+    # number of samples for which a target is held, in the segments with held targets
+    hold_steps: int
     torque_factor: float = 1.0  # factor on the external torques [-]
 
     def for_robot(self, robot: Robot) -> "BenchSchedule":
@@ -56,7 +55,7 @@ class BenchSchedule:
         )
 
 
-# Loads from a bare shank to a standing robot; half of the commands are held at 100 Hz.
+# The loads range from a bare shank to a standing robot. Half of the targets are held at 100 Hz.
 _ROLLOUT = BenchSchedule(
     period=0.002,
     segment_steps=1000,
@@ -118,19 +117,20 @@ def bench_trial(
 def record(
     motors: TrueMotors, schedule: BenchSchedule, steps: int, seed: int, fleet: Fleet
 ) -> MotorLog:
-    """Record ``steps`` samples of every motor.
+    """Record ``steps`` samples of every motor; the same seed gives the same log.
 
-    Deterministic. Every segment of ``schedule.segment_steps`` samples starts with static motors
-    that have been warming since the start of the log. An external torque that causes a position
-    error above MAX_DEVIATION is halved, up to MAX_HALVINGS times. Raises ConfigError if a
-    simulation diverges, since the gear is too stiff for the load.
+    At the start of every segment of ``schedule.segment_steps`` samples the motors are static. They
+    are as warm as after continuous operation since the start of the log. An external torque that
+    causes a position error above MAX_DEVIATION is halved, up to MAX_HALVINGS times. Raises
+    ConfigError if a simulation diverges, since the gear is too stiff for the load.
     """
     recordings = []
-    edges = [*range(0, steps - 1, schedule.segment_steps), steps]
-    for segment, (first, last) in enumerate(pairwise(edges)):
+    segment_starts = range(0, steps - 1, schedule.segment_steps)
+    segment_bounds = pairwise([*segment_starts, steps])
+    for segment, (first, last) in enumerate(segment_bounds):
         trial = _segment_trial(segment, last - first, len(motors), schedule, seed)
         actuator = motors.after(first * schedule.period).actuator()
-        trial, response = _with_limited_pushes(motors, actuator, trial)
+        trial, response = _with_limited_torques(motors, actuator, trial)
 
         instruments = np.random.default_rng([seed, segment, INSTRUMENTS_STREAM])
         pos, vel, torque = motors.logged(
@@ -140,8 +140,8 @@ def record(
             response.joint_vel,
             response.joint_torque,
         )
-        logged = replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)
-        recordings.append((trial, logged))
+        logged_response = replace(response, joint_pos=pos, joint_vel=vel, joint_torque=torque)
+        recordings.append((trial, logged_response))
     return as_log(recordings, fleet.motor, f"virtual dynamometer, fleet {fleet.name}, seed {seed}")
 
 
@@ -151,12 +151,14 @@ def _segment_trial(
     """The trial of one segment."""
     rng = np.random.default_rng([seed, segment, EXCITATION_STREAM])
     cycle, position = divmod(segment, len(schedule.excitations))
-    # every excitation is held in every second cycle, and every second one in a cycle
-    hold = schedule.hold_steps > 1 and (cycle + position) % 2 == 0
+    # Held and free targets alternate within a cycle. The next cycle holds the targets of the other
+    # excitations.
+    is_held_segment = (cycle + position) % 2 == 0
+    hold = schedule.hold_steps > 1 and is_held_segment
     return bench_trial(rng, schedule.excitations[position], steps, motors, schedule, hold)
 
 
-def _with_limited_pushes(
+def _with_limited_torques(
     motors: TrueMotors, actuator: Actuator, trial: Trial
 ) -> tuple[Trial, Response]:
     """The trial and its response, with external torques halved as long as joints deviate far."""

@@ -5,7 +5,7 @@ from motorprior.commands.validate import Validate, run_validate
 from motorprior.evaluation.bands import LEVELS
 from motorprior.evaluation.errors import PRIOR
 from motorprior.evaluation.free_runs import error_table
-from motorprior.priors.validate import ADAPTED, COVERAGE, SPANS, TRAINED_ON
+from motorprior.priors.validate import ADAPTED, COVERAGE, DURATIONS, TRAINED_ON
 from motorprior.progress import Progress
 
 
@@ -15,11 +15,11 @@ def run(config: Validate, progress: Progress) -> None:
     is_trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if is_trained else ""
     title = f"Free runs, joint RMSE [mrad], over joints{warning}"
-    print_table(title, *error_table(results, SPANS))
+    print_table(title, *error_table(results, DURATIONS))
 
     rows = []
     for model in (ADAPTED, PRIOR):
-        for quantity, span in SPANS.items():
+        for quantity, span in DURATIONS.items():
             row = [model, span]
             for level in LEVELS:
                 share = results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model)

@@ -1,13 +1,14 @@
 """Errors of motor models on logs, and the warnings that follow from them.
 
 All models simulate the joints from recorded commands and loads, without feedback from the recorded
-motion. Errors are simulated minus recorded angles, the latter smoothed where readings are noisy
-(`smoothing`); no mean is removed.
+motion. Errors are differences between simulated and recorded angles; no mean is removed. Noisy
+recorded angles are smoothed before (`smoothing`). Free runs give simulated minus recorded angles,
+and replays give recorded minus simulated angles.
 
-    free run    starts from the recorded joint and from the hidden state of a simulation that
-                followed the recording until then (`window_runs`): over 1 s, or over a whole segment
-                after the warm-up at its beginning
-    replay      starts from the first row of a segment with a static rotor (`dynamometer.run`)
+    free run    runs over 1 s, or over a whole segment after the warm-up at its beginning. The joint
+                starts in the recorded state. The hidden state of the motor comes from a second
+                simulation, which follows the recording up to the start (`window_runs`).
+    replay      runs from the first row of a segment, with a static rotor (`dynamometer.run`)
 """
 
 import math
@@ -24,8 +25,8 @@ from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.physics.term_selection import TERM_OF, min_difference
-from motorprior.identification.physics.window_runs import MotorsOnLoads
+from motorprior.identification.physics.term_selection import TERM_OF, min_condition_difference
+from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_operating_conditions, seconds_since_cold
 from motorprior.logs.motor_log import MotorLog, condition_text
@@ -35,7 +36,7 @@ from motorprior.signals import rms
 
 PRIOR = "prior"
 TUNED_PD = "tuned_pd"
-SIMPLER = (
+SIMPLER_MODELS = (
     "ideal_pd",
     TUNED_PD,
     "pure_delay",
@@ -45,8 +46,9 @@ SIMPLER = (
     "stribeck",
 )
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
-ENCODER_ERROR = 0.002  # [rad], counts as explained: an encoder of 12 bits resolves 1.5 mrad
-# [rad]; an error that is larger, or not finite, counts as this one: the simulation diverged
+# error [rad] that no model can explain; an encoder of 12 bits resolves 1.5 mrad
+ENCODER_ERROR = 0.002
+# maximum error [rad]: a simulation with a larger error, or an error that is not finite, diverged
 MAX_ERROR = math.tau
 _MAX_SEGMENTS = 20  # maximum number of segments of a replay
 # quantities of the quick report: errors of free runs of whole segments and of 1 s
@@ -73,7 +75,7 @@ def _milli(error: np.floating) -> str:
 
 
 def replay_errors(
-    motors: MotorsOnLoads, log: MotorLog, nominal: Mapping[str, float]
+    motors: TorqueMotors, log: MotorLog, nominal: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Replay at most _MAX_SEGMENTS segments of a log with known loads.
 
@@ -81,11 +83,11 @@ def replay_errors(
     operating conditions of their recipe.
 
     Returns:
-        Recorded minus simulated angles [rad], both read by the same encoder, and velocities of the
-        simulated joints [rad/s], each (steps of all segments, M).
+        Recorded minus simulated angles [rad], both at the side of the gear where the encoder is,
+        and velocities of the simulated joints [rad/s], each (steps of all segments, M).
     """
     segments = log.segment_slices()
-    work = seconds_since_cold(log)
+    seconds = seconds_since_cold(log)
     count = min(_MAX_SEGMENTS, len(segments))
     replayed = np.linspace(0, len(segments) - 1, count).round().astype(int)
 
@@ -94,7 +96,8 @@ def replay_errors(
     for index in replayed:
         rows = segments[index]
         segment = log.rows(rows)
-        actuator = _at_segment(motors, segment, nominal, float(np.median(work[rows])))
+        median_seconds = float(np.median(seconds[rows]))
+        actuator = _at_segment(motors, segment, nominal, median_seconds)
         response = run(actuator, trial_of(segment))
         simulated = response.encoder_pos if log.encoder == "rotor" else response.joint_pos
         errors.append(segment.joint_pos - simulated)
@@ -103,7 +106,7 @@ def replay_errors(
 
 
 def _at_segment(
-    motors: MotorsOnLoads, segment: MotorLog, nominal: Mapping[str, float], seconds: float
+    motors: TorqueMotors, segment: MotorLog, nominal: Mapping[str, float], seconds: float
 ) -> Actuator:
     """The motors at the gains and operating conditions of a segment.
 
@@ -111,12 +114,15 @@ def _at_segment(
     """
     gains = segment.gains
     if isinstance(motors, GainScaledPd):
-        return motors.pd if gains is None else motors.at(gains)
+        if gains is None:
+            return motors.pd
+        return motors.at(gains)
     if not isinstance(motors, GreyBoxActuator):
         return motors
 
     warmth = motors.model.warmth(motors.z, seconds)
-    conditions = OperatingConditions(warmth, *relative_operating_conditions(segment, nominal))
+    supply, temperature_rise = relative_operating_conditions(segment, nominal)
+    conditions = OperatingConditions(warmth, supply, temperature_rise)
     if not motors.model.gain_unit:
         gains = motors.gains
     return replace(motors, conditions=conditions, gains=gains)
@@ -134,8 +140,8 @@ class LogErrors:
         """(J,) √(max(e² - ENCODER_ERROR², 0)) / e_PD with the mean errors e over the logs [-]."""
         error = self._mean_over_logs(model)
         pd_error = self._mean_over_logs(TUNED_PD)
-        remaining = np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0))
-        return remaining / np.maximum(pd_error, 1e-9)
+        unexplained_error = np.sqrt(np.maximum(error**2 - ENCODER_ERROR**2, 0.0))
+        return unexplained_error / np.maximum(pd_error, 1e-9)
 
     def _mean_over_logs(self, model: str) -> np.ndarray:
         """(J,) mean error [rad]; NaN for joints that are not excited in any log."""
@@ -144,15 +150,15 @@ class LogErrors:
             return np.nansum(errors, axis=0) / np.isfinite(errors).sum(axis=0)
 
     def warnings(self, model: str) -> list[str]:
-        """Warnings of simpler models with less error, and of joints with a large remaining error.
+        """Warnings that simpler models have smaller errors, or that errors of joints remain large.
 
-        The error of the model remains if it is a large share of the tuned PD's.
+        The error of a joint is large if it exceeds MAX_UNEXPLAINED times the tuned PD's error.
         """
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
         remedy = "try preset long_runs, another seed or longer logs"
         warnings = []
-        for name in SIMPLER:
+        for name in SIMPLER_MODELS:
             if mean.get(name, np.inf) < mean[model]:
                 errors = f"{mean[name]:.2f} instead of {mean[model]:.2f} mrad"
                 warnings.append(
@@ -174,8 +180,8 @@ class LogErrors:
 
 
 def evaluate_replay(
-    motors: MotorsOnLoads,
-    tuned: MotorsOnLoads | None,
+    motors: TorqueMotors,
+    tuned: TorqueMotors | None,
     log: MotorLog,
     recipe: Recipe,
     progress: Progress,
@@ -219,8 +225,8 @@ def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
                 assumed = condition_text(name, nominal, nominal)
                 notes.append(Note("info", f"the log has no {name}: {assumed} is assumed"))
             continue
-        means = np.array([part.operating_conditions[name] for part in log.segments()])
-        margin = min_difference(name, nominal)
+        means = np.array([segment.operating_conditions[name] for segment in log.segments()])
+        margin = min_condition_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
             here = condition_text(name, means.min(), means.max())

@@ -13,7 +13,7 @@ from motorprior.identification.baselines.response_fit import ResponseMotors
 from motorprior.identification.physics import window_runs
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
-    MotorsOnLoads,
+    TorqueMotors,
     WindowRuns,
     whole_runs,
 )
@@ -32,8 +32,8 @@ MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": 
 FREE_RUN = "free_run"
 WHOLE_RUN = "whole_run"
 DURATION = 1.0  # of a free run of FREE_RUN [s]
-# models of a log's motors: on its loads, or responses that need no loads
-MotorModel: TypeAlias = MotorsOnLoads | ResponseMotors
+# a model of a log's motors: motors that move the log's loads, or responses, which need no loads
+MotorModel: TypeAlias = TorqueMotors | ResponseMotors
 
 
 def free_runs(log: MotorLog, recipe: Recipe) -> dict[str, list[WindowRuns]]:
@@ -42,10 +42,11 @@ def free_runs(log: MotorLog, recipe: Recipe) -> dict[str, list[WindowRuns]]:
     Raises errors as `training_data`.
     """
     window = round(DURATION / recipe.period)
-    recipe_of_gains = window_runs.with_gains_of(recipe, log)
-    short = replace(recipe_of_gains, objective="rollout", window=window)
+    recipe_with_unit = window_runs.with_gain_unit_of(recipe, log)
+    short_recipe = replace(recipe_with_unit, objective="rollout", window=window)
+    short_runs = WindowRuns(training_data(log, short_recipe, log.source), short_recipe)
     return {
-        FREE_RUN: [WindowRuns(training_data(log, short, log.source), short)],
+        FREE_RUN: [short_runs],
         WHOLE_RUN: whole_runs(log, recipe),
     }
 
@@ -54,7 +55,8 @@ def angle_errors(runs: WindowRuns, motors: MotorModel) -> np.ndarray:
     """(M, N, W) simulated minus recorded angles [rad] of a model of the log's M motors."""
     if isinstance(motors, ResponseMotors):
         return motors.errors(runs)
-    return POSITION_SCALE * runs.errors(motors)[:, :, 0]
+    position_errors = runs.errors(motors)[:, :, 0]
+    return POSITION_SCALE * position_errors
 
 
 def free_run_errors(
@@ -117,15 +119,18 @@ def log_errors(
         tables[model] = np.stack([of_log[model] for of_log in errors])
 
     for row, log in enumerate(logs.values()):
-        static = np.isin(np.arange(log.num_joints), excited_joints(log), invert=True)
+        is_excited = np.isin(np.arange(log.num_joints), excited_joints(log))
         for table in tables.values():
-            table[row, static] = np.nan
+            table[row, ~is_excited] = np.nan
     joint_names = next(iter(logs.values())).joint_names
     return LogErrors(tuple(logs), joint_names, tables)
 
 
 def median_and_max(values: np.ndarray) -> list[tuple[int, int]]:
-    """Log and joint of the median and the maximum of errors (L, J), once if they are the same."""
+    """Log and joint with the median error, and with the maximum error, of errors (L, J).
+
+    If both have the same log and joint, it is returned once.
+    """
     num_finite = int(np.isfinite(values).sum())
     order = np.argsort(values, axis=None)[:num_finite]  # NaN is last
     places = []
@@ -150,10 +155,11 @@ def validation_of(
 
     Args:
         logs: the test logs, by name, all of the same joints.
-        runs: quantity -> log -> its free runs. The last quantity is that of whole segments.
-        models: by name, of the motors of the logs' joints.
-        main_model: the warnings are about this model, if there is a tuned PD. The traces are of the
-            joints with its median and maximum error, in the longest run.
+        runs: quantity -> log -> free runs of the log. The last quantity has runs of whole segments.
+        models: models of the motors of the logs' joints, by name.
+        main_model: name of the model that the warnings are about; there are warnings only if
+            ``models`` has a tuned PD. The traces show the longest runs of the joints with this
+            model's median and maximum error.
         plotted: names of the models in the traces.
         statistics: over joints and logs.
         failed: names of models that could not be fitted; their errors are MAX_ERROR.
@@ -163,18 +169,23 @@ def validation_of(
     errors = {}
     results = Results()
     for quantity, runs_of_logs in runs.items():
-        of_logs = [free_run_errors(runs_of_logs[name], models) | failures for name in logs]
-        errors[quantity] = log_errors(logs, of_logs)
+        errors_of_logs = []
+        for name in logs:
+            errors_of_models = free_run_errors(runs_of_logs[name], models)
+            errors_of_logs.append(errors_of_models | failures)
+        errors[quantity] = log_errors(logs, errors_of_logs)
         results += error_results(errors[quantity], quantity, statistics)
 
     last_quantity = list(runs)[-1]
-    whole = errors[last_quantity]
-    warnings = whole.warnings(main_model) if TUNED_PD in models else []
+    whole_run_errors = errors[last_quantity]
+    warnings = whole_run_errors.warnings(main_model) if TUNED_PD in models else []
     traces = []
-    for log, joint in median_and_max(whole.models[main_model]):
-        name = whole.logs[log]
+    for log, joint in median_and_max(whole_run_errors.models[main_model]):
+        name = whole_run_errors.logs[log]
         longest_run = max(runs[last_quantity][name], key=lambda windows: windows.recipe.window)
-        traces.append(_trace(name, whole.joints[joint], longest_run, joint, models, plotted))
+        traces.append(
+            _trace(name, whole_run_errors.joints[joint], longest_run, joint, models, plotted)
+        )
     return Validation(results, traces, warnings)
 
 
@@ -187,9 +198,9 @@ def _trace(
     plotted: Collection[str],
 ) -> Trace:
     """Trace of one joint in the first window of the runs."""
-    time, target, measured = (
-        runs.recorded(channel)[joint, 0] for channel in (SECONDS, TARGET, POS)
-    )
+    time = runs.recorded(SECONDS)[joint, 0]
+    target = runs.recorded(TARGET)[joint, 0]
+    measured = runs.recorded(POS)[joint, 0]
     simulated = {}
     for model in plotted:
         simulated[model] = measured + angle_errors(runs, models[model])[joint, 0]

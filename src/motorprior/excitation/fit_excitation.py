@@ -1,4 +1,4 @@
-"""Learn an excitation from runs of a robot: their windows by joint class, and a generator."""
+"""Learn an excitation from logs of a robot: windows of the logs by joint class, and a generator."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -13,9 +13,9 @@ from motorprior.artifacts import read_tensors
 from motorprior.bounds import one_of, require_argument, require_count, require_number, require_seed
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.excitation.bounded_stream import Bounds
-from motorprior.excitation.frames import SUB
+from motorprior.excitation.frames import TORQUES_PER_FRAME
 from motorprior.excitation.learned_excitation import METHODS, LearnedExcitation
-from motorprior.excitation.run_windows import MARGINS, windows_of
+from motorprior.excitation.run_windows import BOUND_FACTORS, windows_of
 from motorprior.logs.motor_log import MotorLog, motor_logs
 from motorprior.progress import PYTHON_WARNINGS, Progress
 
@@ -44,15 +44,15 @@ def fit_excitation(
             processes with the runs' spectrum and marginals, recorded plays windows of the runs.
         period: control period of the robot [s].
         commands: commanded speed of each run [m/s]; unknown if not given.
-        max_speed: bound of the targets' speed [rad/s], at most 1.25 times the runs'; faster targets
-            are scaled down.
-        max_torque: bound of external torques [N·m], at most 1.25 times the runs'; larger torques
-            are scaled down.
+        max_speed: bound of the targets' speed [rad/s]. Faster targets are scaled down. The speed is
+            in any case at most 1.25 times the largest speed in the runs.
+        max_torque: bound of the external torques [N·m]. Larger torques are scaled down. A torque is
+            in any case at most 1.25 times the largest torque in the runs.
         steps: training steps of the network.
         seed: of the training, which is deterministic.
         out: .safetensors file to write; training continues from the .checkpoint next to it. The
-            generator of a finished file of the same runs and settings is used again, and stays in
-            the file with other methods.
+            generator of a finished file of the same runs and settings is used again. Another method
+            keeps the generator in the file.
         progress: where to report to.
 
     Raises:
@@ -69,12 +69,13 @@ def fit_excitation(
 
     finished = None if out is None else _finished_excitation(Path(out))
     excitation = windows_of(logs, period, commands)
-    trained = {**excitation.provenance, "steps": steps, "seed": seed}
+    training_provenance = {**excitation.provenance, "steps": steps, "seed": seed}
     if finished is not None and _has_generator_of(finished, excitation):
         excitation = replace(excitation, weights=finished.weights, provenance=finished.provenance)
     if method == "generated":
-        excitation = _with_generator(excitation, trained, out, progress)
-    excitation = _scaled_down(replace(excitation, method=method), max_speed, max_torque)
+        excitation = _with_generator(excitation, training_provenance, out, progress)
+    excitation = replace(excitation, method=method)
+    excitation = _scaled_down(excitation, max_speed, max_torque)
 
     if out is not None:
         excitation.save(Path(out))
@@ -89,10 +90,11 @@ def _finished_excitation(out: Path) -> LearnedExcitation | None:
     Raises ConfigError for another kind of artifact.
     """
     with suppress(ArtifactError):
-        artifact_name = read_tensors(out)[1].get("kind")
-        if artifact_name != "excitation":
+        _, header = read_tensors(out)
+        artifact_type = header.get("kind")
+        if artifact_type != "excitation":
             raise ConfigError(
-                f"{out} is a {artifact_name}, not an excitation",
+                f"{out} is a {artifact_type}, not an excitation",
                 remedy="give another file",
                 argument="out",
             )
@@ -102,31 +104,34 @@ def _finished_excitation(out: Path) -> LearnedExcitation | None:
 
 def _has_generator_of(finished: LearnedExcitation, excitation: LearnedExcitation) -> bool:
     """Whether the finished excitation has a generator that was trained on the same runs."""
-    same_runs = excitation.provenance.items() <= finished.provenance.items()
-    return bool(finished.weights) and same_runs
+    # the provenance of a generator has more entries: the settings of its training
+    has_same_runs = excitation.provenance.items() <= finished.provenance.items()
+    return bool(finished.weights) and has_same_runs
 
 
 def _with_generator(
     excitation: LearnedExcitation,
-    trained: Mapping[str, Any],
+    provenance: Mapping[str, Any],
     out: Path | str | None,
     progress: Progress,
 ) -> LearnedExcitation:
-    """The excitation with a generator of the provenance ``trained``; its own one if that is it."""
-    if excitation.provenance == trained:
+    """The excitation with a generator that has this ``provenance``.
+
+    A generator is trained unless the excitation already has it.
+    """
+    if excitation.provenance == provenance:
         progress.note(f"{out} exists already, from the same runs and settings")
         return excitation
 
     from motorprior.excitation.train_generator import train_generator  # here: it imports JAX
 
-    steps = trained["steps"]
+    steps = provenance["steps"]
+    seed = provenance["seed"]
     title = f"train a generator, {len(excitation.windows)} windows"
     checkpoint = None if out is None else _checkpoint(out)
     with progress.start(title, steps) as task:
-        weights = train_generator(
-            excitation, steps, trained["seed"], checkpoint, trained, task.advance
-        )
-    return replace(excitation, weights=weights, provenance=trained)
+        weights = train_generator(excitation, steps, seed, checkpoint, provenance, task.advance)
+    return replace(excitation, weights=weights, provenance=provenance)
 
 
 def _checkpoint(out: Path | str) -> Path:
@@ -136,20 +141,26 @@ def _checkpoint(out: Path | str) -> Path:
 def _scaled_down(
     excitation: LearnedExcitation, max_speed: float, max_torque: float
 ) -> LearnedExcitation:
-    """The excitation within two bounds.
+    """The excitation with speeds and torques within these bounds.
 
-    Targets are scaled down in classes of faster runs, torques in classes of larger ones: clipping
-    would distort them.
+    The targets of a joint class are scaled down if its largest speed exceeds the bound, and its
+    torques are scaled down if its largest torque does. Clipping would distort them.
     """
-    largest = excitation.bounds / MARGINS
-    factors = np.minimum(1.0, np.array([max_speed, max_torque]) / largest[:, [1, 3]])
-    factors_of_bounds = factors[:, [0, 0, 0, 1]]
-    factors_of_channels = factors[:, [0] + SUB * [1]]
+    # (C,) factors of each class on targets and on torques
+    _, max_speeds, _, max_torques = (excitation.bounds / BOUND_FACTORS).T
+    target_factor = np.minimum(1.0, max_speed / max_speeds)
+    torque_factor = np.minimum(1.0, max_torque / max_torques)
+
+    # (C, 1 + TORQUES_PER_FRAME) factors of the channels, (C, 4) factors of the bounds
+    torque_factors = [torque_factor] * TORQUES_PER_FRAME
+    channel_factors = np.stack([target_factor, *torque_factors], axis=1)
+    bound_factors = Bounds(target_factor, target_factor, target_factor, torque_factor)
+
+    scaled_bounds = excitation.bounds * np.stack(bound_factors, axis=1)
+    window_factors = channel_factors[excitation.window_class]
     return replace(
         excitation,
-        windows=excitation.windows * factors_of_channels[excitation.window_class][:, None],
-        scales=excitation.scales * factors_of_channels,
-        bounds=np.minimum(
-            excitation.bounds * factors_of_bounds, Bounds(inf, max_speed, inf, max_torque)
-        ),
+        windows=excitation.windows * window_factors[:, None],
+        scales=excitation.scales * channel_factors,
+        bounds=np.minimum(scaled_bounds, Bounds(inf, max_speed, inf, max_torque)),
     )

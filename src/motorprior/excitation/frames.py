@@ -1,4 +1,7 @@
-"""Frames of a learned excitation: a position target and SUB external torques per control period."""
+"""Frames of a learned excitation.
 
-SUB = 5  # external torques per frame
-CHANNELS = 1 + SUB
+A frame is a position target and TORQUES_PER_FRAME external torques of one control period.
+"""
+
+TORQUES_PER_FRAME = 5
+CHANNELS = 1 + TORQUES_PER_FRAME

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from motorprior.excitation.excitation import Rng
-from motorprior.excitation.frames import CHANNELS, SUB
+from motorprior.excitation.frames import CHANNELS, TORQUES_PER_FRAME
 
 # A stream changes its gait every GAIT_FRAMES frames, within TRANSITION frames.
 GAIT_FRAMES = 250
@@ -19,7 +19,7 @@ TRANSITION = 25
 NEIGHBOURS = 8  # windows with a similar gait, one of which is mixed with a window
 # inputs of the network
 NOISE = 10  # Gaussian noise per frame
-CODE = 12  # numbers of a window's code
+CODE_SIZE = 12  # numbers of a window's code
 HARMONICS = 10  # harmonics of the gait's phase
 # embedding of the gait's phase and of the conditioning inputs
 LAYERS = 3
@@ -48,8 +48,8 @@ def generated_stream(
 
     Args:
         weights: of the network, see `weight_shapes`.
-        gaits: (windows of the class, 1 + CODE + 1) logarithm of the frequency [Hz], code, commanded
-            speed [m/s].
+        gaits: (windows of the class, 1 + CODE_SIZE + 1) logarithm of the frequency [Hz], code, and
+            commanded speed [m/s].
         class_code: (classes,) 1 at the class of the stream, 0 elsewhere.
         period: of a frame [s].
         rng: of gaits, phase and noise.
@@ -93,7 +93,7 @@ def generator(
     Args:
         weights: see `weight_shapes`.
         phase: (n, frames) of the gait [rad].
-        conditioning: (n, frames, CODE + 1 + classes) the code, the commanded speed, the class.
+        conditioning: (n, frames, CODE_SIZE + 1 + classes) the code, the commanded speed, the class.
         noise: (n, frames, NOISE) Gaussian.
         xp: numpy or jax.numpy.
     """
@@ -116,7 +116,7 @@ def generator(
         hidden = gated + hidden[:, reach:-reach] if layer else gated
 
     mean = embedding[:, EDGE:-EDGE] @ weights["w_skip"] + weights["b_out"]
-    oscillation_factors = xp.array([TARGET_NOISE] + SUB * [1.0])
+    oscillation_factors = xp.array([TARGET_NOISE] + TORQUES_PER_FRAME * [1.0])
     return mean + (hidden @ weights["w_out"]) * oscillation_factors
 
 
@@ -141,7 +141,7 @@ def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
         "b_out": (CHANNELS,),
     }
 
-    num_inputs = 2 * HARMONICS + CODE + 1 + num_classes
+    num_inputs = 2 * HARMONICS + CODE_SIZE + 1 + num_classes
     for layer in range(LAYERS):
         shapes[f"v{layer}"] = (EMBEDDING if layer else num_inputs, EMBEDDING)
         shapes[f"c{layer}"] = (EMBEDDING,)

@@ -16,8 +16,8 @@ from motorprior.bounds import TABLE, TEXT, many, number, one_of
 from motorprior.exceptions import ConfigError
 from motorprior.excitation.bounded_stream import Bounds, bounded, soft_clip
 from motorprior.excitation.excitation import Rng, Streams
-from motorprior.excitation.frames import CHANNELS, SUB
-from motorprior.excitation.generator import CODE, generated_stream, weight_shapes
+from motorprior.excitation.frames import CHANNELS, TORQUES_PER_FRAME
+from motorprior.excitation.generator import CODE_SIZE, generated_stream, weight_shapes
 from motorprior.excitation.recorded import recorded_stream
 from motorprior.excitation.surrogate import surrogate_stream
 from motorprior.robots.joint_classes import classes_among
@@ -25,7 +25,7 @@ from motorprior.schema import Header, Tensor, check_tensors
 
 METHODS = ("generated", "surrogate", "recorded")
 BURN_IN = 50  # frames discarded at the start of a stream
-UNKNOWN_LOAD = 1e-9  # [kg·m²]: a bench then plays its own loads
+UNKNOWN_LOAD = 1e-9  # marks an unknown load inertia [kg·m²]; a bench then samples its own loads
 _REMEDY = "write it again with `motorprior excite`"
 _HEADER = Header(
     "excitation",
@@ -61,15 +61,16 @@ class LearnedExcitation:
     method: str  # one of METHODS
     classes: tuple[str, ...]  # C joint classes
     period: float  # control period, of a frame [s]
-    # (W, frames, 1 + SUB) target of each frame, and external torque every period / SUB
+    # (W, frames, 1 + TORQUES_PER_FRAME) target of each frame, and the external torques of each
+    # frame, which follow each other at period / TORQUES_PER_FRAME
     windows: np.ndarray
     window_class: np.ndarray  # (W,) index of the joint class
     commands: np.ndarray  # (W,) commanded speed of the run [m/s], 0 if unknown
     frequency: np.ndarray  # (W,) gait frequency [Hz]
-    scales: np.ndarray  # (C, 1 + SUB) standard deviations
+    scales: np.ndarray  # (C, 1 + TORQUES_PER_FRAME) standard deviations
     bounds: np.ndarray  # (C, 4) `Bounds` of each class
     load_inertia: np.ndarray  # (C, 2) lowest and highest in the runs [kg·m²], or UNKNOWN_LOAD
-    # of the generator; empty if not trained
+    # weights of the generator; empty if it is not trained
     weights: Mapping[str, np.ndarray] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)  # what it was trained on, and how
 
@@ -144,14 +145,15 @@ class LearnedExcitation:
 
         # torques are averaged over the samples, by differences of their integral
         integral = np.vstack([np.zeros_like(torque[:1]), np.cumsum(torque, axis=0)])
-        integral = integral * self.period / SUB
-        torque_time = np.arange(len(integral)) * self.period / SUB
+        integral = integral * self.period / TORQUES_PER_FRAME
+        torque_time = np.arange(len(integral)) * self.period / TORQUES_PER_FRAME
         means = [np.diff(np.interp(time, torque_time, column)) for column in integral.T]
 
         loads = self.load_inertia[classes]
         inertia = None
         if not np.any(loads == UNKNOWN_LOAD):
-            inertia = np.exp(rng.uniform(*np.log(loads).T))
+            log_low, log_high = np.log(loads).T
+            inertia = np.exp(rng.uniform(log_low, log_high))
         return Streams(target[frame], np.stack(means, axis=1) / dt, inertia)
 
     def within(self, away: np.ndarray, amplitude: float, speed: float, dt: float) -> np.ndarray:
@@ -163,7 +165,10 @@ class LearnedExcitation:
         return bounded(np.concatenate([away[:1], away]), bounds, dt)
 
     def _classes_of(self, joint_names: Sequence[str], rng: Rng) -> np.ndarray:
-        """(n,) indices of the joints' classes, as knee of FR_knee; random where none fits."""
+        """(n,) indices of the joints' classes, for example of the class knee for the joint FR_knee.
+
+        A joint that fits no class gets a random class.
+        """
         indices = rng.integers(len(self.classes), size=len(joint_names))
         class_named = {name: name for name in self.classes}
         classes = classes_among(self.classes, joint_names, class_of_joint=class_named)
@@ -175,18 +180,26 @@ class LearnedExcitation:
     def frames(
         self, rng: Rng, num_frames: int, classes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Targets (num_frames, n) [rad] and external torques (num_frames·SUB, n) [N·m] of n joints.
+        """Targets [rad] and external torques [N·m] of n joints.
+
+        Shapes (num_frames, n) and (num_frames·TORQUES_PER_FRAME, n).
 
         ``classes`` (n,) are the indices of the joints' classes.
         """
-        raw = np.stack(
-            [self._raw_stream(rng, num_frames + BURN_IN + 1, index) for index in classes], axis=1
-        )
+        raw_streams = []
+        for index in classes:
+            raw_streams.append(self._raw_stream(rng, num_frames + BURN_IN + 1, index))
+        raw = np.stack(raw_streams, axis=1)  # (frames, n, CHANNELS)
 
-        limits = Bounds(*self.bounds[classes].T)
+        amplitude, speed, acceleration, max_torque = self.bounds[classes].T
+        limits = Bounds(amplitude, speed, acceleration, max_torque)
         target = bounded(raw[..., 0], limits, self.period)[BURN_IN:]
-        torque = soft_clip(raw[BURN_IN + 1 :, :, 1:], limits.torque[:, None])
-        return target, np.moveaxis(torque, 2, 1).reshape(-1, len(classes))
+
+        # the torques of a frame become consecutive rows
+        raw_torque = raw[BURN_IN + 1 :, :, 1:]
+        torque = soft_clip(raw_torque, max_torque[:, None])  # (frames, n, TORQUES_PER_FRAME)
+        torque_rows = np.moveaxis(torque, 2, 1).reshape(-1, len(classes))
+        return target, torque_rows
 
     def _raw_stream(self, rng: Rng, num_frames: int, class_index: int) -> np.ndarray:
         """(num_frames, CHANNELS) stream of a joint, without bounds."""
@@ -223,7 +236,7 @@ class LearnedExcitation:
 
         weights: dict[str, Tensor] = {}
         if header["method"] == "generated" or "codes" in tensors:
-            shapes = {"codes": ("windows", CODE), **weight_shapes(num_classes)}
+            shapes = {"codes": ("windows", CODE_SIZE), **weight_shapes(num_classes)}
             weights = {name: Tensor(shape) for name, shape in shapes.items()}
         check_tensors(tensors, _TENSORS | weights, path, _REMEDY, {"classes": num_classes})
 

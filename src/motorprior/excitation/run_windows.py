@@ -10,7 +10,7 @@ import numpy as np
 from motorprior.bounds import require_number
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.excitation.bounded_stream import Bounds
-from motorprior.excitation.frames import SUB
+from motorprior.excitation.frames import TORQUES_PER_FRAME
 from motorprior.excitation.learned_excitation import UNKNOWN_LOAD, LearnedExcitation
 from motorprior.logs.motor_log import MotorLog, motion_digest
 from motorprior.logs.operations import EXCITED_STD, resample
@@ -25,7 +25,7 @@ MIN_SCALE = 1e-6  # standard deviation of a channel that is constant in the runs
 # Bounds of amplitude, speed, acceleration and torque, relative to the largest values in the runs.
 # Below these, streams of recorded windows are not distorted (`bounded_stream` divides the
 # acceleration between its two stages).
-MARGINS = (1.25, 1.25, 3.0, 1.25)
+BOUND_FACTORS = (1.25, 1.25, 3.0, 1.25)
 MIN_BOUNDS = (1e-2, 1e-1, 1.0, 1e-3)  # a joint without external torque has almost none
 MAX_PERIOD = 2.0  # largest period of a gait [s]
 YIN_THRESHOLD = 0.1  # below which a valley of the YIN estimator is a period
@@ -130,7 +130,7 @@ def _windows_of_log(log: MotorLog, period: float, command: float) -> list[tuple[
     for segment in log.segments():
         if segment.duration <= SECONDS:
             continue
-        grid = resample(segment, period / SUB)
+        grid = resample(segment, period / TORQUES_PER_FRAME)
         for joint, joint_class in enumerate(classes):
             frames = _frames(grid, joint)
             load_inertia = 0.0
@@ -149,12 +149,14 @@ def _windows_of_log(log: MotorLog, period: float, command: float) -> list[tuple[
 
 def _frames(grid: MotorLog, joint: int) -> np.ndarray:
     """(frames, CHANNELS) of a joint of one segment on the grid of external torques."""
-    count = grid.num_rows // SUB
-    target = grid.position_target[: count * SUB, joint].reshape(count, SUB).mean(axis=1)
+    num_frames = grid.num_rows // TORQUES_PER_FRAME
+    num_rows = num_frames * TORQUES_PER_FRAME
+    targets = grid.position_target[:num_rows, joint].reshape(num_frames, TORQUES_PER_FRAME)
+    target = targets.mean(axis=1)
     external = grid.external_torque
     if external is None:
         external = np.zeros_like(grid.position_target)
-    torque = external[: count * SUB, joint].reshape(count, SUB)
+    torque = external[:num_rows, joint].reshape(num_frames, TORQUES_PER_FRAME)
     return np.column_stack([target - target.mean(), torque])
 
 
@@ -179,9 +181,9 @@ def _bounds(frames: np.ndarray, period: float) -> Bounds:
         np.abs(target).max(),
         np.abs(np.diff(target)).max() / period,
         np.abs(np.diff(target, n=2)).max() / period**2,
-        np.abs(frames[..., -SUB:]).max(),
+        np.abs(frames[..., -TORQUES_PER_FRAME:]).max(),
     )
-    return Bounds(*np.maximum(np.array(MARGINS) * largest, MIN_BOUNDS))
+    return Bounds(*np.maximum(np.array(BOUND_FACTORS) * largest, MIN_BOUNDS))
 
 
 def gait_frequency(target: np.ndarray, period: float) -> float:

@@ -29,9 +29,9 @@ import optax
 
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.exceptions import ArtifactError
-from motorprior.excitation.frames import CHANNELS, SUB
+from motorprior.excitation.frames import CHANNELS, TORQUES_PER_FRAME
 from motorprior.excitation.generator import (
-    CODE,
+    CODE_SIZE,
     EDGE,
     NOISE,
     convolved,
@@ -111,7 +111,7 @@ def train_generator(
         reconstruction, gap = losses.tolist()
         report(count, f"reconstruction {reconstruction:.2f}, critic's gap {gap:.2f}")
 
-    weights = state[0]["generator"] | {"codes": state[0]["codes"][:, :CODE]}
+    weights = state[0]["generator"] | {"codes": state[0]["codes"][:, :CODE_SIZE]}
     return {name: np.asarray(value, np.float64) for name, value in weights.items()}
 
 
@@ -148,8 +148,8 @@ def _training_data(runs: LearnedExcitation) -> Weights:
     """Arrays with a row for each of the W windows.
 
     windows (W, frames, CHANNELS) scaled; conditioning (W, 1 + classes) commanded speed and class;
-    phases (W, frames + 2 EDGE) of the gait [rad]; codes (W, CODE + 1) initial values, the last one
-    is the trained phase; sizes (W, 3) of the `_derivatives` of the window's class.
+    phases (W, frames + 2 EDGE) of the gait [rad]; codes (W, CODE_SIZE + 1) initial values, the last
+    one is the trained phase; sizes (W, 3) of the `_derivatives` of the window's class.
     """
     classes = np.eye(len(runs.classes))[runs.window_class]
     class_means = classes @ np.linalg.pinv(classes)  # (W, W) gives means over a window's class
@@ -161,8 +161,8 @@ def _training_data(runs: LearnedExcitation) -> Weights:
     phases = _gait_phases(runs, windows)
     features = _features(windows, phases, squares)
     components = np.linalg.svd(features - class_means @ features, full_matrices=False)[0]
-    codes = components[:, :CODE] * len(features) ** 0.5
-    codes = np.pad(codes, ((0, 0), (0, CODE + 1 - codes.shape[1])))
+    codes = components[:, :CODE_SIZE] * len(features) ** 0.5
+    codes = np.pad(codes, ((0, 0), (0, CODE_SIZE + 1 - codes.shape[1])))
 
     data = {
         "windows": windows,
@@ -221,7 +221,7 @@ def _critic_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
     """Shapes of the critic's weights by name."""
     shapes: dict[str, tuple[int, ...]] = {"w_out": (4 * CRITIC_WIDTH,)}
     for layer in range(CRITIC_LAYERS):
-        num_inputs = CRITIC_WIDTH if layer else CHANNELS + 2 + SUB + num_classes + 1
+        num_inputs = CRITIC_WIDTH if layer else CHANNELS + 2 + TORQUES_PER_FRAME + num_classes + 1
         shapes[f"w{layer}"] = (CRITIC_TAPS, num_inputs, CRITIC_WIDTH)
         shapes[f"b{layer}"] = (CRITIC_WIDTH,)
     return shapes
@@ -230,17 +230,20 @@ def _critic_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:
 def _derivatives(windows: Any, xp: ModuleType = jnp) -> tuple[Any, Any, Any]:
     """First and second differences of the target, and differences of the torques.
 
-    Shapes (B, frames - 2, 1), (B, frames - 2, 1) and (B, frames - 2, SUB).
+    Shapes (B, frames - 2, 1), (B, frames - 2, 1) and (B, frames - 2, TORQUES_PER_FRAME).
     """
     change = xp.diff(windows[..., :1], axis=1)
     num_rows = windows.shape[1] - 2
     torque = windows[..., 1:].reshape(len(windows), -1)
-    rate = xp.diff(torque, axis=1)[:, -num_rows * SUB :].reshape(len(windows), -1, SUB)
+    last_changes = xp.diff(torque, axis=1)[:, -num_rows * TORQUES_PER_FRAME :]
+    rate = last_changes.reshape(len(windows), -1, TORQUES_PER_FRAME)
     return change[:, 1:], xp.diff(change, axis=1), rate
 
 
 def _critic_inputs(windows: Any, batch: Weights) -> Any:
-    """(B, frames - 2, CHANNELS + 2 + SUB + 1 + classes) windows, `_derivatives`, conditioning.
+    """(B, frames - 2, num_inputs) windows, `_derivatives`, conditioning.
+
+    num_inputs is CHANNELS + 2 + TORQUES_PER_FRAME + 1 + classes.
 
     Derivatives are scaled and compressed, since impacts would outweigh all else.
     """
@@ -311,8 +314,8 @@ def _generated(
     networks: dict[str, Any], batch: Weights, rows: Any, code_key: Any, noise_key: Any
 ) -> Any:
     """(B, frames, CHANNELS) scaled windows of the generator for the codes of these rows."""
-    codes = networks["codes"][rows, :CODE]
-    phases = batch["phases"] + PHASE_UNIT * networks["codes"][rows, CODE:]
+    codes = networks["codes"][rows, :CODE_SIZE]
+    phases = batch["phases"] + PHASE_UNIT * networks["codes"][rows, CODE_SIZE:]
     codes = codes + CODE_NOISE * jax.random.normal(code_key, codes.shape)
     conditioning = jnp.concatenate([codes, batch["conditioning"]], axis=1)
     conditioning = jnp.repeat(conditioning[:, None], phases.shape[1], axis=1)

@@ -1,13 +1,14 @@
 """Format bam, JSON of better-actuator-models (BAM): read as motors, written per sample and joint.
 
-Control law, friction m1, m2 and m5, and integrator of its simulator, after BAM 1.0.2 (Rhoban/bam,
-Apache-2.0), with M the torque of the motor and E the torque of the load on it [N·m]:
+Control laws, friction models m1, m2 and m5, and integrator of its simulator, after BAM 1.0.2
+(Rhoban/bam, Apache-2.0). M is the torque of the motor, and E the torque of the load on it [N·m]:
 
     voltage   V = vin·clip(error_gain·kp·(target - q), ±max_pwm);  M = kt·V/R - kt²/R·dq
     torque    M = clip(ratio·kp·(target - q) - damping·dq, ±max_torque)
-    friction  F = friction_base + G + s·(friction_stribeck + G_s) + quadratic
+    friction  F = friction_base + G + s·(friction_stribeck + G_s)
               s = exp(-|dq/dtheta_stribeck|^alpha)
-              G = |load_friction_external·E - load_friction_motor·M| (m5)
+              G = |load_friction_external·E - load_friction_motor·M|
+              G_s = |load_friction_external_stribeck·E - load_friction_motor_stribeck·M|
     encoder   reads q - q_offset, where q is the joint angle
     joint     inertia J + armature; friction stops it with at most F + friction_viscous·|dq|
 
@@ -16,10 +17,10 @@ m1. For other models, load friction acts on the gear torque, and the Stribeck ve
 STRIBECK_VELOCITY.
 
 The export writes friction m5 with the actuator unitree_go1: a torque control law without velocity
-filter. A rigid gear with load inertia J and armature a transmits (J·M - a·E)/(J + a). The load
-friction of M is therefore load_friction·J/(J + a), and the load friction of E is
-load_friction·a/(J + a); J = a is assumed. kp, damping and command_delay are not parameters of BAM's
-models: set them where the file is used.
+filter. A rigid gear with load inertia J and armature a transmits (J·M - a·E)/(J + a). The
+coefficient load_friction_motor is therefore load_friction·J/(J + a), and load_friction_external is
+load_friction·a/(J + a). The load inertia is unknown; J = a is assumed. kp, damping and
+command_delay are not parameters of BAM's models: set them where the file is used.
 """
 
 import math
@@ -51,20 +52,24 @@ class _VoltageServo(NamedTuple):
     kp: float  # usual proportional gain, in the firmware's unit
 
 
+# xl330: 4096 encoder steps per turn, gain divided by 256, duty cycle in units of 1/885
+_XL330_STEPS_PER_RADIAN = 4096 / (2 * math.pi)
+_XL330_ERROR_GAIN = _XL330_STEPS_PER_RADIAN / (256 * 885)
 VOLTAGE = {
     "mx64": _VoltageServo(15.0, 0.158, 0.9625, 32.0),
     "mx106": _VoltageServo(15.0, 0.158, 0.9625, 32.0),
     "xl320": _VoltageServo(7.5, 0.05048199, 1.0, 32.0),
-    "xl330": _VoltageServo(7.5, 4096 / (2 * math.pi) / (256 * 885), 1.0, 400.0),
+    "xl330": _VoltageServo(7.5, _XL330_ERROR_GAIN, 1.0, 400.0),
     "sts3215": _VoltageServo(7.4, 0.166, 0.97, 32.0),
 }
-TORQUE = "unitree_go1"  # the actuator that sets a torque
+TORQUE_ACTUATOR = "unitree_go1"  # the actuator with a torque control law
 _MODELS = ("m1", "m2", "m3", "m4", "m5", "m6")
 _REMEDY = "give the JSON that bam.fit writes"
 
 # exp(-|v/(1.22·STRIBECK_VELOCITY)|^1.05) is close to our 1/(1 + (v/STRIBECK_VELOCITY)²)
 STRIBECK_SHAPE = {"dtheta_stribeck": 1.22 * STRIBECK_VELOCITY, "alpha": 1.05}
-# gear mode of `rigid_gear`, resolved at steps of 2 ms [rad/s], [-]
+# natural frequency [rad/s] and damping ratio [-] of the rotor on the gear of `rigid_gear`; steps of
+# 2 ms resolve this oscillation
 RIGID_FREQUENCY = 500.0
 RIGID_DAMPING_RATIO = 0.3
 _MAX_STEP = 0.002  # largest physics step of the motors [s]
@@ -78,7 +83,8 @@ class BamMotor:
     kp: float  # [N·m/rad]
     kd: float  # [N·m·s/rad]
     max_torque: float  # torque limit at standstill [N·m]
-    limits_damping: bool  # whether max_torque also limits kd·dq, as in the control law with torque
+    # whether max_torque also limits kd·dq, as in a torque control law
+    limits_damping: bool
 
     @classmethod
     def of(
@@ -94,16 +100,17 @@ class BamMotor:
         or actuator, or a value that is not a number.
         """
         require("content", table, TABLE, where, _REMEDY)
-        values = defaultdict(float, table)
+        values: defaultdict[str, Any] = defaultdict(float)  # parameters of other models are 0
+        values.update(table)
         actuator = values.pop("actuator", None)
         model = values.pop("model", None)
         values.pop("motorprior", None)
         require("model", model, one_of(*_MODELS), where, _REMEDY)
-        require("actuator", actuator, one_of(*VOLTAGE, TORQUE), where, _REMEDY)
+        require("actuator", actuator, one_of(*VOLTAGE, TORQUE_ACTUATOR), where, _REMEDY)
         for name, value in values.items():
             require(name, value, number(), where, _REMEDY)
 
-        if actuator == TORQUE:
+        if actuator == TORQUE_ACTUATOR:
             kp = values["kp"] if kp is None else kp
             return cls(values, values["ratio"] * kp, values["damping"], values["max_torque"], True)
 
@@ -122,17 +129,22 @@ class BamMotor:
 
     def friction(self, motor: float, load: float, dq: float) -> float:
         """Dry friction [N·m] at these torques [N·m] and this velocity [rad/s]."""
-        v = self.values
-        slow = 0.0  # 1 at standstill
-        if v["dtheta_stribeck"]:
-            slow = math.exp(-(abs(dq / v["dtheta_stribeck"]) ** v["alpha"]))
+        values = self.values
+        stribeck_factor = 0.0  # s; 1 at standstill
+        if values["dtheta_stribeck"]:
+            relative_speed = abs(dq / values["dtheta_stribeck"])
+            stribeck_factor = math.exp(-(relative_speed ** values["alpha"]))
 
-        of_load = abs(load * v["load_friction_external"] - motor * v["load_friction_motor"])
-        of_load_when_slow = abs(
-            load * v["load_friction_external_stribeck"] - motor * v["load_friction_motor_stribeck"]
-        )
-        dry = v["friction_base"] + slow * v["friction_stribeck"]
-        return dry + of_load + slow * of_load_when_slow
+        of_load = load * values["load_friction_external"]
+        of_motor = motor * values["load_friction_motor"]
+        load_friction = abs(of_load - of_motor)
+
+        slow_of_load = load * values["load_friction_external_stribeck"]
+        slow_of_motor = motor * values["load_friction_motor_stribeck"]
+        slow_load_friction = abs(slow_of_load - slow_of_motor)
+
+        dry_friction = values["friction_base"] + stribeck_factor * values["friction_stribeck"]
+        return dry_friction + load_friction + stribeck_factor * slow_load_friction
 
     def simulate(self, trial: Trial, motor: int) -> np.ndarray:
         """(steps,) joint angles [rad] in BAM's own integration, for one joint of a trial."""
@@ -164,9 +176,10 @@ class BamMotor:
             # friction stops the joint, or opposes its motion
             load = trial.external_torque[step, motor] + trial.load_stiffness[step, motor] * q
             net = torque + load
-            stop = inertia / h * dq + net
+            stopping_torque = inertia / h * dq + net
             friction = self.friction(torque, load, dq) + viscous * abs(dq)
-            net -= math.copysign(min(abs(stop), friction), stop)
+            friction = min(abs(stopping_torque), friction)
+            net -= math.copysign(friction, stopping_torque)
 
             acceleration = net / inertia
             dq += h * acceleration
@@ -188,13 +201,13 @@ def read_motor(
 
     Raises:
         ArtifactError: not such a file, or an actuator whose control law is unknown here.
-        ConfigError: kp, vin or another constant makes no motor.
+        ConfigError: kp, torque limit or armature are not positive.
     """
     path = Path(path)
     servo = BamMotor.of(read_json(path), kp, vin, path)
-    v = servo.values
+    parameters_of_file = servo.values
     limit = servo.max_torque
-    armature = v["armature"]
+    armature = parameters_of_file["armature"]
     if not (servo.kp > 0.0 and limit > 0.0 and armature > 0.0):
         raise ConfigError(
             f"kp {servo.kp:.3g} N·m/rad, torque limit {limit:.3g} N·m, "
@@ -204,24 +217,27 @@ def read_motor(
         )
 
     load_friction = (
-        v["load_friction_motor"] + v["load_friction_external"] + 2.0 * v["load_friction_base"]
+        parameters_of_file["load_friction_motor"]
+        + parameters_of_file["load_friction_external"]
+        + 2.0 * parameters_of_file["load_friction_base"]
     )
     values = {
         "kp": servo.kp,
         "kd": max(servo.kd, 1e-9),
         "velocity_filter": 1e-5,
-        "delay": v["command_delay"],
+        "delay": parameters_of_file["command_delay"],
         "torque_limit": limit if servo.limits_damping else 1e3,
         "armature": armature,
-        "coulomb": v["friction_base"],
-        "stribeck_torque": v["friction_stribeck"],
-        "viscous_damping": v["friction_viscous"],
+        "coulomb": parameters_of_file["friction_base"],
+        "stribeck_torque": parameters_of_file["friction_stribeck"],
+        "viscous_damping": parameters_of_file["friction_viscous"],
         "load_friction": load_friction,
-        "encoder_zero": -v["q_offset"],
+        "encoder_zero": -parameters_of_file["q_offset"],
         **rigid_gear(armature),
     }
     terms: tuple[str, ...] = ()
-    if not servo.limits_damping:  # the voltage limits, and the back-EMF brakes beyond it
+    # the voltage is limited, but the torque of the back-EMF is not
+    if not servo.limits_damping:
         terms = ("torque_speed",)
         values["stall_torque"] = limit
         values["no_load_speed"] = limit / servo.kd
@@ -236,7 +252,8 @@ def motors_of(values: ConstantArrays, terms: tuple[str, ...] = ()) -> GreyBoxAct
     constants = {**values, "kd_over_kp": values["kd"] / values["kp"]}
     latents = encoded(constants, terms).T
     center = latents.mean(axis=0)
-    model = GreyBox(center, np.eye(len(center)), _MAX_STEP, terms)
+    one_latent_per_constant = np.eye(len(center))
+    model = GreyBox(center, one_latent_per_constant, _MAX_STEP, terms)
     return GreyBoxActuator(model, latents - center, COLD)
 
 
@@ -253,7 +270,7 @@ def parameters(v: Mapping[str, float]) -> dict[str, float | str]:
     """BAM's parameters of one motor with the constants ``v`` by name."""
     return {
         "model": "m5",
-        "actuator": TORQUE,
+        "actuator": TORQUE_ACTUATOR,
         "ratio": 1.0,
         "max_torque": v["torque_limit"],
         "armature": v["armature"],

@@ -67,12 +67,13 @@ class Exporter:
     name: str  # value of the option --format
     not_expressed: tuple[str, ...]  # constants that the format cannot express
     write: Callable[[Request], list[Path]]  # writes the files and returns them
-    # None: the format loses nothing; all other formats lack the optional terms
+    # simulation of the written motors; None if the format loses nothing. All other formats lack the
+    # optional terms.
     replay: ReplayFunction | None = None
     needs_model: bool = False  # whether it changes the user's MJCF
-    mujoco: int = 3  # smallest major version that the format needs
+    min_mujoco: int = 3  # smallest major version of MuJoCo that the format needs
     # (constants, timestep [s]) -> whether a motor is written as a plain joint
-    becomes_plain: Callable[[ConstantArrays, float], np.ndarray] | None = None
+    is_written_as_plain_joint: Callable[[ConstantArrays, float], np.ndarray] | None = None
 
 
 def prior_of(source: MotorPrior | MotorPosterior) -> MotorPrior:

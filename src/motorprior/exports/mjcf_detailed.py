@@ -179,6 +179,6 @@ DETAILED = Exporter(
     write=partial(write_variants, write=write_detailed),
     replay=partial(replayed, write=write_detailed),
     needs_model=True,
-    mujoco=4,
-    becomes_plain=too_stiff,
+    min_mujoco=4,
+    is_written_as_plain_joint=too_stiff,
 )

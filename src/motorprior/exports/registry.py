@@ -30,7 +30,8 @@ class Exported:
     """Files of `export`, and what the format changes."""
 
     files: tuple[Path, ...]
-    # RMSE against our own motors by load [rad]; empty for a format without loss
+    # RMSE [rad] between the motors of the format and the source's own motors, on each load; empty
+    # for a format that loses nothing
     losses: dict[str, float]
     not_expressed: dict[str, float]  # median by name of the constants that the format lacks
     # medians of kp and kd of the motors in the unit of the logs, if these have gains
@@ -81,7 +82,7 @@ def export(
             bench's prior.
         gains: kp and kd of all joints (2,) or of each (2, J), see `MotorPrior.sample`; the gains of
             the log if not given.
-        log: of the J joints, with loads: the loss on it is measured, too.
+        log: log of the J joints, with loads; the format's error on its motion is measured, too.
 
     Raises:
         ConfigError: an unknown format or joint, no model, or a prior without physical constants.
@@ -112,9 +113,11 @@ def export(
         trial = None if log is None else log_trial(log, motors, step)
         errors = losses(exporter.replay, actuator, step, trial)
 
-    plain = 0.0
-    if document is not None and exporter.becomes_plain is not None:
-        plain = float(np.mean(exporter.becomes_plain(values, document.compiled.opt.timestep)))
+    plain_share = 0.0
+    if document is not None and exporter.is_written_as_plain_joint is not None:
+        timestep = document.compiled.opt.timestep
+        is_plain = exporter.is_written_as_plain_joint(values, timestep)
+        plain_share = float(np.mean(is_plain))
 
     by_robot = {name: array.reshape(motors, -1) for name, array in values.items()}
     request = Request(source, joints, seed, by_robot, Path(out), document, errors, not_expressed)
@@ -122,12 +125,12 @@ def export(
     median_gains = None
     if actuator.gains is not None:
         median_gains = tuple(np.median(actuator.gains, axis=1).tolist())
-    return Exported(files, errors, not_expressed, median_gains, plain)
+    return Exported(files, errors, not_expressed, median_gains, plain_share)
 
 
 def is_supported(exporter: Exporter) -> bool:
     """Whether the installed MuJoCo has what the format uses."""
-    return int(mujoco.__version__.split(".")[0]) >= exporter.mujoco
+    return int(mujoco.__version__.split(".")[0]) >= exporter.min_mujoco
 
 
 def _exporter_of(format: str) -> Exporter:
@@ -141,9 +144,9 @@ def _exporter_of(format: str) -> Exporter:
 def _require_supported(exporter: Exporter) -> None:
     if not is_supported(exporter):
         raise ConfigError(
-            f"format {exporter.name} needs MuJoCo {exporter.mujoco}, "
+            f"format {exporter.name} needs MuJoCo {exporter.min_mujoco}, "
             f"and this is {mujoco.__version__}",
-            remedy="export where no extra holds MuJoCo back",
+            remedy="export in an environment without extras, which may require an older MuJoCo",
             argument="format",
         )
 

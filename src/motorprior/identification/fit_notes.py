@@ -9,7 +9,7 @@ from motorprior.actuator.motor_prior import limit_text
 from motorprior.actuator.optional_terms import SIGNED
 from motorprior.exceptions import listed
 from motorprior.identification.physics import motor_problem
-from motorprior.identification.physics.term_selection import min_difference
+from motorprior.identification.physics.term_selection import min_condition_difference
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.progress import Note
@@ -31,7 +31,7 @@ def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
         return notes
 
     for name, low, nominal, high in recipe.operating_conditions:
-        if high - low >= min_difference(name, nominal):
+        if high - low >= min_condition_difference(name, nominal):
             text = (
                 f"{name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe "
                 "without optional terms ignores -> use preset rollout or long_runs"

@@ -24,13 +24,14 @@ from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import PYTHON_WARNINGS, SILENT, Progress
 
 FALSE_ALARMS = 0.01  # share of logs of the prior's own fleet that the outlier test rejects
-# A motor is weak if its kp is below this share of the central motor's [-] and its log(kp) so many
-# prior standard deviations below the mean. A robot is weak if the median of its motors is. Either
-# happens by chance in 2 % of healthy robots of 12 motors that share a third of the variance.
-WEAK_MOTOR = 0.7
-WEAK_ROBOT = 0.85
-_FAR_MOTOR = 2.93
-_FAR_ROBOT = 1.33
+# A motor is weak if its kp is below both of two bounds: a share of the central motor's kp [-], and
+# a number of prior standard deviations of log(kp) below the mean. A robot is weak if the median of
+# its motors is below both bounds for robots. In 2 % of healthy robots, a motor is weak by chance,
+# and in 2 % the robot is, for robots of 12 motors that share a third of the variance.
+WEAK_MOTOR_SHARE = 0.7
+WEAK_ROBOT_SHARE = 0.85
+_WEAK_MOTOR_DEVIATIONS = 2.93
+_WEAK_ROBOT_DEVIATIONS = 1.33
 
 
 def adapt(
@@ -46,7 +47,7 @@ def adapt(
         prior: of motors of this kind.
         log: with load_inertia and external_torque, at the prior's sample period; a few seconds are
             enough.
-        allow_outliers: also if motors are outliers of the prior.
+        allow_outliers: whether to adapt even if motors are outliers of the prior.
         progress: receives the motors' errors on the log, and notes on weak and static motors; by
             default warnings are Python warnings.
 
@@ -122,20 +123,21 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
 
     Raises `LogError` as `adapt`.
     """
-    recipe, data, losses = _prepared(prior, log)
-    mean, std, misfit = prior.predicted(log)
+    recipe, data, losses = _recipe_data_and_losses(prior, log)
+    mean, std, predicted_misfit = prior.predicted(log)
     posterior = fit_posterior(prior.model, data, recipe, losses.mean, prior=(mean, std))
 
     static = ~moved(log)
+    prior_variance = std[static, :, None] ** 2
     posterior.mean[static] = mean[static]
-    posterior.covariance[static] = std[static, :, None] ** 2 * np.eye(mean.shape[1])
+    posterior.covariance[static] = prior_variance * np.eye(mean.shape[1])
     if not isinstance(prior.model, GreyBox):
         return posterior
 
     motors = prior.model.motors(posterior.mean)
     errors, velocity = replay_errors(motors, log, recipe_of(prior).nominal_conditions)
-    scale = residual_scale(prior.metrics.residuals, errors, velocity)
-    return replace(posterior, misfit=np.where(static, misfit, scale))
+    residual_scales = residual_scale(prior.metrics.residuals, errors, velocity)
+    return replace(posterior, misfit=np.where(static, predicted_misfit, residual_scales))
 
 
 def outlier_test(
@@ -144,17 +146,18 @@ def outlier_test(
     """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
 
     Returns:
-        (M,) p-values, min(1, 2·min p) of the fit to the log (`outliers.loss_p_value`) and of the
-        constants (`outliers.outliers`); and the largest deviation of each outlier, "" for motors
-        that are not outliers.
+        The p-values (M,), and a text for each motor with the largest deviation of an outlier, "" if
+        the motor is not an outlier. The p-value combines two tests, of the fit to the log
+        (`outliers.loss_p_value`) and of the constants (`outliers.outliers`): it is twice the
+        smaller p-value of the two, at most 1.
     """
-    recipe, data, losses = _prepared(prior, log)
+    recipe, data, losses = _recipe_data_and_losses(prior, log)
     blocks = posterior.windows / windows_per_block(recipe)
     fit_p_value = loss_p_value(losses, posterior.loss, blocks)
     reasons = ["large error on its log"] * len(fit_p_value)
     p_value = fit_p_value
 
-    # the distance from a class needs two units of one class
+    # a distance from a class needs a variance, and so at least one class with two training motors
     if len(prior.mean) > len(prior.classes.names):
         joint_classes = prior.joint_classes(log)
         tested = outliers(prior, posterior.mean, data, recipe, losses.mean, joint_classes)
@@ -174,18 +177,20 @@ def outlier_test(
 
 def _distance_text(joint_class: str, tested: Outliers, motor: int) -> str:
     """For example "coulomb 2.1 times that of the class calf (+5.3 standard deviations)"."""
-    name = tested.latent[motor]
+    constant = tested.latent[motor]
     population = f"the class {joint_class}" if joint_class else "the fleet"
     distance = float(tested.distance[motor])
 
-    is_factor = name in parameters_of(tuple(TERMS)) and name not in SIGNED
+    is_factor = constant in parameters_of(tuple(TERMS)) and constant not in SIGNED
     text = f"far from that of {population}"
     if is_factor:
         text = f"{np.exp(distance):.2g} times that of {population}"
-    return f"{name} {text} ({tested.deviation[motor]:+.1f} standard deviations)"
+    return f"{constant} {text} ({tested.deviation[motor]:+.1f} standard deviations)"
 
 
-def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Recipe, TrainingData, LossStatistics]:
+def _recipe_data_and_losses(
+    prior: MotorPrior, log: MotorLog
+) -> tuple[Recipe, TrainingData, LossStatistics]:
     """Recipe and data of an adaptation, and the losses of the training motors on such data."""
     recipe = with_window_that_fits(recipe_of(prior), log)
     data = training_data(log, recipe, log.source)
@@ -195,7 +200,10 @@ def _prepared(prior: MotorPrior, log: MotorLog) -> tuple[Recipe, TrainingData, L
         prior.metrics.losses_without_torque is not None or recipe.objective == "torque"
     )
     data = replace(data, has_torque=data.has_torque and was_torque_used)
-    losses = prior.metrics.losses_for(has_torque=data.has_torque or not was_torque_used)
+
+    # a prior without torques has a single set of losses, which counts as the one with torques
+    uses_main_losses = data.has_torque or not was_torque_used
+    losses = prior.metrics.losses_for(has_torque=uses_main_losses)
     return recipe, data, losses
 
 
@@ -213,12 +221,13 @@ def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np
     """
     if not isinstance(prior.model, GreyBox):
         return ""
-    central = prior.classes.mean_and_std(prior.joint_classes(names))[0]
-    share = kp_ratio(prior.model, latents, central)
+    central_latents, _ = prior.classes.mean_and_std(prior.joint_classes(names))
+    share = kp_ratio(prior.model, latents, central_latents)
     motor_bound, robot_bound = weak_below(prior.model)
 
-    # in a weak robot, every motor below the central one is named
-    bound = 1.0 if np.median(share) < robot_bound else motor_bound
+    # the advice names the weak motors; of a weak robot, every motor below the central motor
+    is_weak_robot = np.median(share) < robot_bound
+    bound = 1.0 if is_weak_robot else motor_bound
     weak = np.flatnonzero(share < bound)
     if not weak.size:
         return ""
@@ -237,6 +246,6 @@ def weak_below(model: GreyBox) -> tuple[float, float]:
     """
     samples = np.random.default_rng(0).standard_normal((1000, model.num_latents))
     deviation = float(np.std(np.log(kp_ratio(model, samples))))
-    motor_bound = float(np.exp(-_FAR_MOTOR * deviation))
-    robot_bound = float(np.exp(-_FAR_ROBOT * deviation))
-    return min(WEAK_MOTOR, motor_bound), min(WEAK_ROBOT, robot_bound)
+    motor_bound = float(np.exp(-_WEAK_MOTOR_DEVIATIONS * deviation))
+    robot_bound = float(np.exp(-_WEAK_ROBOT_DEVIATIONS * deviation))
+    return min(WEAK_MOTOR_SHARE, motor_bound), min(WEAK_ROBOT_SHARE, robot_bound)

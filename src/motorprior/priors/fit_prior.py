@@ -33,7 +33,7 @@ from motorprior.identification.latents.standardise import (
     spread_source,
     with_scaled_spread,
 )
-from motorprior.identification.physics.window_runs import MotorsOnLoads
+from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
 from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
 from motorprior.logs.bench_names import bench_names
@@ -108,7 +108,7 @@ def fit_recipe(
     out: Path | None,
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
-    tuned: MotorsOnLoads | None = None,
+    tuned: TorqueMotors | None = None,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -166,7 +166,7 @@ def _fitted(
     preset: str,
     seed: int,
     provenance: Mapping[str, Any],
-    tuned: MotorsOnLoads | None,
+    tuned: TorqueMotors | None,
     progress: Progress,
     data: TrainingData,
     checkpoint: Checkpoint,

@@ -31,16 +31,18 @@ from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
 from motorprior.results import Result, Results
 
-SPANS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}  # quantity -> free runs
+# quantity -> duration of its free runs
+DURATIONS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
 COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
-# baseline -> preset of identification: the physics of each motor fitted alone, and one network for
-# all motors
+# baseline -> preset of identification. per_motor fits the physics of each motor alone;
+# pooled_network is one network for all motors.
 POOLED_NETWORK = "pooled_network"
 BASELINE_PRESETS = {"per_motor": "pace", POOLED_NETWORK: "one_network"}
-# for a prior of preset long_runs or quick, which are for servos with much friction
-LONG_RUNS = {
+# baseline -> preset for a prior of preset long_runs or quick; these are for servos with much
+# friction
+SERVO_BASELINE_PRESETS = {
     "per_motor": "pace_long_runs",
     "coulomb_viscous": "coulomb_viscous",
     "stribeck": "stribeck",
@@ -75,14 +77,22 @@ def validate(
         progress: where to report to.
 
     Returns:
-        ``free_run_rmse`` [rad] of free runs of 1 s and ``whole_run_rmse`` [rad] of free runs of
-        whole segments: median and mean over motors, and of each motor (``part``). Models: ADAPTED,
-        the prior adapted to the training rows; PRIOR, its motor of the same name or else the mean
-        of the joint's class; and the `fitted_baselines`, with an error of 2π if they cannot be
-        fitted. ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and
-        ``whole_run_coverage90`` of samples of the posterior and of `MotorPrior.predicted`.
-        TRAINED_ON: 1 if the prior was trained on the log, so that the figures are not a test,
-            otherwise 0.
+        Results of these quantities:
+
+        ``free_run_rmse`` and ``whole_run_rmse`` are errors [rad] of free runs of 1 s and of whole
+        segments: median and mean over the motors, and the error of each motor (``part``). There are
+        three kinds of models. ADAPTED is the prior adapted to the training rows. PRIOR is not
+        adapted: a joint has the training motor of the same name or, if there is none, the mean
+        motor of the joint's class. The `fitted_baselines` have an error of 2π if they cannot be
+        fitted.
+
+        ``coverage50``, ``coverage90``, ``whole_run_coverage50`` and ``whole_run_coverage90`` are
+        shares of the recorded angles within the 50 % and 90 % bands of sampled motors. The motors
+        of ADAPTED are samples of the posterior, the motors of PRIOR are samples of
+        `MotorPrior.predicted`.
+
+        TRAINED_ON is 1 if the prior was trained on the log, so that the results are not a test, and
+        0 otherwise.
 
     Raises:
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
@@ -117,10 +127,13 @@ def validate(
         else:
             models[name] = motors
 
+    runs_by_quantity = {}
+    for duration, windows in runs.items():
+        runs_by_quantity[f"{duration}_rmse"] = {test.source: windows}
     with progress.start("free runs", 1) as task:
         validation = validation_of(
             logs={test.source: test},
-            runs={f"{span}_rmse": {test.source: windows} for span, windows in runs.items()},
+            runs=runs_by_quantity,
             models=models,
             main_model=ADAPTED,
             plotted=(TUNED_PD, PRIOR, ADAPTED),
@@ -142,10 +155,10 @@ def _coverages(
     posteriors: Mapping[str, LatentPosterior],
     runs: Mapping[str, Sequence[WindowRuns]],
 ) -> Results:
-    """Coverage of the bands of each posterior in each span of free runs."""
+    """Coverage of the bands of each posterior, in free runs of 1 s and of whole segments."""
     rows = []
-    for span, windows in runs.items():
-        quantity = COVERAGE[f"{span}_rmse"]
+    for duration, windows in runs.items():
+        quantity = COVERAGE[f"{duration}_rmse"]
         for model, posterior in posteriors.items():
             for level, share in log_coverage(prior, posterior, windows).items():
                 rows.append(Result(f"{quantity}{level}", "1", share, model))
@@ -183,9 +196,9 @@ def fitted_baselines(
     """All baselines of a prior, fitted to a log with known loads.
 
     Args:
-        log: of the motors, which the baselines have in the log's order.
-        recipe: of the prior.
-        folder: fits in it are reused.
+        log: log of the motors; the motors of a baseline are in the order of its joints.
+        recipe: recipe of the prior.
+        folder: folder of the fits, where they are reused.
         adam_steps: of the pooled network; the preset's own number if not given.
         seed: of searches and weights.
         progress: where to report to.
@@ -200,13 +213,15 @@ def fitted_baselines(
     recipes = baseline_recipes(log, recipe)
     models: dict[str, MotorModel | None] = dict(fitted_responses(log, recipe, seed, progress))
     tuned = fitted_tuned_pd(log, progress)
-    quiet = Progress(SILENT.report, progress.print_line)
+    progress_without_notes = Progress(SILENT.report, progress.print_line)
     for name, (preset, baseline_recipe) in recipes.items():
         if name == POOLED_NETWORK and adam_steps is not None:
             baseline_recipe = replace(baseline_recipe, steps=adam_steps)
         out = None if folder is None else folder / name
         try:
-            fitted = fit_recipe(log, preset, baseline_recipe, seed, out, quiet, tuned=tuned)
+            fitted = fit_recipe(
+                log, preset, baseline_recipe, seed, out, progress_without_notes, tuned=tuned
+            )
             models[name] = fitted.model.motors(fitted.mean)
         except MotorPriorError as error:
             models[name] = None
@@ -215,19 +230,22 @@ def fitted_baselines(
 
 
 def baseline_recipes(log: MotorLog, recipe: Recipe) -> dict[str, tuple[str, Recipe]]:
-    """Preset name and recipe of every baseline that has one, with windows that fit the log.
+    """Preset name and recipe of every baseline that has a preset, with windows that fit the log.
 
-    ``recipe`` is that of the prior. Raises LogError if no window fits the log.
+    ``recipe`` is the prior's. Raises LogError if the log is too short for a window.
     """
     if recipe.period != BASELINE_PERIOD:
         return {}
     presets_of_baselines = dict(BASELINE_PRESETS)
-    if recipe.window == PRESETS["long_runs"].window:
-        presets_of_baselines |= LONG_RUNS
+    is_servo_prior = recipe.window == PRESETS["long_runs"].window
+    if is_servo_prior:
+        presets_of_baselines |= SERVO_BASELINE_PRESETS
 
     recipes = {}
     for name, preset in presets_of_baselines.items():
         recipes[name] = (preset, with_window_that_fits(PRESETS[preset], log))
+    # only for the error of a log that is too short
+    segments = tuple(log.segment_slices())
     for _, baseline_recipe in recipes.values():
-        window_starts(tuple(log.segment_slices()), baseline_recipe, log.source)
+        window_starts(segments, baseline_recipe, log.source)
     return recipes

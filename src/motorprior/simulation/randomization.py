@@ -9,7 +9,7 @@ from dataclasses import Field, dataclass, fields
 
 import numpy as np
 
-from motorprior.actuator.actuator import Factors
+from motorprior.actuator.actuator import ConstantFactors
 from motorprior.bounds import require_number, require_range
 from motorprior.locomotion.control_step import SensorErrors, perfect_sensors
 from motorprior.locomotion.gait import NUM_IMU_READINGS
@@ -123,7 +123,7 @@ class Randomization:
             push=self._pushes(rng, robot.control_dt, episode_steps),
             command_jitter=rng.uniform(0.0, self.command_jitter, jitter_steps),
             strength=motor_rng.uniform(*self.strength, joints),
-            factors=Factors(
+            factors=ConstantFactors(
                 kp=motor_rng.uniform(*self.kp, joints),
                 kd=motor_rng.uniform(*self.kd, joints),
                 torque_limit=motor_rng.uniform(*self.torque_limit, joints),
@@ -223,7 +223,7 @@ class Domain:
     # (steps,) additional age of the targets in every control step [s], or (0,)
     command_jitter: np.ndarray
     strength: np.ndarray  # (joints,) factors on torque and damping of the motors
-    factors: Factors  # factors on constants of the motors
+    factors: ConstantFactors  # factors on constants of the motors
 
     def delay_steps(self, physics_dt: float) -> np.ndarray:
         """(steps,) or (1,) age of the position targets in every control step.

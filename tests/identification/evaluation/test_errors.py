@@ -29,7 +29,7 @@ from motorprior.evaluation.free_runs import (
     median_and_max,
 )
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
-from motorprior.identification.physics.window_runs import MotorsOnLoads
+from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import SILENT
@@ -50,7 +50,7 @@ def pd(kp: float = 12.0) -> IdealPd:
     return IdealPd.uniform(MOTORS, kp, 0.1 * kp, 1.6)
 
 
-def replayed(motors: MotorsOnLoads, log: MotorLog) -> np.ndarray:
+def replayed(motors: TorqueMotors, log: MotorLog) -> np.ndarray:
     return rms(replay_errors(motors, log, {})[0], axis=0)
 
 

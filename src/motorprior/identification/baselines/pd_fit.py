@@ -14,8 +14,8 @@ import numpy as np
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
-    MotorsOnLoads,
     SegmentArrays,
+    TorqueMotors,
     whole_runs,
 )
 from motorprior.identification.presets import PRESETS
@@ -214,7 +214,7 @@ def _part(log: MotorLog) -> MotorLog:
 
 def fitted_tuned_pd(
     log: MotorLog, progress: Progress, num_motors: int | None = None
-) -> MotorsOnLoads:
+) -> TorqueMotors:
     """The tuned PD: one PD for all motors of a log, which scales with logged gains.
 
     It has ``num_motors`` copies, or one per joint of the log.

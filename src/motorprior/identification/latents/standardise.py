@@ -256,9 +256,8 @@ def standardised(
         return model, mean, ClassLatents.one(motors, latents, names[0])
 
     class_index = np.array([names.index(name) for name in of_motors])
-    if prior_std is None:
-        prior_std = mean.std(axis=0)
-    moments = class_moments(mean, class_index, np.maximum(prior_std, min_std), variance)
+    unit_std = mean.std(axis=0) if prior_std is None else prior_std
+    moments = class_moments(mean, class_index, np.maximum(unit_std, min_std), variance)
     std = np.sqrt(np.diag(moments.covariance)) + _MIN_SLOPE
     correlation = moments.covariance / np.outer(std, std) + _MIN_SLOPE * np.eye(latents)
     mixing = np.linalg.cholesky(correlation).T

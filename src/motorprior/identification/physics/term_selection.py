@@ -226,7 +226,7 @@ def _finalists(
     return finalists
 
 
-def min_difference(name: str, nominal: float) -> float:
+def min_condition_difference(name: str, nominal: float) -> float:
     """Minimum difference between segments of an operating condition, [V] or [°C].
 
     MIN_VARIATION in these units; ``name`` is the channel, and ``nominal`` its nominal value.

@@ -199,7 +199,7 @@ class SegmentArrays:
 
 
 # motors of a log on its loads, at the gains of its segments
-MotorsOnLoads: TypeAlias = Actuator | GainScaledPd
+TorqueMotors: TypeAlias = Actuator | GainScaledPd
 # (unknowns (L, K), motor (L,) of the log, segment) -> L motors
 MotorsOf: TypeAlias = Callable[[np.ndarray, np.ndarray, SegmentArrays], Actuator]
 
@@ -319,7 +319,7 @@ class WindowRuns:
             values.append(rows.T.reshape(self.num_motors, segment.windows, window))
         return np.concatenate(values, axis=1)
 
-    def errors(self, motors: MotorsOnLoads) -> np.ndarray:
+    def errors(self, motors: TorqueMotors) -> np.ndarray:
         """(M, N, C, W) scaled errors of any motors, one for each of the log; float32.
 
         Grey boxes and a `GainScaledPd` get the gains of each segment. Angles of the joint are
@@ -382,7 +382,7 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
     return motors
 
 
-def with_gains_of(recipe: Recipe, log: MotorLog) -> Recipe:
+def with_gain_unit_of(recipe: Recipe, log: MotorLog) -> Recipe:
     """The recipe with the gain unit of the log, for PDs that scale with logged gains.
 
     A recipe that already has a unit, and one for a log without gains, stay the same.
@@ -398,7 +398,7 @@ def whole_runs(log: MotorLog, recipe: Recipe) -> list[WindowRuns]:
     Segments that are no longer than the warm-up are left out. Simulated angles are compared with
     smoothed ones: readings of many robots have late time stamps.
     """
-    recipe = replace(with_gains_of(recipe, log), objective="rollout", window=1)
+    recipe = replace(with_gain_unit_of(recipe, log), objective="rollout", window=1)
     data = training_data(log, recipe, log.source)
     data.series[..., channel.READING] = data.series[..., channel.POS]
 
