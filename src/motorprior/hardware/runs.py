@@ -35,8 +35,9 @@ from motorprior.locomotion.policy import Policy
 from motorprior.robots.robot import Gait, Robot, SafetyLimits
 
 _RECORDING = "run.csv"
-_DRY_RUN = 5.0  # [s]
-_FIRST_CHECK = 0.3  # [s] before idle is sent to a device that may be no robot
+_DRY_RUN = 5.0  # default duration of a dry run [s]
+# duration of a check before idle is sent, since the device may not be a robot [s]
+_FIRST_CHECK = 0.3
 
 
 def deploy(robot: Robot, path: Path, port: str, settings: DeploySettings, show: Print) -> None:

@@ -13,7 +13,7 @@ from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import Robot
 
 BAUD_RATE = 500_000  # 8N1; a USB port ignores it, a serial converter does not
-_MAX_UNSENT = 2048  # [bytes] that may wait for the robot to read them: about 20 commands
+_MAX_UNSENT = 2048  # maximum length of the send queue: about 20 commands [bytes]
 _UNPLUGGED = "switch the robot's motors off by hand: without its host it holds its last target"
 
 

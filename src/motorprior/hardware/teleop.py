@@ -35,10 +35,10 @@ _HORIZONTAL = 0
 # a released stick does not rest at exactly 0
 _MAX_DEFLECTION = 32767.0
 _DEAD_ZONE = 0.06
-# In the sharpest turn the maximum speed is 1 - this times that straight ahead: policies fell with
-# both at their limits.
+# Relative reduction of the maximum speed in the sharpest turn: policies fell with both speed and
+# yaw rate at their limits.
 _SLOW_DOWN_IN_TURNS = 0.4
-_AUTONOMOUS_SPEED = 0.3  # [m/s]
+_AUTONOMOUS_SPEED = 0.3  # speed of a robot without an operator [m/s]
 
 
 class Teleop:

@@ -20,9 +20,9 @@ import numpy as np
 from motorprior.hardware.protocol import Command, FrameReader, Telemetry, framed
 from motorprior.robots.robot import MotorCommand, Robot, SensorReadings
 
-MAX_ANGLE = 2.0 * np.pi  # [rad]
-MAX_CURRENT = 10.0  # [A]
-# modes
+MAX_ANGLE = 2.0 * np.pi  # largest joint angle without an error [rad]
+MAX_CURRENT = 10.0  # largest motor current without an error [A]
+# modes of the firmware
 HOLDING = "holding"
 POSITION = "position"
 IDLE = "idle"

@@ -11,7 +11,7 @@ from pathlib import Path
 from motorprior.exceptions import RobotFault
 from motorprior.hardware.protocol import IDLE_FRAME
 
-_MAX_START = 10.0  # [s] for the start of an interpreter
+_MAX_START = 10.0  # maximum time in which the interpreter of the process starts [s]
 # Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped
 # watchdog process. It takes up to 16 s where pages are larger or the pipe cannot be made smaller.
 _HEARTBEAT = 40 * b"."
@@ -80,7 +80,7 @@ class Watchdog:
         os.close(self._heartbeats)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(patience)
-        self._process.kill()  # a stopped one must not wake up while the next host runs
+        self._process.kill()  # a stopped process must not wake up while the next host runs
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(patience)
         os.close(self._reports)

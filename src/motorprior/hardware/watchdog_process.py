@@ -21,12 +21,13 @@ import termios
 import time
 
 _PRIORITY = 20  # SCHED_FIFO priority, above the control loop's
-_MCL_CURRENT = 1  # mlockall(2): the present pages; it allocates almost nothing later
+# flag of mlockall(2): lock the present pages; this process allocates almost nothing later
+_MCL_CURRENT = 1
 # Number of idle frames at once: more bytes than the longest command, which the dead host may have
 # sent in part.
 _BURST = 40
-_REPEAT = 0.02  # [s] between idle frames
-_LINGER = 1.0  # [s] of idle frames after the host's death
+_REPEAT = 0.02  # time between idle frames [s]
+_LINGER = 1.0  # time in which idle frames are sent after the host's death [s]
 
 
 def main(arguments: list[str]) -> None:
@@ -52,7 +53,7 @@ def main(arguments: list[str]) -> None:
 
 
 def wait_for_silence(heartbeats: int, timeout: float) -> bool:
-    """True when the host died or hangs, False when it released this process."""
+    """Wait; returns True when the host died or hangs, False when it released this process."""
     limit = None  # before the first heartbeat
     while True:
         ready, _, _ = select.select([heartbeats], [], [], limit)

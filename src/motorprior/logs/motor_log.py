@@ -96,14 +96,14 @@ class MotorLog(Printable):
     logged_kp: np.ndarray | None = None
     # (T, J) logged derivative gain, acting on the velocity; only with logged_kp
     logged_kd: np.ndarray | None = None
-    supply_voltage: np.ndarray | None = None  # (T, J) at the motor [V]
+    supply_voltage: np.ndarray | None = None  # (T, J) voltage at the motor [V]
     motor_temperature: np.ndarray | None = None  # (T, J) [°C]
-    # of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for units with an unknown
-    # factor
+    # unit of the logged gains: "N·m/rad" (kd in N·m·s/rad), or "firmware" for a unit with an
+    # unknown factor
     gain_unit: str = PHYSICAL_GAINS
     # known registers of FIRMWARE, equal for all motors
     firmware: Mapping[str, float] = field(default_factory=dict)
-    # `joint_classes` of the robot's description; none: by the joints' names
+    # classes of the joints in the robot's description; if empty, the joints' names give the classes
     given_classes: tuple[str, ...] = ()
 
     def overview(self) -> Overview:
@@ -152,9 +152,9 @@ class MotorLog(Printable):
 
     @property
     def readings(self) -> np.ndarray:
-        """(T, J) angles [rad] to compare with simulation.
+        """(T, J) angles to compare with a simulation: as they were read, without smoothing [rad].
 
-        Smoothed angles move before the motor, which biases delays.
+        Smoothed angles begin to move before the motor does, which biases delays.
         """
         return self.joint_pos if self.joint_reading is None else self.joint_reading
 

@@ -69,8 +69,9 @@ def run_walks(
 ) -> list[Episode]:
     """Episodes of a policy in a scene, with their traces, one per number.
 
-    The number seeds motors, sensors, ground and pushes by ``seed_of``; ``motors`` gives its motors
-    instead of the scene's. For Ray, all arguments must be picklable.
+    ``seed_of`` a walk's number is the seed of its motors, sensors, ground and pushes. ``motors``,
+    if given, is a function of the number that gives the motors in place of the scene's. For Ray,
+    all arguments must be picklable.
     """
     walks = executor(partial(_Walks, scene, seed_of, motors))
     try:
@@ -140,8 +141,8 @@ def _mean_upright(episodes: Sequence[Episode]) -> float:
 class TrainedPolicy:
     """A trained policy and the simulation in which it was trained, from the record in its file."""
 
-    path: Path  # of the policy's file
-    robot: Robot  # with the policy's speed range
+    path: Path  # file of the policy
+    robot: Robot  # the robot with the policy's range of speeds
     policy: Policy
 
     @classmethod
@@ -221,11 +222,13 @@ def compare(
     A policy walks 24 times for 5 s, straight ahead at the maximum speed that all policies share.
 
     Args:
-        robot: a legged one; a name, the path of a .toml file, or the result of `load_robot`.
-        policies: by training condition; several of one condition are its seeds.
+        robot: a robot with legs: its name, the path of its .toml file, or a robot from
+            `load_robot`.
+        policies: policies by training condition; several policies of a condition are its seeds.
         motors: sets of motors by name. A fleet is evaluated as the held-out twin: unseen motors,
-            physics at the robot's ``twin_physics_dt``, encoder noise; other motors as in training.
-        progress: reports to the user.
+            physics at the robot's ``twin_physics_dt``, and encoder noise. Other motors are
+            simulated as in training.
+        progress: receives notes and progress.
 
     Returns:
         Rows of speed [m/s], upright (share of the time before a fall) and drift (final, lateral)

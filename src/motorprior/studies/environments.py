@@ -65,7 +65,7 @@ HARD = replace(
 class Environment:
     """A test environment."""
 
-    population: str  # of its motors
+    population: str  # population of the motors
     engine: Engine
     randomization: Randomization  # between walks
 

@@ -12,14 +12,14 @@ from motorprior.rotations import roll_pitch_yaw
 from motorprior.simulation.rendering import foot_motion
 from motorprior.simulation.scene import Episode
 
-WARM_UP = 1.0  # [s] from standing to a steady gait, not measured
-FALL_TIME = 0.5  # [s] before a fall, not measured
-CONTACT_HEIGHT = 0.0005  # [m] a foot whose lowest point is below is on the ground
-LIFTED = 4.0 * CONTACT_HEIGHT  # [m] a swing that stays below does not count
+WARM_UP = 1.0  # time from standing to a steady gait, which is not measured [s]
+FALL_TIME = 0.5  # time before a fall, which is not measured [s]
+CONTACT_HEIGHT = 0.0005  # a foot whose lowest point is below this height is on the ground [m]
+LIFTED = 4.0 * CONTACT_HEIGHT  # a swing whose maximum clearance is below it does not count [m]
 # share of the maximum speed below which measures relative to speed or distance are NaN
 MIN_COMMAND = 0.1
-_MIN_DISTANCE = 0.05  # [m] below which measures per metre are NaN
-_MIN_TIME = 1.0  # [s] of a walk, without its start and its fall
+_MIN_DISTANCE = 0.05  # distance below which measures per metre are NaN [m]
+_MIN_TIME = 1.0  # minimum duration of the measured part of a walk [s]
 
 # units of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is per leg
 UNITS = {
