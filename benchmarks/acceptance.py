@@ -23,6 +23,7 @@ import numpy as np
 import tyro
 
 BENCHMARKS = Path(__file__).parent
+ATOL = 1e-6  # absolute tolerance of `compare`, in the unit of the figure
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 Experiment = Literal["demo", "real_logs", "fidelity", "out_of_family"]
 EXPERIMENTS: tuple[Experiment, ...] = ("demo", "real_logs", "fidelity", "out_of_family")
@@ -75,7 +76,6 @@ def compare(
     earlier: tyro.conf.Positional[Path],
     later: tyro.conf.Positional[Path],
     rtol: float = 1e-3,
-    atol: float = 1e-6,
 ) -> int:
     """Print the differences of two collections of figures; 1 if there are any.
 
@@ -83,7 +83,6 @@ def compare(
         earlier: acceptance.json of the earlier run.
         later: acceptance.json of the later run.
         rtol: relative tolerance [-].
-        atol: absolute tolerance, in the unit of the figure.
     """
     old_figures = json.loads(earlier.read_text())
     new_figures = json.loads(later.read_text())
@@ -93,7 +92,7 @@ def compare(
             differences.append(f"{name}: missing")
             continue
         new = new_figures[name]
-        if not np.isclose(new, old, rtol, atol, equal_nan=True):
+        if not np.isclose(new, old, rtol, ATOL, equal_nan=True):
             differences.append(f"{name}: {old:.6g} -> {new:.6g}")
 
     num_new = len(new_figures.keys() - old_figures.keys())

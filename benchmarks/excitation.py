@@ -191,7 +191,7 @@ def learned(settings: Settings) -> tuple[LearnedExcitation, LearnedExcitation, f
 
     excitation = LearnedExcitation.load(path)
     for method in ("surrogate", "recorded"):
-        excitation.with_method(method).save(excitation_file(settings, method))
+        replace(excitation, method=method).save(excitation_file(settings, method))
     train_seconds = float(read_json(timing)["seconds"])
     return excitation, LearnedExcitation.load(held_out_path), train_seconds
 

@@ -1,6 +1,7 @@
 """Likeness of an excitation to the runs of a robot: a two-sample test on windows, and coverage."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -117,7 +118,7 @@ def _sources(runs: LearnedExcitation, kind: str) -> Sequence[Excitation | Learne
         return [EXCITATIONS["sine"]]
     if kind == "rollout":
         return [EXCITATIONS[name] for name in BENCH_SCHEDULES["rollout"].excitations]
-    return [runs.with_method(kind)]
+    return [replace(runs, method=kind)]
 
 
 def coverage(made: np.ndarray, real: np.ndarray) -> float:

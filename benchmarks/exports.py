@@ -44,6 +44,7 @@ INERTIA = 0.002  # of the load [kg·m²]
 SPREAD = 0.15  # of the logarithms of the constants [-]
 MIN_CONSTANT = 1e-6
 TIMED_RUNS = 5
+TIMED_STEPS = 200  # steps of a run
 
 Step = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -153,17 +154,17 @@ def largest_difference(one: np.ndarray, two: np.ndarray) -> float:
     return float(np.abs(one - two).max())
 
 
-def microseconds(step: Step, count: int, steps: int = 200) -> float:
+def microseconds(step: Step, count: int) -> float:
     """Time of a step [µs], the fastest of TIMED_RUNS runs."""
     rest = np.zeros(count)
     target = targets(0, count)
     seconds = []
     for _ in range(TIMED_RUNS):
         start = time.perf_counter()
-        for _ in range(steps):
+        for _ in range(TIMED_STEPS):
             step(target, rest, rest)
         seconds.append(time.perf_counter() - start)
-    return 1e6 * min(seconds) / steps
+    return 1e6 * min(seconds) / TIMED_STEPS
 
 
 # Steps of the motors: ours, the Warp kernel, Newton and mjlab.

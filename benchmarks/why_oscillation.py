@@ -37,13 +37,14 @@ from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
-from motorprior.signals import high_frequency_rms
+from spectra import high_frequency_rms
 from virtual_fleets.held_out_trials import HELD_OUT_SEED, ModelOfMotors
 from virtual_fleets.robot_fidelity import CUTOFF, robot_fidelity
 
 # range of load inertias [kg·m²]
 MIN_LOAD = 3e-4
 MAX_LOAD = 3e-2
+NUM_INPUTS = 12  # histories of a motor
 # apparent inertias of the leg joints without motors, knee to abduction [kg·m²]
 LEG = (2e-4, 1.7e-3)
 # periods of a bench [s]
@@ -228,11 +229,11 @@ def growth(
     return size, float(np.median(np.abs(np.angle(largest))) / (2 * np.pi * period))
 
 
-def recorded_inputs(network: LatentNetwork, log: mp.MotorLog, count: int = 12) -> np.ndarray:
-    """(M, count, 2T) scaled histories from a log."""
+def recorded_inputs(network: LatentNetwork, log: mp.MotorLog) -> np.ndarray:
+    """(M, NUM_INPUTS, 2T) scaled histories from a log."""
     first = log.segment_slices()[0]
     rows = np.array(network.taps)
-    picked = np.linspace(first.start + rows[-1], first.stop - 1, count).astype(int)
+    picked = np.linspace(first.start + rows[-1], first.stop - 1, NUM_INPUTS).astype(int)
     error = (log.position_target - log.joint_pos) / network.error_scale
     assert log.joint_vel is not None
     velocity = log.joint_vel / network.velocity_scale

@@ -4,7 +4,6 @@ import ast
 import re
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -64,8 +63,11 @@ FOLDERS = {
 }
 
 
+MODULE_NAME = re.compile(r"motorprior(\.\w+)+")
+
+
 def imported(tree: ast.AST, package: list[str]) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of all imports, and of the modules that ``python -m`` runs."""
+    """Line and absolute dotted name of all imports, and of modules of ours that texts name."""
     for node in ast.walk(tree):
         for name in imported_by(node, package):
             yield getattr(node, "lineno", 0), name
@@ -86,11 +88,9 @@ def imported_by(node: ast.AST, package: list[str]) -> list[str]:
         first = node.args[0] if node.args else None
         return [str(first.value)] if isinstance(first, ast.Constant) else []
 
-    if isinstance(node, ast.List | ast.Tuple):
-        words = [
-            str(element.value) if isinstance(element, ast.Constant) else "" for element in node.elts
-        ]
-        return [module for flag, module in pairwise(words) if flag == "-m" and module]
+    # a module of ours by name, which `import_module` gets from a variable or ``python -m`` runs
+    if isinstance(node, ast.Constant) and MODULE_NAME.fullmatch(str(node.value)):
+        return [str(node.value)]
 
     return []
 
@@ -154,6 +154,11 @@ def test_imports_go_one_way_and_heavy_libraries_have_one_folder():
             "robots/spec.py",
             "c = ['python', '-m', 'motorprior.simulation.render', '-h']",
             "robots imports simulation",
+        ),
+        (
+            "actuator/picture.py",
+            "PLOTS = 'motorprior.report.plots'\nplots = import_module(PLOTS)",
+            "actuator imports report",
         ),
         ("misc/thing.py", "", "misc has no layer"),
         (

@@ -1,11 +1,8 @@
 """Functions of signals agree with their closed forms."""
 
 import numpy as np
-import pytest
 
-from motorprior.signals import high_frequency_rms, runs_of_true
-
-PERIOD = 0.002  # [s]
+from motorprior.signals import runs_of_true
 
 
 def test_runs_of_true_are_half_open_ranges_of_indices():
@@ -13,18 +10,3 @@ def test_runs_of_true_are_half_open_ranges_of_indices():
 
     assert runs_of_true(mask).tolist() == [[0, 1], [2, 4], [6, 7]]
     assert runs_of_true(mask & False).shape == (0, 2)
-
-
-@pytest.mark.parametrize("count", [500, 501])
-def test_a_sine_above_the_cutoff_counts_with_amplitude_over_root_two(count: int):
-    time = np.arange(count) * PERIOD
-    # whole periods, so no leakage: 10 and 60 Hz
-    low = 10 / (count * PERIOD)
-    high = 60 / (count * PERIOD)
-    slow = 0.7 * np.sin(2 * np.pi * low * time)
-    fast = 0.2 * np.sin(2 * np.pi * high * time + 0.3)
-    signal = 5.0 + slow + fast
-
-    assert high_frequency_rms(signal, PERIOD, 30.0) == pytest.approx(0.2 / np.sqrt(2))
-    assert high_frequency_rms(signal, PERIOD, 1.0) == pytest.approx(np.hypot(0.7, 0.2) / np.sqrt(2))
-    assert high_frequency_rms(signal, PERIOD, 100.0) == pytest.approx(0.0, abs=1e-12)

@@ -18,9 +18,10 @@ from motorprior.locomotion.gait import open_loop_gait, walker_arrays
 from motorprior.progress import Task
 from motorprior.results import Result, Results
 from motorprior.robots.robot import Robot
-from motorprior.signals import high_frequency_rms, rmse
+from motorprior.signals import rmse
 from motorprior.simulation.playback import Playback, replay
 from motorprior.simulation.world import World
+from spectra import high_frequency_rms
 from virtual_fleets.held_out_trials import (
     FLOOR_OFFSET,
     HELD_OUT,

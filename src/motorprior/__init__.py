@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from motorprior.priors.fit_prior import fit_prior as fit_prior
     from motorprior.priors.validate import validate as validate
     from motorprior.progress import Lines as Lines
+    from motorprior.report.plots import plot_steps as plot_steps
     from motorprior.robots.load import load_robot as load_robot
     from motorprior.robots.robot import Robot as Robot
     from motorprior.simulation.driven_joints import DrivenJoints as DrivenJoints
@@ -85,6 +86,7 @@ _MODULES = {
     "fit_prior": "motorprior.priors.fit_prior",
     "validate": "motorprior.priors.validate",
     "Lines": "motorprior.progress",
+    "plot_steps": "motorprior.report.plots",
     "load_robot": "motorprior.robots.load",
     "Robot": "motorprior.robots.robot",
     "DrivenJoints": "motorprior.simulation.driven_joints",

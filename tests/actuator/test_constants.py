@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import motorprior as mp
 from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBox
@@ -65,7 +66,7 @@ def test_a_repr_is_short_and_a_str_has_the_table(prior: MotorPrior):
 
 
 def test_a_plot_of_a_prior_shows_its_responses(prior: MotorPrior):
-    (axes,) = prior.plot().axes
+    (axes,) = mp.plot_steps(prior).axes
     assert max(line.get_ydata().max() for line in axes.lines) > 0.2
 
 

@@ -209,10 +209,3 @@ def test_a_file_with_tensors_of_a_wrong_shape_is_rejected(tmp_path: Path):
 
     with pytest.raises(ArtifactError, match="scales"):
         LearnedExcitation.load(path)
-
-
-def test_only_a_trained_excitation_can_be_generated():
-    with pytest.raises(ConfigError) as refusal:
-        replace(made_excitation(), weights={}).with_method("generated")
-
-    assert refusal.value.argument == "method"

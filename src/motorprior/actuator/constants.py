@@ -3,8 +3,7 @@
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -41,7 +40,6 @@ UNITS = {
     **{constant.name: constant.unit for constant in CONSTANTS.values()},
 }
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
-_PICTURES = "motorprior.report.plots"  # a layer above: imported only to draw a picture
 
 
 class ConstantSummary(NamedTuple):
@@ -133,8 +131,3 @@ def named_constants(
     multiples = ("kp", "kd_over_kp") if kd_is_logged else ("kp",)
     suffixes: dict[str, str] = {name: PER_LOGGED_GAIN for name in multiples}
     return {f"{name}{suffixes.get(name, '')}": value for name, value in values.items()}
-
-
-def plot_response(motors: Any, title: str, period: float) -> Any:
-    """A figure of the responses of motors to a step; see `report.plots.step_responses`."""
-    return import_module(_PICTURES).step_responses(motors, title, period)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from motorprior.actuator.constants import (
     UNITS,
     Constants,
     named_constants,
-    plot_response,
 )
 from motorprior.actuator.gains import checked_gains
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
@@ -153,12 +151,6 @@ class MotorPosterior(Printable):
         narrowed = {name: _narrows(values[name], prior_values[name]) for name in values}
         columns = (*COLUMNS[:-1], "narrowed by the log")
         return replace(Constants.of(values, UNITS, narrowed), columns=columns)
-
-    def plot(self) -> Any:
-        """A matplotlib figure of the step responses of samples of these motors."""
-        count = len(self.mean) if len(self.mean) > 1 else 40
-        motors = self.sample(count, 0)
-        return plot_response(motors, "samples of the posterior", self.prior.model.period)
 
     def overview(self) -> Overview:
         """For people: log, outliers and constants."""

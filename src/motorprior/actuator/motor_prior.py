@@ -21,7 +21,6 @@ from motorprior.actuator.constants import (
     UNITS,
     Constants,
     named_constants,
-    plot_response,
 )
 from motorprior.actuator.copula import SCORES, Copula
 from motorprior.actuator.fit_metrics import FitMetrics
@@ -342,14 +341,6 @@ class MotorPrior(Printable):
             name: self.metrics.identified.get(name.removesuffix(PER_LOGGED_GAIN)) for name in values
         }
         return Constants.of(values, UNITS, identified)
-
-    def plot(self) -> Any:
-        """A matplotlib figure of the responses of 40 new motors to a step of the command."""
-        return plot_response(
-            self.sample(40, 0),
-            f"{self.motor or 'motors'}: 40 samples of the prior",
-            self.model.period,
-        )
 
     def overview(self) -> Overview:
         """For people: origin, errors and constants."""

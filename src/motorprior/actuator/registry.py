@@ -5,7 +5,7 @@
 A name stands for a function (robot, options) -> `EpisodeMotors`, registered by `register`. Its
 parameters after the robot are the options: numbers, flags (True), or texts (names, and files, which
 have a suffix). To add an actuator, add one file to this folder, with its kernels, its `Actuator`
-and its function; `pd_motors` is an example.
+and its function. `ideal_pd` is an example of kernels and `Actuator`, `pd_motors` of functions.
 """
 
 import pkgutil

@@ -32,9 +32,9 @@ class Split:
         return Split(train, test, self.rule)
 
 
-def evenly_spread(names: list[str], count: int = MAX_LOGS) -> list[str]:
-    """At most ``count`` of the names, evenly spread over the list."""
-    places = np.linspace(0, len(names) - 1, min(len(names), count)).tolist()
+def evenly_spread(names: list[str]) -> list[str]:
+    """At most MAX_LOGS of the names, evenly spread over the list."""
+    places = np.linspace(0, len(names) - 1, min(len(names), MAX_LOGS)).tolist()
     return [names[round(place)] for place in places]
 
 

@@ -125,12 +125,10 @@ def leaky(signal: Any, xp: ModuleType = np) -> Any:
     return xp.where(signal > 0.0, signal, LEAK * signal)
 
 
-def convolved(signal: Any, kernel: Any, dilation: int = 1, stride: int = 1) -> Any:
+def convolved(signal: Any, kernel: Any, dilation: int = 1) -> Any:
     """Convolution of (n, frames, inputs) with (taps, inputs, outputs), without padding."""
     count = signal.shape[1] - dilation * (len(kernel) - 1)
-    return sum(
-        signal[:, tap * dilation :][:, :count:stride] @ kernel[tap] for tap in range(len(kernel))
-    )
+    return sum(signal[:, tap * dilation :][:, :count] @ kernel[tap] for tap in range(len(kernel)))
 
 
 def weight_shapes(num_classes: int) -> dict[str, tuple[int, ...]]:

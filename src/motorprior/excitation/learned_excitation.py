@@ -5,7 +5,7 @@ bounds what they make.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -109,14 +109,6 @@ class LearnedExcitation:
                 line += f", load {low:.2g} to {high:.2g} kg·m²"
             lines.append(line)
         return lines
-
-    def with_method(self, method: str) -> "LearnedExcitation":
-        """The same runs with another method; raises `ConfigError` without a trained generator."""
-        if method == "generated" and not self.weights:
-            raise ConfigError(
-                "no generator", remedy="play it as surrogate or recorded", argument="method"
-            )
-        return replace(self, method=method)
 
     def streams(
         self, rng: Rng, steps: int, dt: float, joint_names: Sequence[str], unit: float = 1.0

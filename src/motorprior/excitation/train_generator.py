@@ -56,7 +56,7 @@ PHASE_UNIT = 0.2  # unit of the trained phases [rad]: they have the codes' learn
 CRITIC_LAYERS = 3
 CRITIC_WIDTH = 48
 CRITIC_TAPS = 5
-STRIDE = 2
+CRITIC_DILATION = 2
 ORDERS = 6  # harmonics in the initial codes
 _TINY = 1e-6
 Weights: TypeAlias = dict[str, Any]
@@ -263,7 +263,7 @@ def _scores(critic: Weights, inputs: Any) -> tuple[Any, list[Any]]:
         kernel = critic[f"w{layer}"]
         matrix = kernel.reshape(-1, CRITIC_WIDTH)
         norm = jnp.sqrt(jnp.linalg.eigvalsh(matrix.T @ matrix)[-1])
-        output = convolved(layers[-1], kernel / norm, STRIDE) + critic[f"b{layer}"]
+        output = convolved(layers[-1], kernel / norm, CRITIC_DILATION) + critic[f"b{layer}"]
         layers.append(leaky(output, jnp))
 
     pooled = [_pooled(values) for values in layers]

@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_json
 from motorprior.bench.class_behaviour import ClassBehaviour
 from motorprior.bench.dynamometer import Trial, run
@@ -18,6 +20,7 @@ from motorprior.report import plots_style as style
 from motorprior.signals import rmse
 
 LOAD = 2e-3  # load inertia of joints in `step_responses` [kg·m²]
+NUM_SAMPLES = 40  # sampled motors of a prior
 STEP = 0.3  # size of the step [rad]
 # drawn duration of a trace [s]: the end of the log, where a chirp has its highest frequency
 SHOWN_SECONDS = 8.0
@@ -51,6 +54,17 @@ def excitation_and_response(log: MotorLog, title: str) -> Figure:
     style.set_labels(torque, x=style.TIME, y="torque [N·m]")
     style.legend_below(figure, (angle, velocity, torque))
     return figure
+
+
+def plot_steps(motors: MotorPrior | MotorPosterior) -> Figure:
+    """Step responses of samples of a prior, or of a posterior; see `step_responses`."""
+    if isinstance(motors, MotorPrior):
+        title = f"{motors.motor or 'motors'}: {NUM_SAMPLES} samples of the prior"
+        return step_responses(motors.sample(NUM_SAMPLES, 0), title, motors.model.period)
+
+    count = len(motors.mean) if len(motors.mean) > 1 else NUM_SAMPLES
+    samples = motors.sample(count, 0)
+    return step_responses(samples, "samples of the posterior", motors.prior.model.period)
 
 
 def step_responses(motors: Actuator, title: str, period: float) -> Figure:

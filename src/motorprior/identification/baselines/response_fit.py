@@ -380,13 +380,10 @@ def _without(
 
 
 def fitted_responses(
-    log: MotorLog, recipe: Recipe, seed: int, progress: Progress, restarts: int = RESTARTS
+    log: MotorLog, recipe: Recipe, seed: int, progress: Progress
 ) -> dict[str, ResponseMotors]:
-    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity.
-
-    ``restarts`` is the maximum number of restarts of a search, of which there is one per model.
-    """
+    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_placeholder_load(log), recipe)
-    with progress.start("fit responses that need no load", len(MODELS) * restarts) as task:
-        return fit_responses(runs, gravity, seed, task.advance, log.firmware, restarts)
+    with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:
+        return fit_responses(runs, gravity, seed, task.advance, log.firmware)
