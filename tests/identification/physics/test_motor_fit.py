@@ -1,4 +1,7 @@
-"""A fit finds the constants of motors that a decoder made, with the same bytes on any number of threads."""
+"""Fits recover the constants of simulated motors.
+
+The results are the same bytes on any number of threads.
+"""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +32,7 @@ SPREAD = {
     "load_friction": 0.3,
     "armature": 0.3,
 }
-"""Standard deviations of the logarithms."""
+"""Standard deviations of the logarithms of the constants of true motors."""
 
 
 def truth() -> np.ndarray:
@@ -38,6 +41,7 @@ def truth() -> np.ndarray:
     raw = np.zeros((MOTORS, len(PARAMETERS)))
     for name, spread in SPREAD.items():
         raw[:, PARAMETERS.index(name)] = spread * rng.standard_normal(MOTORS) + 0.2
+
     return raw
 
 
@@ -58,14 +62,15 @@ def runs(decoder_data: Data) -> WindowRuns:
 
 
 @pytest.fixture(scope="module")
-def found(runs: WindowRuns) -> MotorFits:
+def fits(runs: WindowRuns) -> MotorFits:
     return fit_motors(runs, (), True, 0)
 
 
-def test_the_constants_of_four_motors_are_found(found: MotorFits):
-    assert found.loss.max() < 3e-3, found.loss
-    error = np.abs(found.center + found.offsets - true_center() - truth())
-    within = {
+def test_a_fit_recovers_the_constants_of_four_motors(fits: MotorFits):
+    assert fits.loss.max() < 3e-3, fits.loss
+
+    error = np.abs(fits.center + fits.offsets - true_center() - truth())
+    bounds = {
         "kp": 0.03,
         "kd_over_kp": 0.05,
         "delay": 0.03,
@@ -73,24 +78,24 @@ def test_the_constants_of_four_motors_are_found(found: MotorFits):
         "load_friction": 0.1,
         "armature": 0.1,
     }
-    for name, bound in within.items():
-        assert error[:, PARAMETERS.index(name)].max() < bound, (
-            name,
-            error[:, PARAMETERS.index(name)],
-        )
+
+    for name, bound in bounds.items():
+        errors_of_constant = error[:, PARAMETERS.index(name)]
+        assert errors_of_constant.max() < bound, (name, errors_of_constant)
 
 
-def test_a_gain_far_from_the_initial_motor_is_found(decoder_data: Data):
+def test_a_fit_recovers_a_gain_far_from_the_initial_motor(decoder_data: Data):
     center = true_center()
     kp = PARAMETERS.index("kp")
     center[kp] += np.log(0.04)
-    runs = WindowRuns(
-        decoder_data(grey_box(center, (), PRESET), truth(), segments=5, rows=400), PRESET
-    )
-    found = fit_motors(runs, (), True, 0)
-    # a factor of 25 away; fits on other processors differ by 0.2
+    box = grey_box(center, (), PRESET)
+    runs = WindowRuns(decoder_data(box, truth(), segments=5, rows=400), PRESET)
+
+    fits = fit_motors(runs, (), True, 0)
+    # kp is 25 times smaller than that of the initial motor; fits on other processors differ by 0.2
     expected = center[kp] + truth()[:, kp]
-    np.testing.assert_allclose((found.center + found.offsets)[:, kp], expected, atol=0.25)
+
+    np.testing.assert_allclose((fits.center + fits.offsets)[:, kp], expected, atol=0.25)
 
 
 @pytest.mark.parametrize(("limit", "identifiable"), [(60.0, False), (1.5, True)])
@@ -101,26 +106,34 @@ def test_a_torque_limit_that_is_not_identifiable_is_large(
     motors = truth()
     motors[:, column] = np.log(limit / 1.5)
     runs = WindowRuns(decoder_data(true_box(), motors, segments=5, rows=400), PRESET)
-    asked = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")]) * runs.max_request
-    fit = fit_motors(runs, (), True, 0)
-    found = np.exp((fit.center + fit.offsets)[:, column])
+
+    fits = fit_motors(runs, (), True, 0)
+
+    fitted_limit = np.exp((fits.center + fits.offsets)[:, column])
     if identifiable:
-        np.testing.assert_allclose(found, limit, rtol=0.15)
+        np.testing.assert_allclose(fitted_limit, limit, rtol=0.15)
     else:
-        assert np.all(found > 3.0 * asked)
+        kp = 10.0 * np.exp(motors[:, PARAMETERS.index("kp")])
+        requested_torque = kp * runs.max_request
+        assert np.all(fitted_limit > 3.0 * requested_torque)
+
+
+def bytes_of(fits: MotorFits) -> bytes:
+    return b"".join(array.tobytes() for array in (fits.center, fits.offsets, fits.loss))
 
 
 def test_the_same_seed_gives_the_same_bytes_on_any_number_of_threads(
     runs: WindowRuns, monkeypatch: pytest.MonkeyPatch
 ):
-    results = []
-    for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
-        monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
-        one = fit_motors(runs, (), True, 5, restarts=2)
-        results.append(b"".join(part.tobytes() for part in (one.center, one.offsets, one.loss)))
-    assert results[0] == results[1]
-    other = fit_motors(runs, (), True, 6, restarts=2)
-    assert other.offsets.tobytes() not in results[0]
+    def fitted(seed: int, num_threads: int) -> MotorFits:
+        with ThreadPoolExecutor(num_threads) as pool:
+            monkeypatch.setattr(window_runs, "threads", lambda: pool)
+            return fit_motors(runs, (), True, seed, restarts=2)
+
+    fits = fitted(seed=5, num_threads=1)
+
+    assert bytes_of(fitted(seed=5, num_threads=3)) == bytes_of(fits)
+    assert fitted(seed=6, num_threads=3).offsets.tobytes() != fits.offsets.tobytes()
 
 
 class _TwoOptima:
@@ -136,15 +149,23 @@ class _TwoOptima:
         )
 
 
-def test_of_two_optima_that_fit_alike_the_motor_gets_that_of_the_others():
+def test_a_motor_with_two_equal_optima_gets_the_one_near_other_motors():
     search = Search(_TwoOptima())
-    wide = np.zeros(2)
-    x = np.stack([[2.0, 2.0, 2.0, 2.0, -2.0], 0.1 * np.arange(5)], axis=1)
-    found = search.at(x, GaussianPrior(wide, wide))
-    changed, same = (
-        searched_near_others(search, np.random.default_rng(0), found, wide > 0.0, classes, 12)
-        for classes in (np.arange(5), np.array([0, 1, 2, 3, 3]))
-    )
-    assert changed.x[:4].tobytes() == x[:4].tobytes()  # the others are probable
-    np.testing.assert_allclose(changed.x[4], [2.0, 0.4], atol=0.15)
-    assert same.x.tobytes() == x.tobytes()  # it is not alone in its class
+    no_prior = np.zeros(2)
+    first_constant = [2.0, 2.0, 2.0, 2.0, -2.0]
+    x = np.stack([first_constant, 0.1 * np.arange(5)], axis=1)
+    fit = search.at(x, GaussianPrior(no_prior, no_prior))
+
+    def searched(classes: np.ndarray) -> np.ndarray:
+        rng = np.random.default_rng(0)
+        return searched_near_others(search, rng, fit, no_prior > 0.0, classes, 12).x
+
+    every_motor_alone = searched(np.arange(5))
+    last_two_in_a_class = searched(np.array([0, 1, 2, 3, 3]))
+
+    # the first four are probable, and only the last one changes
+    assert every_motor_alone[:4].tobytes() == x[:4].tobytes()
+    np.testing.assert_allclose(every_motor_alone[4], [2.0, 0.4], atol=0.15)
+
+    # a motor that is not alone in its class keeps its optimum
+    assert last_two_in_a_class.tobytes() == x.tobytes()

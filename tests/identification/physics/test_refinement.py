@@ -19,7 +19,7 @@ LOAD_FRICTION = PARAMETERS.index("load_friction")
 
 
 @pytest.mark.parametrize("together", [False, True])
-def test_constants_that_were_off_are_found(
+def test_refinement_recovers_constants_that_were_off(
     decoder_data: Callable[..., TrainingData], together: bool
 ):
     center = initial_center(())
@@ -30,13 +30,14 @@ def test_constants_that_were_off_are_found(
     truth[:, LOAD_FRICTION] = (-0.3, 0.4)
     data = decoder_data(box, truth, segments=6, rows=700)
     longer = longer_runs(data, PRESET, WindowRuns(data, PRESET))
-    began = truth.copy()
-    began[:, KP] += 0.1
-    began[:, LOAD_FRICTION] -= 0.2
-    found = refined(box, began, longer, together)
-    before, after = (motor_search(box, longer).losses(z) for z in (began, found))
-    assert (after < 0.2 * before).all()
-    assert (
-        np.abs(found - truth)[:, KP].max() < 0.02
-        and np.abs(found - truth)[:, LOAD_FRICTION].max() < 0.1
-    )
+
+    start = truth.copy()
+    start[:, KP] += 0.1
+    start[:, LOAD_FRICTION] -= 0.2
+    z = refined(box, start, longer, together)
+
+    search = motor_search(box, longer)
+    assert (search.losses(z) < 0.2 * search.losses(start)).all()
+    error = np.abs(z - truth)
+    assert error[:, KP].max() < 0.02
+    assert error[:, LOAD_FRICTION].max() < 0.1

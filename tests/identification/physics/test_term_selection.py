@@ -1,4 +1,4 @@
-"""The terms that motors have are found in their logs, and no others."""
+"""Optional terms that motors have are selected, and few others."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,45 +29,53 @@ def logs(
     rows: int = 300,
     motors: int = MOTORS,
 ) -> WindowRuns:
-    """Logs of motors that have these terms."""
+    """Free runs over logs with noise, of motors that have these terms."""
     constants = INITIAL | {
         "profile_speed": 1.5,
         "profile_acceleration": 25.0,
         "output_damping": 0.03,
     }
-    center = (
-        initial_center(()).tolist() + encoded(constants, terms)[len(initial_center(())) :].tolist()
-    )
-    box = grey_box(np.array(center), terms, PRESET)
+    without_terms = initial_center(())
+    of_terms = encoded(constants, terms)[len(without_terms) :]
+    center = np.concatenate([without_terms, of_terms])
+    box = grey_box(center, terms, PRESET)
     z = 0.15 * np.random.default_rng(3).standard_normal((motors, len(center)))
     rng = np.random.default_rng(5)
     data = decoder_data(box, z, segments=segments, rows=rows)
     noise = rng.standard_normal((*data.series.shape[:2], 3)) * [3e-4, 0.02, 0.02]
     series = data.series.copy()
     series[..., [POS, VEL, TORQUE]] += noise.astype(np.float32)
+
     return WindowRuns(replace(data, series=series), PRESET)
 
 
 CASES = pytest.mark.parametrize("terms", [("profile",), ()], ids=["profile", "none"])
 
 
-def assert_found(
+def require_selected(
     decoder_data: Data,
     terms: tuple[str, ...],
-    others: int,
+    spurious: int,
     selectable: tuple[str, ...] = SELECTABLE_TERMS,
 ) -> None:
-    """The terms are selected; for motors with a term, some others may be, by the test at 20 %."""
-    found = select_terms(logs(decoder_data, terms), 0, selectable=selectable)
-    assert set(terms) <= set(found.terms) and len(found.terms) <= len(terms) + others * len(
-        terms
-    ), found.saved
-    assert all(found.saved[name] > 0.0 for name in terms)
+    """Assert that the terms are selected.
+
+    For motors with a term, ``spurious`` others may be selected too: the test has a level of 20 %.
+    """
+    selection = select_terms(logs(decoder_data, terms), 0, selectable=selectable)
+
+    max_terms = len(terms) + spurious * len(terms)
+    assert set(terms) <= set(selection.terms), selection.saved
+    assert len(selection.terms) <= max_terms, selection.saved
+    for name in terms:
+        assert selection.saved[name] > 0.0
 
 
 @CASES
-def test_a_term_is_selected_if_motors_have_it(decoder_data: Data, terms: tuple[str, ...]):
-    assert_found(decoder_data, terms, 1, ("profile", "dead_zone"))
+def test_a_term_is_selected_if_and_only_if_motors_have_it(
+    decoder_data: Data, terms: tuple[str, ...]
+):
+    require_selected(decoder_data, terms, 1, ("profile", "dead_zone"))
 
 
 def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data):
@@ -75,17 +83,18 @@ def test_a_term_is_selected_with_one_motor_and_four_segments(decoder_data: Data)
     assert select_terms(runs, 0, selectable=("profile",)).terms == ("profile",)
 
 
-def test_few_segments_are_all_trained_and_tested_on(decoder_data: Data):
+def test_each_of_few_segments_has_training_and_test_windows(decoder_data: Data):
     runs = logs(decoder_data, ())
-    assert all(
-        set(blocks_of(runs)[runs.segment_indices() == segment] % 2) == {0, 1}
-        for segment in range(6)
-    )
+
+    # windows of even blocks train, and those of odd blocks test
+    is_test = blocks_of(runs) % 2
+    for segment in range(6):
+        assert set(is_test[runs.segment_indices() == segment]) == {0, 1}
 
 
 @pytest.mark.slow
 @CASES
-def test_the_terms_that_motors_have_are_found_and_no_others(
+def test_at_most_two_spurious_terms_are_selected_among_all(
     decoder_data: Data, terms: tuple[str, ...]
 ):
-    assert_found(decoder_data, terms, 2)
+    require_selected(decoder_data, terms, 2)

@@ -41,39 +41,47 @@ def test_motors_that_made_a_log_replay_it(
     box = grey_box(terms=terms)
     data = decoder_data(box, Z)
     runs = WindowRuns(data, PRESET)
-    found = runs.residuals(grey_boxes(box), Z, MOTORS)
-    assert (
-        found.shape
-        == (3, 6 * ((400 - 1 - 60) // 32), 3, 32)
-        == (3, runs.windows, runs.channels, 32)
-    )
-    # rows are float32, and what touches, sticks or slips within rounding is one step off: no window
-    # but a few
-    assert np.mean(np.abs(found)) < 1e-3 and np.quantile(np.abs(found), 0.99) < 0.01
-    others = runs.residuals(grey_boxes(box), Z[[1, 2, 0]], MOTORS)
-    assert np.mean(np.abs(others)) > 0.1
+    residuals = runs.residuals(grey_boxes(box), Z, MOTORS)
+
+    # 6 segments of 400 rows, a warm-up of 60 and windows of 32
+    windows = 6 * ((400 - 1 - 60) // 32)
+    assert residuals.shape == (3, windows, 3, 32)
+    assert (runs.windows, runs.channels) == (windows, 3)
+
+    # Rows are float32: contact, sticking or slipping may be one step late, in a few windows.
+    assert np.mean(np.abs(residuals)) < 1e-3
+    assert np.quantile(np.abs(residuals), 0.99) < 0.01
+
+    permuted = runs.residuals(grey_boxes(box), Z[[1, 2, 0]], MOTORS)
+
+    assert np.mean(np.abs(permuted)) > 0.1
 
 
-def test_windows_are_those_of_a_fit_and_do_not_cross_segments(
-    grey_box: Networks, decoder_data: Data
-):
+def test_windows_do_not_cross_segments(grey_box: Networks, decoder_data: Data):
     box = grey_box()
     data = decoder_data(box, Z, segments=3, rows=200)
-    # the middle segment is of another machine: neighbours must not see it
+    # only the middle segment differs
     broken = replace(data, series=data.series.copy())
     broken.series[:, 200:400] += 1.0
-    before, after = (
-        WindowRuns(one, PRESET).residuals(grey_boxes(box), Z, MOTORS) for one in (data, broken)
-    )
-    same = WindowRuns(data, PRESET).segment_indices() != 1
-    np.testing.assert_array_equal(before[:, same], after[:, same])
+
+    runs = WindowRuns(data, PRESET)
+    residuals = runs.residuals(grey_boxes(box), Z, MOTORS)
+    broken_residuals = WindowRuns(broken, PRESET).residuals(grey_boxes(box), Z, MOTORS)
+
+    same = runs.segment_indices() != 1
+    np.testing.assert_array_equal(residuals[:, same], broken_residuals[:, same])
+
+
+def test_a_segment_that_is_too_short_has_no_window(grey_box: Networks, decoder_data: Data):
+    data = decoder_data(grey_box(), Z, segments=3, rows=200)
     short = replace(data, segments=(slice(0, 200), slice(200, 250), slice(250, 600)))
     runs = WindowRuns(short, PRESET)
-    # a segment without a window counts for nothing
+
+    # (200 - 1 - 60) // 32 = 4 windows, none, and (350 - 1 - 60) // 32 = 9 windows
     np.testing.assert_array_equal(runs.segment_indices(), [0] * 4 + [1] * 9)
 
 
-def test_lanes_do_not_affect_each_other(
+def test_lanes_do_not_affect_each_other_on_any_number_of_threads(
     grey_box: Networks, decoder_data: Data, monkeypatch: pytest.MonkeyPatch
 ):
     box = grey_box(terms=("profile", "presliding"))
@@ -82,13 +90,15 @@ def test_lanes_do_not_affect_each_other(
     z = rng.standard_normal((600, 3))
     motor = rng.integers(0, 3, 600)
     many = runs.residuals(grey_boxes(box), z, motor)
+
     for lane in (0, 255, 256, 599):
-        np.testing.assert_array_equal(
-            many[lane], runs.residuals(grey_boxes(box), z[[lane]], motor[[lane]])[0]
-        )
-    for pool in (ThreadPoolExecutor(1), ThreadPoolExecutor(3)):
-        monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
-        np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)
+        alone = runs.residuals(grey_boxes(box), z[[lane]], motor[[lane]])[0]
+        np.testing.assert_array_equal(many[lane], alone)
+
+    for num_threads in (1, 3):
+        with ThreadPoolExecutor(num_threads) as pool:
+            monkeypatch.setattr(window_runs, "threads", lambda pool=pool: pool)
+            np.testing.assert_array_equal(runs.residuals(grey_boxes(box), z, motor), many)
 
 
 def test_a_forked_process_has_threads_of_its_own():
@@ -101,4 +111,6 @@ def test_a_forked_process_has_threads_of_its_own():
     child.join(30)
     alive = child.is_alive()
     child.kill()
-    assert not alive and child.exitcode == 0
+
+    assert not alive
+    assert child.exitcode == 0
