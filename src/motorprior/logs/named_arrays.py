@@ -11,7 +11,7 @@ _MAX_ITEMS = 100  # maximum length of a list whose items are separate arrays
 def named_arrays(content: Any) -> dict[str, np.ndarray]:
     """The arrays in a value by name; a value that is an array itself is named ``data``.
 
-    A list with a table of arrays per step is stacked.
+    Arrays without numbers are left out. A list with a table of arrays per step is stacked.
     """
     arrays: dict[str, np.ndarray] = {}
     _collect("", content, arrays)
@@ -37,7 +37,7 @@ def _collect(name: str, value: Any, arrays: dict[str, np.ndarray]) -> None:
         return
 
     array = _as_array(value)
-    if array.dtype.kind in "biuf" and array.ndim:
+    if array.dtype.kind in "biuf" and array.ndim and array.size:
         arrays[name or "data"] = array
     elif is_list and len(value) <= _MAX_ITEMS:
         for index, item in enumerate(value):

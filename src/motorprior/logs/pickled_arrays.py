@@ -29,6 +29,8 @@ BASE_SECONDS = 3  # of the processor
 BYTES_PER_SECOND = 5_000_000
 # deadline over the limit of the processor's time: other programs may run
 DEADLINE_FACTOR = 5
+# return codes of a process that the system ended at a limit: SIGKILL and SIGXCPU
+_ENDED_AT_LIMIT = (-9, -24)
 _REMEDY = "convert the file to .npz or CSV where it was made"
 
 
@@ -37,13 +39,18 @@ def pickled_arrays(path: Path) -> dict[str, np.ndarray]:
 
     Raises:
         LogError: a missing or damaged file, a pickle with anything but plain values, or one that
-            takes more time or memory than its size explains.
+            takes more time or memory than its size explains. Or the child process failed, with
+            the last line that it wrote.
     """
     require_file(path, LogError)
     size = path.stat().st_size
     memory = BASE_MEMORY + MEMORY_PER_BYTE * size
     seconds = BASE_SECONDS + size // BYTES_PER_SECOND
-    limits = f"{seconds} s or {memory / 1e9:.1f} GB"
+    over_limits = LogError(
+        f"reading it takes more than {seconds} s or {memory / 1e9:.1f} GB",
+        where=path,
+        remedy=_REMEDY,
+    )
 
     # -P: a file pickle.py in the current folder is not imported
     command = [sys.executable, "-P", "-m", __name__, str(path), str(memory), str(seconds)]
@@ -54,18 +61,31 @@ def pickled_arrays(path: Path) -> dict[str, np.ndarray]:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=DEADLINE_FACTOR * seconds,
-            check=True,
+            check=False,
         )
-    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
-        raise LogError(
-            f"reading it takes more than {limits}", where=path, remedy=_REMEDY
-        ) from error
+    except subprocess.TimeoutExpired as error:
+        raise over_limits from error
+    except OSError as error:
+        problem = f"the process that reads it cannot start ({error})"
+        raise LogError(problem, where=path, remedy=_REMEDY) from error
+    if child.returncode in _ENDED_AT_LIMIT or b"MemoryError" in child.stderr:
+        raise over_limits
+    if child.returncode != 0:
+        raise _failure(child, path)
 
     answer = io.BytesIO(child.stdout)
     header = json.loads(answer.readline())
     if "problem" in header:
         raise LogError(header["problem"], where=path, remedy=header["remedy"])
     return {name: np.lib.format.read_array(answer, allow_pickle=False) for name in header["names"]}
+
+
+def _failure(child: subprocess.CompletedProcess[bytes], path: Path) -> LogError:
+    """The error for a child process that failed below its limits."""
+    lines = child.stderr.decode(errors="replace").splitlines()
+    reason = lines[-1][:300] if lines else "no message"
+    problem = f"the process that reads it failed with return code {child.returncode} ({reason})"
+    return LogError(problem, where=path, remedy=_REMEDY)
 
 
 def _environment() -> dict[str, str]:

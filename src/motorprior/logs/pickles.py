@@ -37,7 +37,9 @@ class _NumberType:
 class _NumberArray(np.ndarray):
     """An array of plain numbers; raw bytes of an object array would be used as addresses."""
 
-    def __setstate__(self, state: tuple) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __setstate__(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, state: tuple
+    ) -> None:
         version, shape, number_type, *rest = state
         super().__setstate__((version, shape, number_type.dtype, *rest))
 
@@ -143,10 +145,10 @@ def torch_content(path: Path) -> dict[Any, Any]:
             raise LogError("not a file of torch.save", where=path, remedy=_SAVE)
         folder = pickles[0].removesuffix("data.pkl")
 
-        def storage(reference: Any) -> np.ndarray:
+        def storage(persistent_id: Any) -> np.ndarray:
             """The numbers of a persistent id ("storage", type, key, device, count)."""
-            data = archive.read(f"{folder}data/{reference[2]}")
-            return np.frombuffer(data, dtype=reference[1])
+            data = archive.read(f"{folder}data/{persistent_id[2]}")
+            return np.frombuffer(data, dtype=persistent_id[1])
 
         content = load_pickle(archive.read(pickles[0]), storage)
     if not isinstance(content, dict):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from motorprior.exceptions import LogError
+from motorprior.logs import pickled_arrays as reader
 from motorprior.logs.pickled_arrays import pickled_arrays
 from motorprior.logs.pickles import load_pickle
 
@@ -102,6 +103,27 @@ def test_a_pickle_that_takes_much_time_or_memory_is_refused_soon(
     assert refusal.value.where == path
     assert refusal.value.remedy
     assert time.process_time() - began < 2.0, "the child process works, not this one"
+
+
+def test_lists_without_numbers_are_no_arrays(tmp_path: Path):
+    path = tmp_path / "lists.pkl"
+    path.write_bytes(pickle.dumps([[] for _ in range(1000)]))
+    assert pickled_arrays(path) == {}
+
+
+def test_a_child_process_that_fails_is_reported_with_its_message(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "log.pkl"
+    path.write_bytes(pickle.dumps({"t": np.arange(3.0)}))
+    # a package of this name that cannot be imported
+    broken = tmp_path / "src" / "motorprior" / "logs"
+    broken.mkdir(parents=True)
+    (broken.parent / "__init__.py").write_text("raise ImportError('no such library')")
+    monkeypatch.setattr(reader, "__file__", str(broken / "pickled_arrays.py"))
+    with pytest.raises(LogError, match=r"return code 1 .*no such library") as refusal:
+        pickled_arrays(path)
+    assert "more than" not in str(refusal.value)
 
 
 def test_arrays_of_the_child_process_are_those_of_the_pickle(tmp_path: Path):
