@@ -40,7 +40,7 @@ class LogsImport:
     """Registers of all servos, such as ``profile_speed 3 dead_zone 0.002``: profile_acceleration
     [rad/s²] (Feetech STS: 0.1534 rad/s² per unit), profile_speed [rad/s] and dead_zone [rad]; 0
     switches a register off. The setting overrides the log and ``columns``."""
-    conditions: Mapping[str, float] = field(default_factory=dict)
+    operating_conditions: Mapping[str, float] = field(default_factory=dict)
     """Operating conditions of all motors: supply_voltage [V] and motor_temperature [°C]. The
     setting overrides the log and ``columns``."""
     suspended: bool = False
@@ -96,7 +96,7 @@ def _loaded(path: Path, config: LogsImport, progress: Progress) -> MotorLog:
         kp=config.kp,
         kd=config.kd,
         firmware=config.firmware,
-        operating_conditions=config.conditions,
+        operating_conditions=config.operating_conditions,
         as_joint=config.as_joint,
     )
     return load_log(

@@ -29,7 +29,7 @@ from motorprior.identification.physics.term_selection import TERM_OF, min_condit
 from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_operating_conditions, seconds_since_cold
-from motorprior.logs.motor_log import MotorLog, condition_text
+from motorprior.logs.motor_log import MotorLog, operating_condition_text
 from motorprior.logs.operations import static_joints
 from motorprior.progress import Note, Progress
 from motorprior.signals import rms
@@ -122,10 +122,10 @@ def _at_segment(
 
     warmth = motors.model.warmth(motors.z, seconds)
     supply, temperature_rise = relative_operating_conditions(segment, nominal)
-    conditions = OperatingConditions(warmth, supply, temperature_rise)
+    operating_conditions = OperatingConditions(warmth, supply, temperature_rise)
     if not motors.model.gain_unit:
         gains = motors.gains
-    return replace(motors, conditions=conditions, gains=gains)
+    return replace(motors, conditions=operating_conditions, gains=gains)
 
 
 @dataclass(frozen=True)
@@ -222,16 +222,16 @@ def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
         modelled = TERM_OF[name] in recipe.terms
         if getattr(log, name) is None:
             if modelled:
-                assumed = condition_text(name, nominal, nominal)
+                assumed = operating_condition_text(name, nominal, nominal)
                 notes.append(Note("info", f"the log has no {name}: {assumed} is assumed"))
             continue
         means = np.array([segment.operating_conditions[name] for segment in log.segments()])
         margin = min_condition_difference(name, nominal)
         if means.min() < lowest - margin or means.max() > highest + margin:
             effect = "extrapolated" if modelled else "not modelled"
-            here = condition_text(name, means.min(), means.max())
-            fitted = condition_text(name, lowest, highest)
+            logged = operating_condition_text(name, means.min(), means.max())
+            fitted = operating_condition_text(name, lowest, highest)
             remedy = "check its unit, or identify with logs of both"
-            text = f"{name} is {here}, in the prior's logs {fitted}: its effect is {effect}"
+            text = f"{name} is {logged}, in the prior's logs {fitted}: its effect is {effect}"
             notes.append(Note("warning", f"{text} -> {remedy}"))
     return notes

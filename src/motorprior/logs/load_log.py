@@ -25,8 +25,8 @@ def load_log(
     `read_recording` reads the file, `prepare_log` does the rest.
 
     Args:
-        path: as in `read_log`.
-        columns: as in `read_log`.
+        path: the file, or the folder for formats that are folders.
+        columns: a column map, the name of a shipped one, or its file (docs/your-motors.md).
         robot: the recorded robot, its name or its .toml file. Its model gives the loads, and its
             description the joints of formats that do not name them.
         suspended: the robot was suspended with a level body; a robot with a fixed base needs no

@@ -74,10 +74,13 @@ def read_mapped_log(
     joints = _in_order(columns, robot, path)
     series = {channel: columns.columns_of(channel, joints) for channel in columns.series}
     table = source(path, _column_names(columns, series), columns)
-    table, num_duplicates = _without_duplicates(table) if columns.time else (table, 0)
-    origin = f"{path} (duplicate rows left out: {num_duplicates})" if num_duplicates else str(path)
+    origin = str(path)
+    if columns.time:
+        table, num_duplicates = _without_duplicates(table)
+        if num_duplicates:
+            origin = f"{path} (duplicate rows left out: {num_duplicates})"
 
-    shape = len(next(iter(table.values()))), len(joints)
+    shape = (len(next(iter(table.values()))), len(joints))
     values: dict[str, Any] = {"time": _time(table, columns, shape[0], path)}
     for channel, names in series.items():
         values[channel] = _converted(table, channel, names, joints, path)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -36,16 +36,25 @@ MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recor
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# registers of the profile and the dead zone (0: off): lowest and highest value, unit
+
+
+class Range(NamedTuple):
+    """Values that a setting of a log may have."""
+
+    low: float
+    high: float
+    unit: str
+
+
+# registers of the profile and the dead zone (0: off)
 FIRMWARE = {
-    "profile_speed": (1e-3, 1e6, "rad/s"),
-    "profile_acceleration": (1e-3, 1e9, "rad/s²"),
-    "dead_zone": (1e-6, 1.0, "rad"),
+    "profile_speed": Range(1e-3, 1e6, "rad/s"),
+    "profile_acceleration": Range(1e-3, 1e9, "rad/s²"),
+    "dead_zone": Range(1e-6, 1.0, "rad"),
 }
-# lowest and highest value, unit
 OPERATING_CONDITIONS = {
-    "supply_voltage": (0.1, 2000.0, "V"),
-    "motor_temperature": (-60.0, 300.0, "°C"),
+    "supply_voltage": Range(0.1, 2000.0, "V"),
+    "motor_temperature": Range(-60.0, 300.0, "°C"),
 }
 # the channel `posture` holds indices of this tuple
 POSTURES = ("standing", "suspended", "fixed", "fallen")
@@ -245,11 +254,11 @@ def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(rows), np.concatenate(steps)
 
 
-def other_firmware(one: Mapping[str, float], other: Mapping[str, float]) -> str | None:
+def other_firmware(first: Mapping[str, float], second: Mapping[str, float]) -> str | None:
     """The first register in which both differ by more than 1 %, with both values, or None."""
-    for name in sorted(one.keys() & other.keys()):
-        if abs(one[name] - other[name]) > 0.01 * max(one[name], other[name]):
-            return f"firmware.{name} {one[name]:g} and {other[name]:g}"
+    for name in sorted(first.keys() & second.keys()):
+        if abs(first[name] - second[name]) > 0.01 * max(first[name], second[name]):
+            return f"firmware.{name} {first[name]:g} and {second[name]:g}"
     return None
 
 
@@ -280,10 +289,10 @@ def settings_text(log: MotorLog) -> str:
     """
     texts = gain_texts(log)
     for name, value in log.firmware.items():
-        texts.append(f"{name} {value:.4g} {FIRMWARE[name][2]}" if value else f"{name} off")
+        texts.append(f"{name} {value:.4g} {FIRMWARE[name].unit}" if value else f"{name} off")
     for name, values in channels(log).items():
         if name in OPERATING_CONDITIONS:
-            texts.append(f"{name} {condition_text(name, values.min(), values.max())}")
+            texts.append(f"{name} {operating_condition_text(name, values.min(), values.max())}")
     if log.posture is not None:
         postures = [POSTURES[code] for code in np.unique(log.posture).tolist()]
         texts.append(f"posture {', '.join(postures)}")
@@ -308,9 +317,9 @@ def range_text(low: float, high: float) -> str:
     return " to ".join(dict.fromkeys((f"{low:.3g}", f"{high:.3g}")))
 
 
-def condition_text(condition: str, low: float, high: float) -> str:
+def operating_condition_text(name: str, low: float, high: float) -> str:
     """For example "9.6 to 12 V"."""
-    return f"{range_text(low, high)} {OPERATING_CONDITIONS[condition][2]}"
+    return f"{range_text(low, high)} {OPERATING_CONDITIONS[name].unit}"
 
 
 CORRECT = "correct the column map, or the file"
@@ -486,12 +495,12 @@ def bad_value(
 
 
 def missing_column(
-    what: str, name: str, present: Iterable[str], where: Where, remedy: str = CORRECT
+    column_type: str, name: str, present: Iterable[str], where: Where, remedy: str = CORRECT
 ) -> LogError:
     """The error for a missing column, array or topic; it lists the first eight that exist."""
     names = listed([quoted(existing) for existing in present], 8) or "none"
     return LogError(
-        f"no {what} {quoted(name, 80)}; it has {names[:300]}", where=where, remedy=remedy
+        f"no {column_type} {quoted(name, 80)}; it has {names[:300]}", where=where, remedy=remedy
     )
 
 

@@ -111,7 +111,9 @@ def resample(log: MotorLog, period: float) -> MotorLog:
         LogError: the period is longer than a segment.
     """
     segments = [_resampled(segment, period) for segment in log.segments()]
-    values = {name: np.concatenate([segment[name] for segment in segments]) for name in segments[0]}
+    values = {}
+    for name in segments[0]:
+        values[name] = np.concatenate([segment[name] for segment in segments])
     return checked(replace(log, **values))
 
 
@@ -302,12 +304,14 @@ def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
 
 def _in_sequence(logs: Sequence[MotorLog]) -> MotorLog:
     """Logs of the same joints as consecutive segments."""
-    segments = [segment for log in logs for segment in log.segments()]
+    segments: list[MotorLog] = []
+    for log in logs:
+        segments += log.segments()
     index = np.repeat(np.arange(len(segments)), [segment.num_rows for segment in segments])
-    values = {
-        name: np.concatenate([channels(segment)[name] for segment in segments])
-        for name in channels(logs[0]).keys() - {"segment"}
-    }
+
+    values = {}
+    for name in channels(logs[0]).keys() - {"segment"}:
+        values[name] = np.concatenate([channels(segment)[name] for segment in segments])
     return replace(logs[0], **values, segment=index)
 
 
@@ -320,10 +324,9 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
         problem = "the logs' segments begin at different rows"
         raise LogError(problem, where=source, remedy="record all motors with the same segments")
 
-    values = {
-        name: np.concatenate([channels(log)[name] for log in cut_logs], axis=1)
-        for name in channels(first).keys() & JOINT_SERIES.keys()
-    }
+    values = {}
+    for name in channels(first).keys() & JOINT_SERIES.keys():
+        values[name] = np.concatenate([channels(log)[name] for log in cut_logs], axis=1)
     names = tuple(name for log in logs for name in log.joint_names)
     classes = tuple(name for log in logs for name in log.given_classes)
     return replace(

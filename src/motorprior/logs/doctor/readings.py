@@ -163,12 +163,14 @@ def jumps(log: MotorLog) -> Iterator[Finding]:
             rows_of_jumps.setdefault((channel, way), []).append(row)
         for (channel, way), rows in rows_of_jumps.items():
             row = rows[0]
-            before, after = getattr(log, channel)[row - 1 : row + 1, column].tolist()
+            angles = getattr(log, channel)[:, column]
+            previous = float(angles[row - 1])
+            angle = float(angles[row])
             message = (
-                f"{channel}/{joint} jumps from {before:.4g} to {after:.4g} rad in row {row}, "
+                f"{channel}/{joint} jumps from {previous:.4g} to {angle:.4g} rad in row {row}, "
                 f"{way}; {len(rows)} such rows"
             )
-            yield Finding("error", "jumps", after - before, message, REMEDIES[way], joint, row)
+            yield Finding("error", "jumps", angle - previous, message, REMEDIES[way], joint, row)
 
 
 def failed_reads(log: MotorLog) -> np.ndarray:

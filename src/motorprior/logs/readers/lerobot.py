@@ -79,7 +79,9 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
         raise LogError("no data/chunk-*/file-*.parquet", where=path, remedy=_REMEDY)
 
     tables = [table_columns(file, names, columns.time) for file in data_files]
-    whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    whole = {}
+    for name in tables[0]:
+        whole[name] = np.concatenate([table[name] for table in tables])
 
     rows = len(whole[names[0]])
     stated_rows = info.get("total_frames", rows)

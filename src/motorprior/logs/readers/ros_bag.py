@@ -100,8 +100,8 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
     A robot gives order and motor if it has these joints.
     """
     messages = _first_joint_states(path)
-    (state,) = (topic for topic in messages if _is_state(topic))
-    (command,) = messages.keys() - {state}
+    state = next(topic for topic in messages if _is_state(topic))
+    command = next(topic for topic in messages if topic != state)
 
     names = tuple(messages[command].name)
     missing = sorted(set(names) - set(messages[state].name))

@@ -33,9 +33,9 @@ def read_sage(path: Path, robot: Robot | None = None) -> MotorLog:
         joints = tuple(MappedJoint(name, name) for name in names)
         columns = replace(columns, robot="", motor="", firmware={}, joints=joints)
 
-    def selected(path: Path, wanted_names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
+    def selected(path: Path, column_names: list[str], columns: ColumnMap) -> dict[str, np.ndarray]:
         values = _columns(path, names)
-        return {name: values[name] for name in wanted_names}
+        return {name: values[name] for name in column_names}
 
     joint_names = tuple(joint.name for joint in columns.joints)
     return read_mapped_log(path, columns, selected, robot_of_joints(robot, joint_names))
@@ -47,11 +47,16 @@ def _columns(path: Path, joints: list[str]) -> dict[str, np.ndarray]:
     time, positions, velocities = _table(path / STATE, ["positions", "velocities"], len(joints))
     require_increasing(since, path / CONTROL)
 
-    begun = time >= since[0]
-    in_force = np.searchsorted(since, time[begun], side="right") - 1
-    tables = {"q_des": targets[in_force], "q": positions[begun], "dq": velocities[begun]}
+    has_command = time >= since[0]
+    time = time[has_command]
+    in_force = np.searchsorted(since, time, side="right") - 1
+    tables = {
+        "q_des": targets[in_force],
+        "q": positions[has_command],
+        "dq": velocities[has_command],
+    }
 
-    columns = {"t_s": time[begun]}
+    columns = {"t_s": time}
     for quantity, table in tables.items():
         for joint, column in zip(joints, table.T, strict=True):
             columns[f"{quantity}_{joint}"] = column
