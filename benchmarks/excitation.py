@@ -286,7 +286,7 @@ def transfer(settings: Settings) -> dict[str, float]:
         robot=settings.robot,
     )
     figures = {}
-    summary = summarise(study_walks(study, PROGRESS))
+    summary = summarise(study_walks(study, PROGRESS).walks)
     for (env, condition, quantity), mean in summary.estimates.items():
         if env in TESTED and quantity == "upright":
             figures |= with_ends(f"transfer/{kind_of[condition]}/{TESTED[env]}", mean)

@@ -95,3 +95,19 @@ def test_the_start_imports_no_command_and_no_heavy_library():
 
     assert not {"numpy", "numba", "mujoco", "jax", "matplotlib", "rich", "pyarrow"} & set(loaded)
     assert not [name for name in loaded if name.startswith("motorprior.commands")]
+
+
+def test_the_settings_of_the_robots_commands_load_no_compiler():
+    names = [name for name, command in COMMANDS.items() if command.on_robot]
+    code = (
+        "import sys\n"
+        "from motorprior.cli.command_table import COMMANDS\n"
+        f"for name in {names}:\n"
+        "    COMMANDS[name].load_settings()\n"
+        "print(*sys.modules)"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    ).stdout.split()
+
+    assert not {"numba", "scipy", "mujoco"} & set(loaded)

@@ -24,6 +24,7 @@ from motorprior.robots.robot import Robot
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
+POSTERIOR_FILE = "posterior.safetensors"
 _REMEDY = "write it with `motorprior adapt`"
 # A log narrows a constant if posterior / prior standard deviation is below this ratio.
 MAX_NARROWED_RATIO = 0.8
@@ -37,7 +38,7 @@ _HEADER = Header(
         "surprise": many(number(0.0, 1.0), minimum=1),  # the field outlier_p_value
     },
     _REMEDY,
-    "posterior.safetensors",
+    POSTERIOR_FILE,
     "adapt",
 )
 

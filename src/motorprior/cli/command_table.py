@@ -62,7 +62,7 @@ COMMANDS = {
     ),
     "logs check": Command(
         "Check logs: clock, units, limits, jumps, excitation, tracking, saturation, gravity.",
-        settings="motorprior.cli.logs_check:LogsCheck",
+        settings="motorprior.commands.logs_check:LogsCheck",
         run="motorprior.cli.logs_check:run",
         positional=("paths",),
     ),
@@ -86,7 +86,7 @@ COMMANDS = {
     ),
     "show": Command(
         "Print what a file holds, such as a prior's constants.",
-        settings="motorprior.cli.show:Show",
+        settings="motorprior.commands.show:Show",
         run="motorprior.cli.show:run",
         positional=("file",),
     ),
@@ -141,14 +141,14 @@ COMMANDS = {
     ),
     "transfer": Command(
         "Evaluate policies on held-out robots, or run the study.",
-        settings="motorprior.cli.transfer:TransferCommand",
+        settings="motorprior.commands.transfer:TransferCommand",
         run="motorprior.cli.transfer:run",
         positional=("policies",),
         common=("policies", "out", "study", "fleet", "robot", "workers"),
     ),
     "report": Command(
         "Write a page of trained policies.",
-        settings="motorprior.cli.report:Report",
+        settings="motorprior.commands.report:Report",
         run="motorprior.cli.report:run",
         positional=("run",),
     ),

@@ -1,28 +1,16 @@
 """The command transfer: tables of the evaluation, or of the study, are printed."""
 
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import fields
 from typing import Any
 
 from motorprior.cli.terminal import command_line, print_table
-from motorprior.commands.transfer import Transfer, run_study, run_transfer
+from motorprior.commands.transfer import Transfer, TransferCommand, run_study, run_transfer
 from motorprior.exceptions import ConfigError
 from motorprior.progress import Progress
 from motorprior.report.tables import transfer_table
 from motorprior.stage import PAGE
 from motorprior.studies.compare import NUM_WALKS
 from motorprior.studies.study_settings import Study
-
-
-@dataclass(frozen=True)
-class TransferCommand(Transfer, Study):
-    """Evaluate policies on held-out robots, or run the study."""
-
-    policies: tuple[Path, ...] = ()
-    study: bool = False
-    """Train policies on each model of a bench's motors, and evaluate them in their training
-    simulation and in four environments: three to four hours on two cores; a rerun resumes. Study
-    options require it."""
 
 
 def run(config: TransferCommand, progress: Progress) -> None:

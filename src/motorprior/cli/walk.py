@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from motorprior.cli.terminal import print_table
-from motorprior.commands.walk import PICTURE, SEED_FOLDER, Walk, run_walk, run_walk_seeds
+from motorprior.commands.walk import PICTURE, Walk, run_walk, run_walk_seeds
 from motorprior.progress import Progress
 from motorprior.robots.shipped import DEFAULT_ROBOT
+from motorprior.simulation.training import SEED_FOLDER
 
 
 def run(config: Walk, progress: Progress) -> None:

@@ -3,15 +3,13 @@
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from motorprior.actuator.motor_posterior import MotorPosterior
+from motorprior.actuator.motor_posterior import POSTERIOR_FILE, MotorPosterior
 from motorprior.actuator.motor_prior import prior_path
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import adapt
 from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.stage import description, is_finished, locked, working
-
-POSTERIOR = "posterior.safetensors"
 
 
 @dataclass(frozen=True)
@@ -39,11 +37,13 @@ def run_adapt(config: Adapt, progress: Progress = SILENT) -> MotorPosterior:
 
     stage = description("adapt", asdict(config), [prior_path(config.prior), config.log])
     if is_finished(config.out, stage):
-        progress.note(f"{config.out / POSTERIOR} exists already, from the same log and settings")
-        return MotorPosterior.load(config.out / POSTERIOR, prior)
+        progress.note(
+            f"{config.out / POSTERIOR_FILE} exists already, from the same log and settings"
+        )
+        return MotorPosterior.load(config.out / POSTERIOR_FILE, prior)
 
     with locked(config.out):
         posterior = adapt(prior, log, allow_outliers=config.allow_outliers, progress=progress)
         with working(config.out, stage):  # only now: an error above leaves the earlier posterior
-            posterior.save(config.out / POSTERIOR)
+            posterior.save(config.out / POSTERIOR_FILE)
     return posterior

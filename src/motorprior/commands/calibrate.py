@@ -7,7 +7,6 @@ import numpy as np
 
 from motorprior.actuator.fleet import Fleet, fleet_files, load_robot_fleet, write_fleet
 from motorprior.bounds import require_count, require_seed
-from motorprior.commands.replay import read_logs
 from motorprior.evaluation.bands import band
 from motorprior.evaluation.free_runs import Trace
 from motorprior.progress import SILENT, Progress
@@ -16,7 +15,12 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.stage import description, is_finished, working
 from motorprior.studies.calibration import Calibration, FleetProblem, calibrate, calibrated_fleet
-from motorprior.studies.log_replay import PostureName, motors_with_logged_gains, replayers_of
+from motorprior.studies.log_replay import (
+    PostureName,
+    motors_with_logged_gains,
+    read_logs,
+    replayers_of,
+)
 
 FLEET = "fleet.toml"
 PICTURE = "calibration.png"

@@ -123,7 +123,7 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
         motors_section = page_sections.bench(bench_study.out / "bench" / "rollout")
         progress.note(f"first picture: {page.write([motors_section])}")
 
-        walks = study_walks(study, progress)
+        walks = study_walks(study, progress).walks
         statistics = summarise(walks)
         film = _film(bench_study, walks, progress)
         (out / FILM).write_bytes(film.data)

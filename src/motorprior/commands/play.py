@@ -7,7 +7,6 @@ from typing import Literal
 
 from motorprior.actuator.fleet import load_robot_fleet
 from motorprior.bounds import require_number, require_seed
-from motorprior.commands.walk import SEED_FOLDER
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.command import Commands
 from motorprior.progress import SILENT, Progress
@@ -16,7 +15,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.rendering import show
 from motorprior.simulation.scene import Episode, WalkConfig, require_walks
-from motorprior.simulation.training import POLICY, weight_warning
+from motorprior.simulation.training import POLICY, SEED_FOLDER, weight_warning
 from motorprior.stage import locked
 from motorprior.studies.compare import TrainedPolicy, run_walks, with_shared_speeds
 from motorprior.studies.environments import HARD, NOISY, held_out_scene

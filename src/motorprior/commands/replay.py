@@ -10,8 +10,6 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.fleet import Fleet, fleet_files, load_robot_fleet, nominal_pd
 from motorprior.actuator.motor_prior import MotorPrior, prior_path, robot_gains
 from motorprior.bounds import require_count, require_seed
-from motorprior.exceptions import LogError
-from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.priors.prior_file import load_prior
 from motorprior.progress import SILENT, Progress
 from motorprior.results import Result, Results, read_results, write_results
@@ -23,6 +21,7 @@ from motorprior.studies.log_replay import (
     PostureName,
     Replayer,
     motors_with_logged_gains,
+    read_logs,
     replayers_of,
 )
 
@@ -89,21 +88,6 @@ def run_replay(config: Replay, progress: Progress = SILENT) -> Results:
                 rows += _errors(name, replayer, simulated)
         write_results(config.out, Results(rows))
     return read_results(config.out)
-
-
-def read_logs(path: Path, robot: Robot) -> LogFolder:
-    """A log, or all logs of a folder, in a format that needs no column map.
-
-    LogError as `read_log_folder`.
-    """
-    try:
-        return read_log_folder(path, robot)
-    except LogError as error:
-        if error.argument != "columns":
-            raise
-        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md)"
-        remedy += ", and give the new files"
-        raise LogError(error.problem, where=error.where, remedy=remedy) from error
 
 
 def _models(

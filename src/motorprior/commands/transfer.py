@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from motorprior.actuator.fleet import fleet_files, load_robot_fleet
-from motorprior.artifacts import read_json, write_text
+from motorprior.artifacts import write_text
 from motorprior.bounds import require_count
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results, read_results, write_results
@@ -21,7 +21,7 @@ from motorprior.studies import compare
 from motorprior.studies.compare import TrainedPolicy
 from motorprior.studies.statistics import StudyStatistics, summarise
 from motorprior.studies.study_settings import Study
-from motorprior.studies.transfer import SELECTION, study_walks
+from motorprior.studies.transfer import study_walks
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,17 @@ class Transfer:
     """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md)."""
     workers: int = min(2, os.cpu_count() or 1)
     """Number of policies evaluated at a time; the result does not depend on it."""
+
+
+@dataclass(frozen=True)
+class TransferCommand(Transfer, Study):
+    """Evaluate policies on held-out robots, or run the study."""
+
+    policies: tuple[Path, ...] = ()
+    study: bool = False
+    """Train policies on each model of a bench's motors, and evaluate them in their training
+    simulation and in four environments: three to four hours on two cores; a rerun resumes. Study
+    options require it."""
 
 
 def run_transfer(
@@ -117,19 +128,19 @@ def run_study(config: Study, progress: Progress = SILENT, command: str = "") -> 
 
     config.require_valid()
     with locked(config.out):
-        summary = summarise(study_walks(config, progress))
+        walks, study = study_walks(config, progress)
+        summary = summarise(walks)
         write_results(config.out, summary.as_results())
-        write_text(config.out / PAGE, transfer_page(summary, _settings_on_page(config), command))
+        settings = _settings_on_page(study)
+        write_text(config.out / PAGE, transfer_page(summary, settings, command))
     return summary
 
 
-def _settings_on_page(config: Study) -> dict[str, Any]:
-    """Settings of a study, also those that the study has selected."""
-    settings = asdict(config)
-    settings["speed"] = config.commanded
-    settings["validation"] = config.validation_fleet(load_robot(config.robot))
-    for name in config.to_select():
-        settings[name] = read_json(config.out / SELECTION / f"{name}.json")["chosen"]
+def _settings_on_page(study: Study) -> dict[str, Any]:
+    """Settings of a study, with those that the study has selected."""
+    settings = asdict(study)
+    settings["speed"] = study.commanded
+    settings["validation"] = study.validation_fleet(load_robot(study.robot))
     # the result does not depend on them
     for name in ("out", "workers", "executor", "ray_address"):
         del settings[name]

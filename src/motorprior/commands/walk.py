@@ -12,10 +12,9 @@ from motorprior.locomotion.policy import Policy
 from motorprior.progress import SILENT, Progress, in_parallel, usable_threads
 from motorprior.results import Result, Results, write_results
 from motorprior.robots.shipped import DEFAULT_ROBOT
-from motorprior.simulation.training import WalkSettings, train_policy
+from motorprior.simulation.training import SEED_FOLDER, WalkSettings, train_policy
 
 PICTURE = "seeds.png"
-SEED_FOLDER = "seed_{}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,6 +39,7 @@ from motorprior.texts import Printable
 
 # files in the folder of a training
 POLICY = "policy.safetensors"
+SEED_FOLDER = "seed_{}"  # folder of the training with one of several seeds
 CURVE = "curve.json"
 CHECKPOINT = "search.safetensors"
 METRICS = "metrics.jsonl"

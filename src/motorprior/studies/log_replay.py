@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.motor_log import PHYSICAL_GAINS, POSTURES, MotorLog, gain_texts
 from motorprior.logs.operations import drop_repeats, excited_joints, resample
+from motorprior.logs.read_log import LogFolder, read_log_folder
 from motorprior.robots.robot import Robot
 from motorprior.signals import rms, runs_of_true
 from motorprior.simulation.playback import replay
@@ -31,6 +33,21 @@ _FALLEN = POSTURES.index("fallen")
 
 MotorsT = TypeVar("MotorsT", TrueMotors, IdealPd)
 PostureName: TypeAlias = Literal["auto", "standing", "suspended"]
+
+
+def read_logs(path: Path, robot: Robot) -> LogFolder:
+    """A log, or all logs of a folder, in a format that needs no column map.
+
+    LogError as `read_log_folder`.
+    """
+    try:
+        return read_log_folder(path, robot)
+    except LogError as error:
+        if error.argument != "columns":
+            raise
+        remedy = "import the logs with `motorprior logs import --columns` (docs/your-motors.md)"
+        remedy += ", and give the new files"
+        raise LogError(error.problem, where=error.where, remedy=remedy) from error
 
 
 def logged_constants(log: MotorLog) -> frozenset[str]:

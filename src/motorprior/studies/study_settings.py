@@ -38,6 +38,7 @@ class Condition:
 
     pd: str = ""  # name in PDS
     prior: str = ""  # preset of the prior
+    motors: str = ""  # text of motors, as of `walk`; the same for both populations
     adapted: bool = False  # to the log of one robot, the only robot that the policy walks on
     options: Mapping[str, float | str] = field(default_factory=dict)  # of the motors
     randomization: Randomization = TRAINING  # of the training, in addition to the motors
@@ -46,7 +47,7 @@ class Condition:
     @property
     def per_population(self) -> bool:
         """Whether it is trained for, and evaluated on, the motors of one population."""
-        return self.adapted or not (self.pd or self.prior)
+        return self.adapted or not (self.pd or self.prior or self.motors)
 
 
 # training conditions in the order of every table, see docs/transfer.md
@@ -65,15 +66,17 @@ CONDITIONS = {
     "oracle": Condition(),
 }
 STANDARD = tuple(CONDITIONS)
-# The condition whose name is itself a text of motors, as for `walk --motors`. Its policies are the
-# same for both populations.
-GIVEN_MOTORS = Condition(prior="given")
 
 # the sampled prior with the mean motor's values of some constants, and with fewer iterations
 CONDITIONS |= {
     f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN
 }
 CONDITIONS["short_training"] = Condition(prior="rollout", iterations=40)
+
+
+def condition_of(name: str) -> Condition:
+    """The training condition of this name; another name is a text of motors."""
+    return CONDITIONS[name] if name in CONDITIONS else Condition(motors=name)
 
 
 _COUNTS = ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers")

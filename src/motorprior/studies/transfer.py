@@ -16,6 +16,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,10 +53,10 @@ from motorprior.studies.statistics import (
 )
 from motorprior.studies.study_settings import (
     CONDITIONS,
-    GIVEN_MOTORS,
     TRAINING,
     VALIDATION,
     Study,
+    condition_of,
 )
 from motorprior.studies.transfer_models import (
     adapt_robots,
@@ -81,10 +82,17 @@ _STEP_SIZE = 0.03
 _DELTA_STD = 0.04
 
 
-def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
+class StudyWalks(NamedTuple):
+    """The walks of a study, and its settings with the selected ones."""
+
+    walks: list[WalkRow]
+    study: Study
+
+
+def study_walks(config: Study, progress: Progress = SILENT) -> StudyWalks:
     """Train and evaluate the policies of a study, and write their walks to the table WALKS.
 
-    Finished stages are not repeated. Returns the walks.
+    Finished stages are not repeated.
     """
     threads = usable_threads(config.workers, progress)
     if not config.ray_address:
@@ -107,7 +115,7 @@ def study_walks(config: Study, progress: Progress = SILENT) -> list[WalkRow]:
 
     walks = walk_table(config, runs, progress)
     write_walks(config.out / WALKS, walks)
-    return walks
+    return StudyWalks(walks, config)
 
 
 def with_selected(config: Study, threads: int, progress: Progress) -> Study:
@@ -216,7 +224,7 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
     for name in bench.conditions:
         if seed not in bench.seeds_of(name):
             continue
-        condition = CONDITIONS.get(name, GIVEN_MOTORS)
+        condition = condition_of(name)
         if not condition.per_population:
             runs.append(_policy_run(bench, name, seed, IN_FAMILY, bench.environments))
             continue
@@ -232,7 +240,7 @@ def policy_runs_of(bench: Study, seed: int) -> list[PolicyRun]:
 def _policy_run(
     bench: Study, name: str, seed: int, population: str, environments: tuple[str, ...]
 ) -> PolicyRun:
-    condition = CONDITIONS.get(name, GIVEN_MOTORS)
+    condition = condition_of(name)
     iterations = bench.iterations
     if condition.iterations is not None:
         iterations = min(condition.iterations, iterations)

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from motorprior.actuator.fleet import fleet_files, load_robot_fleet, nominal_pd
+from motorprior.actuator.motor_posterior import POSTERIOR_FILE
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.registry import motor_text
 from motorprior.artifacts import read_json, write_json
@@ -30,11 +31,10 @@ from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.stage import description, is_finished, working
 from motorprior.studies.environments import IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
-from motorprior.studies.study_settings import CONDITIONS, PDS, VALIDATION, Study
+from motorprior.studies.study_settings import CONDITIONS, PDS, VALIDATION, Study, condition_of
 
 FIT = "fit.json"  # constants and error of a PD
 LOG = "log.parquet"  # log of a robot
-POSTERIOR = "posterior.safetensors"  # prior adapted to the log of a robot
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # tag of the random stream of these logs
 
@@ -159,7 +159,7 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
             for file in prior_files:
                 prior = MotorPrior.load(file)
                 posterior = adapt(prior, log, allow_outliers=True, progress=SILENT)
-                posterior.save(folder / POSTERIOR)
+                posterior.save(folder / POSTERIOR_FILE)
 
     # settings are selected with adapted priors only
     if "adapted_pd" in bench.conditions and population != VALIDATION:
@@ -188,9 +188,10 @@ def motors_of_condition(bench: Study, name: str, population: str, number: int) -
     They are a model that was fitted to the bench, a model that was adapted to the log of robot
     ``number``, or (oracle) the population of motors itself.
     """
-    if name not in CONDITIONS:
-        return name
-    condition = CONDITIONS[name]
+    condition = condition_of(name)
+    if condition.motors:
+        return condition.motors
+
     robot_folder = _robot_folder(bench, population, number)
 
     if condition.pd:
@@ -204,6 +205,6 @@ def motors_of_condition(bench: Study, name: str, population: str, number: int) -
 
     prior = prior_path(bench, condition.prior)
     if condition.adapted:
-        posterior = robot_folder / POSTERIOR
+        posterior = robot_folder / POSTERIOR_FILE
         return motor_text("posterior", file=posterior, prior=prior, prior_share=bench.prior_share)
     return motor_text("prior", file=prior, **condition.options)
