@@ -16,7 +16,8 @@ class Command:
     """A command of the command line.
 
     Attributes:
-        help: line in the list of commands: the summary of the settings' docstring.
+        help: line in the list of commands, and first line of the command's own help. Details are in
+            the settings' docstring.
         settings: dataclass of the options, as "module:name".
         run: function of the settings and a `Progress`, as "module:name".
         positional: settings that are given without the name of an option, in this order.

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, field, fields, make_dataclass
+from inspect import getdoc
 from typing import Any, get_type_hints
 
 import tyro
@@ -48,9 +49,12 @@ def _declaration(command: Command, shows_all: bool) -> type:
             continue
         changes.append((name, shown_type, field(kw_only=setting.kw_only, **default)))
 
-    documentation = settings.__doc__ or ""
+    # the summary is the command's line in the table, so that both always agree
+    _, _, details = (getdoc(settings) or "").partition("\n\n")
+    paragraphs = [command.help, details]
     if command.common:
-        documentation += f"\n\nAll options: {HELP_ALL}"
+        paragraphs.append(f"All options: {HELP_ALL}")
+    documentation = "\n\n".join(filter(None, paragraphs))
     return make_dataclass(
         settings.__name__,
         changes,
