@@ -161,17 +161,14 @@ def test_an_invalid_urdf_is_refused_with_the_name_and_a_remedy_in_terms_of_urdf(
 
 
 def test_a_foot_of_an_mjcf_may_be_a_body_with_one_sphere(tmp_path: Path):
-    xml = quadruped().replace('name="FR" size', "size")
-    xml = xml.replace(
-        '<body pos="0 0 -0.2"><joint name="FR_k"',
-        '<body name="FR" pos="0 0 -0.2"><joint name="FR_k"',
-    )
+    xml = quadruped().replace('<geom name="FR" size', "<geom size")
+    xml = xml.replace('<body pos="0 0 -0.2">', '<body name="FR" pos="0 0 -0.2">', 1)
 
     with pytest.raises(ArtifactError, match="'FR'"):
         load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
 
-    two_spheres = '<geom size="0.02" pos="0 0 -0.1" mass="0.1"/><geom size="0.02"'
-    with_one_sphere = xml.replace(two_spheres, '<geom size="0.02"', 1)
+    sphere_of_shank = '<geom size="0.02" pos="0 0 -0.1" mass="0.1"/>'
+    with_one_sphere = xml.replace(sphere_of_shank, "", 1)
     robot = load_robot(written(tmp_path, LEGS_TOML, "dog", with_one_sphere))
 
     assert robot.legs[0].foot == "FR"
