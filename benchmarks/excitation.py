@@ -9,7 +9,6 @@ command continues an interrupted run.
 """
 
 import hashlib
-import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -40,6 +39,7 @@ from motorprior.exceptions import MotorPriorError
 from motorprior.excitation.fit_excitation import STEPS, fit_excitation
 from motorprior.excitation.learned_excitation import LearnedExcitation
 from motorprior.identification.presets import identification_preset, network_steps
+from motorprior.jax_device import use_cpu_by_default
 from motorprior.logs.load_log import load_log
 from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
@@ -581,5 +581,5 @@ def table(figures: dict[str, float], settings: Settings) -> str:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    use_cpu_by_default()
     run_benchmark(Settings, run, __doc__)

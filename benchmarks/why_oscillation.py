@@ -10,7 +10,6 @@ is linearised about recorded states and connected to a joint. The largest eigenv
 history is the growth of disturbances per step; above 1 the legs oscillate up to the torque limit.
 """
 
-import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ from motorprior.excitation.hand_made import gait, zero_order_hold
 from motorprior.identification.identify import identify
 from motorprior.identification.presets import identification_preset
 from motorprior.identification.windows import training_data
+from motorprior.jax_device import use_cpu_by_default
 from motorprior.report.plots_style import OTHER_COLOR, model_color, png_bytes
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from spectra import high_frequency_rms
@@ -349,7 +349,7 @@ def table(results: dict[str, Any]) -> str:
 def main() -> None:
     """Measure; write why.json, why.png and table.md; print the table."""
     settings = tyro.cli(Settings, description=__doc__)
-    os.environ.setdefault("JAX_PLATFORMS", "cpu")
+    use_cpu_by_default()
     results = compute(settings)
     write_json(settings.out / "why.json", results)
     write_text(settings.out / "table.md", table(results) + "\n")

@@ -8,7 +8,9 @@ from typing import Any
 
 _MAX_PART = 400  # letters of the problem, the place or the remedy
 _REPR = Repr()  # a few entries of a container
-_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 40
+_REPR.maxstring = 40
+_REPR.maxother = 40
+_REPR.maxlong = 40
 
 
 def cut(text: str, max_letters: int) -> str:

@@ -42,11 +42,10 @@ class Results(tuple[Result, ...]):
         return Results((*self, *other))
 
     def __str__(self) -> str:
-        columns = [
-            name
-            for name in Result.__dataclass_fields__
-            if any(getattr(row, name) is not None for row in self)
-        ]
+        columns = []
+        for name in Result.__dataclass_fields__:
+            if any(getattr(row, name) is not None for row in self):
+                columns.append(name)
         cells = []
         for row in self:
             cells.append([_cell(getattr(row, name)) for name in columns])

@@ -100,7 +100,7 @@ def check_tensors(
 class Header:
     """Declaration of the JSON header of an artefact."""
 
-    kind: str  # kind of artefact
+    artefact: str  # its name
     version: int  # of the header's keys
     fields: Mapping[str, Field]  # key -> declared value
     remedy: str  # remedy in errors
@@ -109,7 +109,7 @@ class Header:
 
     def make(self, **entries: Any) -> dict[str, Any]:
         """The header with these entries."""
-        return {"kind": self.kind, "schema_version": self.version, **entries}
+        return {"kind": self.artefact, "schema_version": self.version, **entries}
 
     def read(self, path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Tensors, which are not checked, and checked header of a file.
@@ -128,8 +128,8 @@ class Header:
         """Raise ArtifactError for another artefact, a newer version, or an undeclared entry."""
         require("header", header, TABLE, where, self.remedy)
         artefact = header.get("kind")
-        if artefact != self.kind:
-            problem = f"a {quoted(str(artefact))[1:-1]}, not a {self.kind}"
+        if artefact != self.artefact:
+            problem = f"a {quoted(str(artefact))[1:-1]}, not a {self.artefact}"
             raise ArtifactError(problem, where=where, remedy=self._give)
 
         version = header.get("schema_version")
@@ -140,7 +140,7 @@ class Header:
             )
             raise ArtifactError(problem, where=where, remedy="update motorprior")
 
-        identity = {"kind": exactly(self.kind), "schema_version": exactly(self.version)}
+        identity = {"kind": exactly(self.artefact), "schema_version": exactly(self.version)}
         Schema(identity | dict(self.fields), self.remedy).check(header, where)
 
     @property

@@ -37,7 +37,7 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 
 
 @njit(cache=True, nogil=True)
-def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+def _read_encoders(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     for motor in range(out.shape[0]):
         out[motor] = joint_pos[motor] + ENCODER_ZERO
 
@@ -47,7 +47,7 @@ SPRING = ActuatorKind(
     "spring",
     reset=_reset,
     step=_step,
-    measure=_measure,
+    read_encoders=_read_encoders,
     bench_step=0.0005,
     max_step=0.004,
 )

@@ -12,7 +12,7 @@ class KernelTable(NamedTuple):
 
     reset: int
     step: int
-    measure: int
+    read_encoders: int
     make_explicit: int
 
 

@@ -21,7 +21,7 @@ class ClassLatents:
     unseen_std: np.ndarray  # (Z,) at least 1
 
     @classmethod
-    def one(cls, motors: int, latents: int, name: str = "") -> "ClassLatents":
+    def with_one_class(cls, motors: int, latents: int, name: str = "") -> "ClassLatents":
         """One class: z ~ N(0, I) for every joint."""
         return cls(
             names=(name,),

@@ -1,7 +1,7 @@
 """A servo motor with rotor, dry friction and gear: its constants, and the formula of one step.
 
 The formula needs ``+ - * / abs > < |`` and the functions of an `Arithmetic`. It runs on lanes of
-compiled code (`geared_motor`) and on numpy (tests), and imports neither.
+compiled code (`grey_box`) and on numpy (tests), and imports neither.
 
 All quantities are at the output shaft. A step h takes positions from t to t + h and velocities from
 t - h/2 to t + h/2, as the semi-implicit Euler of the engines: forces are evaluated at t, and except
@@ -50,7 +50,7 @@ from motorprior.actuator.optional_terms import (
     STEP_ROWS,
     TERMS,
     OperatingConditions,
-    at_conditions,
+    at_operating_conditions,
     constants_of,
     profiled,
     step_rows,
@@ -117,12 +117,12 @@ def parameters_of(terms: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def decode(
-    raw: np.ndarray, terms: tuple[str, ...] = (), conditions: OperatingConditions = COLD
+    raw: np.ndarray, terms: tuple[str, ...] = (), operating_conditions: OperatingConditions = COLD
 ) -> dict[str, np.ndarray]:
     """Constants by name, each (…), from decoder outputs ``raw`` (…, P).
 
     A positive constant is exp(raw). A constant of `optional_terms.SIGNED` is a multiple of raw.
-    Delays are limited to MAX_DELAY. ``conditions`` are numbers or arrays (…).
+    Delays are limited to MAX_DELAY. ``operating_conditions`` are numbers or arrays (…).
     """
     values = {
         name: SIGNED[name] * raw[..., row] if name in SIGNED else np.exp(raw[..., row])
@@ -132,7 +132,7 @@ def decode(
     for name, constant in CONSTANTS.items():
         if constant.max and name in values:
             values[name] = np.clip(values[name], -constant.max, constant.max)
-    return at_conditions(conditions, values)
+    return at_operating_conditions(operating_conditions, values)
 
 
 def with_logged_gains(values: dict[str, Values], kp: Values, kd: Values) -> dict[str, Values]:

@@ -49,11 +49,17 @@ from motorprior.exceptions import ConfigError
 
 # rows of the table
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
-_NAMES = ("delay", "encoder_zero", "half_backlash", "hidden_twist")
-_DELAY, _ZERO, _HALF_BACKLASH, HIDDEN_TWIST = (StepConstants._fields.index(name) for name in _NAMES)
-ROTOR_POS, ROTOR_VEL, FILTERED_VEL, JOINT_VEL, DAMPING, *_ = range(BASE_STATE)
-REFERENCE_ROW = MotorState._fields.index(REFERENCE)
+_DELAY = StepConstants._fields.index("delay")
+_ZERO = StepConstants._fields.index("encoder_zero")
+_HALF_BACKLASH = StepConstants._fields.index("half_backlash")
+HIDDEN_TWIST = StepConstants._fields.index("hidden_twist")
 # rows of the memory: the state, the delayed target, the delay line
+ROTOR_POS = MotorState._fields.index("rotor_pos")
+ROTOR_VEL = MotorState._fields.index("rotor_vel")
+FILTERED_VEL = MotorState._fields.index("filtered_vel")
+JOINT_VEL = MotorState._fields.index("joint_vel")
+DAMPING = MotorState._fields.index("damping")
+REFERENCE_ROW = MotorState._fields.index(REFERENCE)
 TARGET = len(MotorState._fields)
 LINE = len(MotorState._fields) + 1
 
@@ -98,7 +104,7 @@ class GreyBox:
         return z if self.copula is None else self.copula.decoder_latents(z)
 
     def constants(
-        self, z: np.ndarray, conditions: OperatingConditions = COLD
+        self, z: np.ndarray, operating_conditions: OperatingConditions = COLD
     ) -> dict[str, np.ndarray]:
         """(n,) physical constants by name at these operating conditions.
 
@@ -108,7 +114,7 @@ class GreyBox:
         # einsum instead of @, whose rounding depends on the number of motors
         shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
         raw = self.center + np.clip(shift, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-        return decode(raw, self.terms, conditions)
+        return decode(raw, self.terms, operating_conditions)
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""
@@ -123,11 +129,11 @@ class GreyBox:
     def motors(
         self,
         z: np.ndarray,
-        conditions: OperatingConditions = HALF_WARM,
+        operating_conditions: OperatingConditions = HALF_WARM,
         gains: np.ndarray | None = None,
     ) -> "GreyBoxActuator":
         """Motors with latents z (n, Z)."""
-        return GreyBoxActuator(self, z, conditions, gains)
+        return GreyBoxActuator(self, z, operating_conditions, gains)
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,7 +142,7 @@ class GreyBoxActuator:
 
     model: GreyBox  # shared by all motors
     z: np.ndarray  # (n, Z)
-    conditions: OperatingConditions = HALF_WARM
+    operating_conditions: OperatingConditions = HALF_WARM
     # (2, n) kp and kd in the model's ``gain_unit``; if the unit is "", factors on kp and kd
     gains: np.ndarray | None = None
     factors: ConstantFactors | None = None  # multiply the constants
@@ -176,7 +182,7 @@ class GreyBoxActuator:
             problem = f"these motors were learned with logged gains [{self.model.gain_unit}]"
             raise ConfigError(problem, remedy="give their gains", argument="gains")
 
-        values = self.model.constants(self.z, self.conditions)
+        values = self.model.constants(self.z, self.operating_conditions)
         if self.gains is not None:
             values = with_logged_gains(values, *self.gains)
         if self.factors is None:
@@ -259,8 +265,8 @@ def _stepper(width: int, terms: tuple[str, ...]) -> Any:
         def codegen(context, builder, signature, arguments):
             first, *values, physics_dt = arguments
             columns = [
-                _column(context, builder, kind, value, first)
-                for kind, value in zip(signature.args[1:], values, strict=False)
+                _column(context, builder, array_type, value, first)
+                for array_type, value in zip(signature.args[1:], values, strict=False)
             ]
             _emit_step(builder, width, columns, physics_dt, terms)
             return context.get_dummy_value()
@@ -270,16 +276,19 @@ def _stepper(width: int, terms: tuple[str, ...]) -> Any:
     return intrinsic(stepper)
 
 
-def _column(context: Any, builder: Any, kind: Any, value: Any, index: Any) -> tuple[Any, Any]:
+def _column(context: Any, builder: Any, array_type: Any, value: Any, index: Any) -> tuple[Any, Any]:
     """Address of element ``index`` in the first row of an array, and bytes between rows."""
-    array = context.make_array(kind)(context, builder, value=value)
+    array = context.make_array(array_type)(context, builder, value=value)
     start = builder.ptrtoint(array.data, index.type)
     first = builder.add(start, builder.mul(index, ir.Constant(index.type, 8)))
     return first, cgutils.unpack_tuple(builder, array.strides)[0]
 
 
-_step_eight, _step_four, _step_one = (_stepper(width, ()) for width in (8, 4, 1))
-_servo_eight, _servo_one = (_stepper(width, tuple(TERMS)) for width in (8, 1))
+_step_eight = _stepper(8, ())
+_step_four = _stepper(4, ())
+_step_one = _stepper(1, ())
+_servo_eight = _stepper(8, tuple(TERMS))
+_servo_one = _stepper(1, tuple(TERMS))
 
 
 @njit(cache=True, nogil=True)
@@ -323,7 +332,7 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
 
 
 @njit(cache=True, nogil=True)
-def measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+def read_encoders(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     """Write the encoder angles [rad]: rotor position - `hidden_twist_of` + encoder zero."""
     for motor in range(out.shape[0]):
         twist = hidden_twist_of(arrays, motor, joint_pos[motor])
@@ -361,7 +370,7 @@ GREY_BOX = ActuatorKind(
     "grey box",
     reset=reset,
     step=step_lanes,
-    measure=measure,
+    read_encoders=read_encoders,
     make_explicit=_make_explicit,
     limit_stiffness=_limit_stiffness,
 )

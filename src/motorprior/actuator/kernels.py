@@ -51,7 +51,7 @@ class ActuatorKind:
     # [N·m]) writes the torque of the coming step, and ``arrays.damping`` if it changes
     step: Any
     # (arrays, joint_pos [rad], out [rad]) reads the encoders of the motors
-    measure: Any = read_joint
+    read_encoders: Any = read_joint
     # (arrays, joint_vel [rad/s], torque [N·m]): moves changing dampings into the torque if the
     # engine's are constant
     make_explicit: Any = keep_implicit
@@ -74,7 +74,7 @@ class ActuatorKind:
         return KernelTable(
             reset=_address(self.reset, two_vectors),
             step=_address(self.step, step_and_vectors),
-            measure=_address(self.measure, two_vectors),
+            read_encoders=_address(self.read_encoders, two_vectors),
             make_explicit=_address(self.make_explicit, two_vectors),
         )
 
@@ -194,4 +194,4 @@ def make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndar
 @njit(cache=True, nogil=True, inline="always")
 def measure_joint_pos(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     """Write (n,) joint angles [rad] as measured by the encoders of the motors."""
-    _call_pair(arrays.kernels.measure, arrays, joint_pos, out)
+    _call_pair(arrays.kernels.read_encoders, arrays, joint_pos, out)

@@ -143,7 +143,9 @@ class MotorPrior(Printable):
     @property
     def classes(self) -> ClassLatents:
         """Classes of joints."""
-        return self.given_classes or ClassLatents.one(len(self.mean), self.model.num_latents)
+        return self.given_classes or ClassLatents.with_one_class(
+            len(self.mean), self.model.num_latents
+        )
 
     def joint_classes(self, joints: "MotorLog | Robot | Sequence[str]") -> tuple[str, ...]:
         """The class of each joint of a log or a robot, or of joints of these names.

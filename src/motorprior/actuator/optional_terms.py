@@ -177,17 +177,20 @@ COLD = OperatingConditions()
 HALF_WARM = OperatingConditions(warmth=0.5)
 
 
-def at_conditions(conditions: OperatingConditions, values: dict[str, Any]) -> dict[str, Any]:
+def at_operating_conditions(
+    operating_conditions: OperatingConditions, values: dict[str, Any]
+) -> dict[str, Any]:
     """Constants by name at these operating conditions."""
     if "heat_loss" in values:
-        factor = 1.0 - values["heat_loss"] * conditions.warmth
+        factor = 1.0 - values["heat_loss"] * operating_conditions.warmth
         values = _scaled(factor, values, _SCALED_BY_MAGNETS)
     if "supply_share" in values:
-        factor = 1.0 + values["supply_share"] * (conditions.supply - 1.0)
+        factor = 1.0 + values["supply_share"] * (operating_conditions.supply - 1.0)
         values = _scaled(np.maximum(factor, 1.0 - MAX_SHARE), values, _SCALED_BY_LAW)
-        values = _scaled(conditions.supply, values, _SCALED_BY_VOLTAGE)
+        values = _scaled(operating_conditions.supply, values, _SCALED_BY_VOLTAGE)
     if "temperature_loss" in values:
-        factor = 1.0 - values["temperature_loss"] * conditions.temperature_rise / TEMPERATURE_SCALE
+        temperature_rise = operating_conditions.temperature_rise
+        factor = 1.0 - values["temperature_loss"] * temperature_rise / TEMPERATURE_SCALE
         values = _scaled(np.maximum(factor, 1.0 - MAX_SHARE), values, _SCALED_BY_MAGNETS)
     return values
 

@@ -276,7 +276,7 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 
 
 @njit(cache=True, nogil=True)
-def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+def _read_encoders(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     p = arrays.parameters
     for motor in range(out.shape[0]):
         on_output = p[OUTPUT_ENCODER, motor] > 0.5
@@ -290,7 +290,7 @@ OUT_OF_FAMILY_KIND = ActuatorKind(
     "out of family",
     reset=_reset,
     step=_step,
-    measure=_measure,
+    read_encoders=_read_encoders,
     max_step=MAX_STEP,
     bench_step=SUBSTEP,
 )

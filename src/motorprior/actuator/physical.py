@@ -235,7 +235,7 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
 
 
 @njit(cache=True, nogil=True)
-def _measure(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
+def _read_encoders(arrays: ActuatorArrays, joint_pos: np.ndarray, out: np.ndarray) -> None:
     for motor in range(out.shape[0]):
         out[motor] = arrays.memory[ROTOR_POS, motor] + arrays.parameters[_ZERO, motor]
 
@@ -245,7 +245,7 @@ PHYSICAL = ActuatorKind(
     "physical",
     reset=_reset,
     step=_step,
-    measure=_measure,
+    read_encoders=_read_encoders,
     max_step=MAX_STEP,
     bench_step=SUBSTEP,
 )

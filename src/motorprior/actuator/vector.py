@@ -104,11 +104,11 @@ def _operand(value: Vector | float, vector_type: Any) -> Any:
     return ir.Constant(vector_type, [float(value)] * vector_type.count)
 
 
-def _where(condition: Vector, yes: Vector | float, no: Vector | float) -> Vector:
-    vector_type = ir.VectorType(_DOUBLE, condition.value.type.count)
+def _where(mask: Vector, yes: Vector | float, no: Vector | float) -> Vector:
+    vector_type = ir.VectorType(_DOUBLE, mask.value.type.count)
     if_true = _operand(yes, vector_type)
     if_false = _operand(no, vector_type)
-    return Vector(condition.builder, condition.builder.select(condition.value, if_true, if_false))
+    return Vector(mask.builder, mask.builder.select(mask.value, if_true, if_false))
 
 
 def _clip(x: Vector, limit: Vector) -> Vector:
@@ -120,7 +120,7 @@ def _clip(x: Vector, limit: Vector) -> Vector:
 
 LANE_ARITHMETIC = Arithmetic(
     where=_where,
-    indicator=lambda condition: _where(condition, 1.0, 0.0),
+    indicator=lambda mask: _where(mask, 1.0, 0.0),
     clip=_clip,
     positive_part=lambda x: _where(x > 0.0, x, 0.0 * x),
     with_sign_of=lambda magnitude, other: magnitude.call("copysign", magnitude, other),

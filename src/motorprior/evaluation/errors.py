@@ -125,7 +125,7 @@ def _at_segment(
     operating_conditions = OperatingConditions(warmth, supply, temperature_rise)
     if not motors.model.gain_unit:
         gains = motors.gains
-    return replace(motors, conditions=operating_conditions, gains=gains)
+    return replace(motors, operating_conditions=operating_conditions, gains=gains)
 
 
 @dataclass(frozen=True)

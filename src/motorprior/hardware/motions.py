@@ -69,7 +69,8 @@ class PolicyMotion:
         steps = iter(range(round(_STOPPING_TIME / self._walker.control_dt)))
 
         def target(measurement: Measurement) -> np.ndarray | None:
-            self.forward = self.yaw_rate = 0.0
+            self.forward = 0.0
+            self.yaw_rate = 0.0
             return None if next(steps, None) is None else self(measurement)
 
         return target

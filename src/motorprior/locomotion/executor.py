@@ -16,7 +16,7 @@ import ipaddress
 import itertools
 import os
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
@@ -30,6 +30,11 @@ RETRIES = 3  # runs of a chunk of tasks after its worker or node was lost
 CHUNKS_PER_WORKER = 4  # balances episodes of different lengths
 # with more, a chunk's start costs the driver more than the balance saves (docs/scaling.md)
 MANY_CHUNKS = 256
+_RAY_VARIABLES = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    # or Ray replaces `print` for the whole process
+    "RAY_TQDM_PATCH_PRINT": "0",
+}
 _REMEDY = "read Ray's logs; finished iterations are kept"
 # simulators of a worker process, for the latest two executors (training, evaluation)
 _SIMULATORS: dict[str, Any] = {}
@@ -169,19 +174,29 @@ def ray_cluster(workers: int, address: str | None = None) -> Iterator[Any]:
         yield ray
         return
 
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    # or Ray replaces `print` for the whole process
-    os.environ.setdefault("RAY_TQDM_PATCH_PRINT", "0")
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
-    if address is not None:
-        _require_answer(address)
-        ray.init(address=address, **quiet)
-    else:
-        _init_on_loopback(ray, workers, **quiet)
+    with _default_variables(_RAY_VARIABLES):
+        if address is not None:
+            _require_answer(address)
+            ray.init(address=address, **quiet)
+        else:
+            _init_on_loopback(ray, workers, **quiet)
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+@contextmanager
+def _default_variables(variables: Mapping[str, str]) -> Iterator[None]:
+    """Environment variables that the user has not set, within this context."""
+    added = variables.keys() - os.environ.keys()
+    os.environ.update({name: variables[name] for name in added})
     try:
-        yield ray
+        yield
     finally:
-        ray.shutdown()
+        for name in added:
+            os.environ.pop(name, None)
 
 
 def _run_chunk(

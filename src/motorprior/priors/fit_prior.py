@@ -179,7 +179,7 @@ def _fitted(
     model = result.model
     mean = result.mean
     log_var = result.log_var
-    classes = result.classes or ClassLatents.one(log.num_joints, model.num_latents)
+    classes = result.classes or ClassLatents.with_one_class(log.num_joints, model.num_latents)
 
     metrics = replace(
         result.metrics,

@@ -63,9 +63,11 @@ def _set_physics(spec: Any, physics_dt: float) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
 
     for geom in spec.geoms:
-        geom.contype = geom.conaffinity = 0
+        geom.contype = 0
+        geom.conaffinity = 0
     for joint in spec.joints:
-        joint.armature = joint.frictionloss = 0.0
+        joint.armature = 0.0
+        joint.frictionloss = 0.0
         # a number in MuJoCo 3, coefficients of a polynomial in 4
         joint.damping = 0.0 * joint.damping
 
@@ -79,7 +81,8 @@ def _add_floor(spec: Any, robot: Robot, physics_dt: float) -> None:
     floor = spec.worldbody.add_geom(
         name=FLOOR, type=plane, size=[0, 0, 0.05], rgba=[0.9, 0.9, 0.9, 1]
     )
-    floor.contype = floor.conaffinity = 0
+    floor.contype = 0
+    floor.conaffinity = 0
 
     # With a longer step contacts bounce more. With this damping ratio the trots of the same motors
     # agree at 1 and 2 ms.

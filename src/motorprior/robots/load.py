@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _SEE = "see docs/your-robot.md"
 _DEFAULT_CLOCKS = {"physics_dt": 0.002, "control_dt": 0.01, "twin_physics_dt": 0.001}
 _POSITIVE = number(1e-9, 1e9)
-_TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
+_FILLED_TEXT = Field("a text", lambda value: isinstance(value, str) and bool(value))
 
 
 def _is_new_name(value: Any) -> bool:
@@ -60,7 +60,7 @@ _OPTIONAL = {
     "encoder": one_of("joint", "rotor"),
     "actuators": one_of("remove"),
     "load_inertia": _pair("in kg·m²", _POSITIVE, _POSITIVE),
-    "joint_classes": _per_joint_field(_TEXT),
+    "joint_classes": _per_joint_field(_FILLED_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_DEFAULT_CLOCKS, number(1e-5, 1.0)),
     **dict.fromkeys(("legs", "gait"), TABLE),
@@ -68,14 +68,14 @@ _OPTIONAL = {
 _NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
 _REQUIRED = {
     "name": _NAME,
-    "motor": _TEXT,
-    "model": _TEXT,
+    "motor": _FILLED_TEXT,
+    "model": _FILLED_TEXT,
     "base": one_of("free", "fixed"),
     **_PER_JOINT,
 }
 _ROBOT = Schema(_REQUIRED | _OPTIONAL, _SEE, frozenset(_OPTIONAL))
 _PHASE = Field("a number in [0, 1)", lambda value: is_number(value, 0.0, 1.0) and value < 1.0)
-_LEG = Schema({"joints": many(TEXT, 3), "foot": _TEXT, "phase": _PHASE}, _SEE)
+_LEG = Schema({"joints": many(TEXT, 3), "foot": _FILLED_TEXT, "phase": _PHASE}, _SEE)
 _GAIT = Schema(
     {
         "frequency": number(0.2, 10.0),

@@ -216,7 +216,8 @@ class UserModel:
             raise self._error(f"foot {foot!r} is not a sphere", "give the foot a sphere")
 
         data = self._data_at(pose)
-        hip, knee = (data.xanchor[self._model.joint(name).id] for name in joints[1:])
+        hip = data.xanchor[self._model.joint(joints[1]).id]
+        knee = data.xanchor[self._model.joint(joints[2]).id]
         centre = data.geom_xpos[geom]
         thigh = float(np.linalg.norm(knee - hip))
         shank = float(np.linalg.norm(centre - knee))

@@ -43,7 +43,7 @@ def _advance(world: WorldArrays, motors: ActuatorArrays, target: np.ndarray, ste
 
 
 class SimulatedRobot:
-    """A `hardware.virtual_robot.RobotBody`, on its belly with folded legs at first, or suspended.
+    """`RobotMechanics` of a virtual robot, on its belly with folded legs at first, or suspended.
 
     Unlike in training, the chassis collides with the floor, so that a robot without current lies on
     it.

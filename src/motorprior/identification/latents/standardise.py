@@ -253,7 +253,7 @@ def standardised(
     names = tuple(dict.fromkeys(of_motors))
     if latents == 0 or len(names) == 1:
         model, mean = _of_one_class(model, mean, prior_std, min_std)
-        return model, mean, ClassLatents.one(motors, latents, names[0])
+        return model, mean, ClassLatents.with_one_class(motors, latents, names[0])
 
     class_index = np.array([names.index(name) for name in of_motors])
     unit_std = mean.std(axis=0) if prior_std is None else prior_std

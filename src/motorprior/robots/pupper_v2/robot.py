@@ -68,16 +68,20 @@ def _leg(index: int) -> Leg:
     )
 
 
+def _joints() -> tuple[Joint, ...]:
+    joints = []
+    for leg in _LEGS:
+        for part, limits in _LIMITS.items():
+            joints.append(Joint(f"{leg}_{part}", *limits, *_GAINS))
+    return tuple(joints)
+
+
 _NOMINAL = (0.0, _HIP, _KNEE) * 4
 _MADE_LEGS = tuple(map(_leg, range(4)))
 PUPPER_V2 = Robot(
     name="pupper_v2",
     motor="DJI M2006 P36 + C610",
-    joints=tuple(
-        Joint(f"{leg}_{part}", *limits, *_GAINS)
-        for leg in _LEGS
-        for part, limits in _LIMITS.items()
-    ),
+    joints=_joints(),
     base="free",
     model=ModelFile.of(_FOLDER / "pupper_v2.xml", urdf),
     num_links=13,
