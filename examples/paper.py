@@ -138,7 +138,7 @@ pose = robot.nominal_pose
 kp = np.array([joint.kp for joint in robot.joints])
 kd = np.array([joint.kd for joint in robot.joints])
 limit = np.array([joint.torque_limit for joint in robot.joints])
-ideal_pd = mp.IdealPd(kp, kd, limit, np.zeros(12), np.zeros(12))
+ideal_pd = mp.IdealPd.without_friction(kp, kd, limit, np.zeros(12), np.zeros(12))
 
 
 def motors_of_episode(name, seed):

@@ -15,7 +15,9 @@ DT = 0.002
 
 def test_torque_is_the_clipped_law_plus_the_damping_that_the_engine_takes():
     rng = np.random.default_rng(0)
-    actuator = IdealPd(*(rng.uniform(0.1, 2.0, 5) for _ in range(4)), delay=np.zeros(5))
+    actuator = IdealPd.without_friction(
+        *(rng.uniform(0.1, 2.0, 5) for _ in range(4)), delay=np.zeros(5)
+    )
     inputs = rng.normal(0.0, 1.0, (3, 200, 5))
     target, q, dq = inputs
     request = actuator.kp * (target - q) - actuator.kd * dq

@@ -17,7 +17,7 @@ ARMATURE = np.array([0.002, 0.004])
 
 
 def pd(delay=0.0, kd=KD, limit=50.0):
-    return IdealPd(KP, kd, np.full(2, limit), ARMATURE, np.full(2, delay))
+    return IdealPd.without_friction(KP, kd, np.full(2, limit), ARMATURE, np.full(2, delay))
 
 
 def central(**changes):

@@ -31,7 +31,7 @@ def ideal_pd(n):
     high = [9, 0.8, LIMIT, 0.003, 0.012]
     constants = [rng.uniform(a, b, n) for a, b in zip(low, high, strict=True)]
 
-    return IdealPd(*constants)
+    return IdealPd.without_friction(*constants)
 
 
 def friction_pd(n):

@@ -40,7 +40,7 @@ def bench_log(armature, segments=10, rows=400, seed=0):
     # kd·step = 0.1·0.25e-3 = 2.5e-5 kg·m².
     count = len(armature)
     channels = defaultdict(list)
-    motors = IdealPd(
+    motors = IdealPd.without_friction(
         kp=np.full(count, 2.0),
         kd=np.full(count, 0.1),
         torque_limit=np.full(count, 3.0),

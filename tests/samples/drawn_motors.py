@@ -10,4 +10,4 @@ def draw_pd(rng: np.random.Generator) -> IdealPd:
     kp = rng.uniform(8.0, 10.0, 12)
     armature = rng.uniform(0.002, 0.004, 12)
     delay = rng.uniform(0.0, 0.01, 12)
-    return IdealPd(kp, 0.095 * kp, np.full(12, 1.26), armature, delay)
+    return IdealPd.without_friction(kp, 0.095 * kp, np.full(12, 1.26), armature, delay)

@@ -63,11 +63,19 @@ class IdealPd:
     torque_limit: np.ndarray  # [N·m]
     armature: np.ndarray  # [kg·m²]; without it friction is too small
     delay: np.ndarray  # command latency [s]
-    coulomb: np.ndarray = None  # pyright: ignore[reportAssignmentType]  # friction [N·m], 0 if not given
+    coulomb: np.ndarray  # friction [N·m]
 
-    def __post_init__(self) -> None:
-        if self.coulomb is None:
-            object.__setattr__(self, "coulomb", np.zeros(len(self.kp)))
+    @classmethod
+    def without_friction(
+        cls,
+        kp: np.ndarray,
+        kd: np.ndarray,
+        torque_limit: np.ndarray,
+        armature: np.ndarray,
+        delay: np.ndarray,
+    ) -> "IdealPd":
+        """Motors with these constants and no friction."""
+        return cls(kp, kd, torque_limit, armature, delay, coulomb=np.zeros(len(kp)))
 
     @classmethod
     def uniform(
@@ -202,7 +210,7 @@ FRICTION_PD = ActuatorKind(
 
 def described_pd(robot: "Robot") -> IdealPd:
     """An ideal PD with the gains and torque limits of the robot's description."""
-    return IdealPd(
+    return IdealPd.without_friction(
         kp=np.array([joint.kp for joint in robot.joints]),
         kd=np.array([joint.kd for joint in robot.joints]),
         torque_limit=np.array([joint.torque_limit for joint in robot.joints]),

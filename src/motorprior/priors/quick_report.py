@@ -200,7 +200,7 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> MotorModel | None:
     zero = np.zeros(log.num_joints)
     one = np.ones(log.num_joints)
     if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
-        return GainScaledPd(IdealPd(one, one, limit, zero, zero), np.ones(2))
+        return GainScaledPd(IdealPd.without_friction(one, one, limit, zero, zero), np.ones(2))
     if described is None or log.logged_kp is not None:
         return None
-    return IdealPd(described.kp[joints], described.kd[joints], limit, zero, zero)
+    return IdealPd.without_friction(described.kp[joints], described.kd[joints], limit, zero, zero)
