@@ -34,7 +34,7 @@ SAME_OPTIMUM = 3e-3
 CONFIRMATIONS = 2  # times that an optimum must be found again
 _MIN_DECREASE = 1e-4  # share of U; a descent ends after a step that lowers U by less
 _LANES = 768  # simulations at a time; bounds the memory
-# concurrent descents; when few problems are left, several restarts of each
+# number of concurrent descents; if few problems are left, several restarts of each descend together
 _CONCURRENT_DESCENTS = 8
 _DIVERGED_LOSS = 1e9
 _DIVERGED_RESIDUAL = 1e6
@@ -220,7 +220,7 @@ class Search:
             return self.problem.residuals(x, problems).reshape(len(problems), -1)
 
     def at(self, x: np.ndarray, prior: GaussianPrior, problems: np.ndarray | None = None) -> Fit:
-        """The fit at unknowns x (m, K) of ``problems`` (m,), or of all; ``prior`` is theirs."""
+        """The fit at unknowns x (m, K) of ``problems`` (m,), or of all, with their ``prior``."""
         loss = self.losses(x, problems)
         return Fit(x, loss + prior.energy(x), loss)
 

@@ -59,7 +59,7 @@ CHANNELS = 13
 VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that a rollout averages with the row before
-# channels that an objective needs
+# optional channels of a log that an objective needs
 _NEEDED = {
     "rollout": ("load_inertia", "external_torque"),
     "torque": ("joint_vel", "joint_torque"),
@@ -81,8 +81,8 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
     series = _stacked(log, recipe, where)
     segments = tuple(log.segment_slices())
     if is_rollout:
-        # a velocity at t becomes that at t - dt/2; a torque averaged over t to t + dt becomes an
-        # average centred on t
+        # a velocity at t becomes the velocity at t - dt/2; a mean torque from t to t + dt becomes a
+        # mean centred on t
         row_before = series.copy()
         for segment in segments:
             row_before[segment.start + 1 : segment.stop] = series[segment.start : segment.stop - 1]
@@ -102,7 +102,7 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
 
 
 def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
-    """(R, M, CHANNELS) channels of the log; 0 for a missing one."""
+    """(R, M, CHANNELS) channels of the log; a missing channel is 0."""
 
     def gains_of(segment: MotorLog) -> np.ndarray:
         return _gains(segment, recipe, where)

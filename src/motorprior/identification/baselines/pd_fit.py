@@ -1,9 +1,10 @@
 """Fit of a PD, the same for all motors of a log, by the search of the motors' own fit.
 
-Unknowns are the logarithms of the constants relative to TYPICAL, for kd the logarithm of kd/kp, and
-the delay in units of 10 ms. Where a log has gains, the gains of the PD scale with them. Random
-candidates are sampled around TYPICAL, with and without a torque limit, since a log may not separate
-a large armature from a long delay. The search runs on a part of a long log.
+The unknowns are the logarithms of the constants relative to TYPICAL, with two exceptions: kd/kp
+replaces kd, and the delay is in units of 10 ms. If a log has gains, the gains of the PD scale with
+them. Random candidates are sampled around TYPICAL, with and without a torque limit. They are many,
+since a log may not separate a large armature from a long delay. The search runs on a part of a long
+log.
 """
 
 from collections.abc import Callable, Mapping

@@ -4,10 +4,10 @@
 
 loss is the prior's training objective, averaged over N windows that do not overlap, and G its
 Gauss-Newton matrix. The temperature T is the mean loss of the training motors, so that a window
-that is fitted as well as theirs counts as one observation (a generalised posterior with a Laplace
-approximation). In the covariance, a motor that is fitted worse has its own loss for T: missing
-physics makes its windows agree less. `MotorPrior.predicted` gives mean m and standard deviation d
-of the prior.
+that is fitted as well as their windows counts as one observation (a generalised posterior with a
+Laplace approximation). If a motor is fitted worse than the training motors, T in its covariance is
+its own loss: physics that the model lacks makes its windows agree less. `MotorPrior.predicted`
+gives the mean m and the standard deviation d of the prior.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +26,8 @@ CANDIDATES = 128  # candidates of a search
 RESTARTS = 16  # maximum number
 _CONFIRMATIONS = 4  # times that the best optimum must be found again
 STEPS = ((8, WIDE), (4, 0.5 * WIDE))  # Gauss-Newton steps of a descent, and their differences
-# precision, over the prior's, below which a latent is not identifiable from the log
+# A latent is not identifiable from the log if its precision, relative to the prior's, is below
+# this.
 _NOT_IDENTIFIABLE = 1e-3
 _STREAM = 47
 

@@ -12,9 +12,9 @@ updates
     v = (M + 1)/(M - 1)·mean of (x - m)² + mean of diag S,     precision = T / (N·v)
     S = T/N·(G + diag(precision))⁻¹ of every motor
 
-with the mean loss T and the Gauss-Newton matrix G. v is the variance of one more motor: the
-variance between the motors, plus the uncertainty of each. A window, of N, fitted as well as the
-average one counts as one observation.
+with the mean loss T, the Gauss-Newton matrix G, and N windows per motor. v is the variance of one
+more motor: the variance between the motors, plus the mean uncertainty of a motor. A window that is
+fitted as well as the average window counts as one observation.
 """
 
 from collections.abc import Callable

@@ -57,7 +57,7 @@ def without_unidentified_limits(
     fit: Fit,
     fixed: np.ndarray,
 ) -> np.ndarray:
-    """(M, K) unknowns of the fit, with limits off where they save less than MIN_LIMIT_SAVING.
+    """(M, K) unknowns of the fit, without limits that save less than MIN_LIMIT_SAVING of the loss.
 
     With limits that the logs do not identify, the motor could saturate in other motions. A limit
     that is off is DISABLED_LIMIT_FACTOR times the largest request or speed; a limit of acceleration
@@ -92,9 +92,9 @@ def without_unidentified_limits(
 def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
     """(M, K) latents with stiff gears without backlash, in classes that fit better with them.
 
-    Otherwise a compliance that the logs do not identify takes a part of the delay, which is then
-    too short. The motors of a class decide together: the mean of stiff and compliant gears is
-    neither.
+    Otherwise a compliance that the logs do not identify explains a part of the delay, and the
+    fitted delay is too short. All motors of a class get the same kind of gear, since the mean of
+    stiff and compliant gears is neither stiff nor compliant.
     """
     terms = model.terms
     initial = initial_center(terms, runs) - model.center
@@ -122,10 +122,10 @@ def _set_where_cheap(
     groups: np.ndarray,
     max_cost: float,
 ) -> np.ndarray:
-    """(M, K) unknowns, in which some columns are set to given values where that costs little.
+    """(M, K) unknowns, of which some columns are set to given values if that costs little.
 
-    Where they are set, the other unknowns descend from x (M, K). Unknowns stay as they are if one
-    of the columns is fixed.
+    If the columns of a motor are set, its other unknowns descend from x (M, K). All unknowns stay
+    the same if one of the columns is fixed.
 
     Args:
         search: of the motors' problems.

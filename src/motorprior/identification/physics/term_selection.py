@@ -4,14 +4,14 @@ Some motors are fitted to every second segment of their logs, or every second bl
 segments, and tested on the others. They start without any optional term. In each round, every term
 that is not yet selected is added to two motors:
 
-    the best so far     its constants are sampled around the initial motor's; the fit never becomes
-                        worse
-    the simplest        it has a rigid gear, so other constants cannot hide the effect; the best of
-                        these starts its own search
+    best motor so far   the constants of the term are sampled around the initial motor's; the fit
+                        never becomes worse
+    simplest motor      its gear is rigid, so other constants cannot hide the effect of the term; a
+                        further search starts from the best of the simplest motors
 
-The usual terms of servos are also added together, since some help only with another. Of the
-candidates that lower the training loss most, the one that saves most of the held-out loss is
-selected if
+The usual terms of servos are also added together, since some terms help only with another term. Of
+the candidates that lower the training loss most, the candidate that saves most of the held-out loss
+is selected if
 
     median over motors of log(loss with it / loss without) < log(1 - MIN_SAVING)
     Wilcoxon's signed-rank test of these logarithms is significant at 5 %

@@ -12,8 +12,8 @@ delays fitted to them are too short. If the readings are noisy, velocity errors 
 position errors.
 
 If the encoders are on the rotors, the observer's rotor follows the recording, and the joint is
-attached to it. Such a log identifies neither backlash nor encoder zero: the former is the central
-motor's, the latter 0.
+attached to it. Such a log identifies neither backlash nor encoder zero: the backlash is the central
+motor's, and the encoder zero is 0.
 """
 
 import copy
@@ -49,7 +49,8 @@ VELOCITY_SCALE = 0.3  # [rad/s]
 _TORQUE_SCALE = 0.3  # [N·m]
 SCALES = (POSITION_SCALE, VELOCITY_SCALE, _TORQUE_SCALE)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
-# at most, that one thread simulates at a time; their state then stays in a core's cache
+# maximum number of lanes that one thread simulates at a time; their state then stays in a core's
+# cache
 LANES_PER_TASK = 256
 # constants that an encoder on the rotor does not identify
 HIDDEN_FROM_ROTOR = ("backlash", "encoder_zero")
@@ -385,7 +386,7 @@ def grey_boxes(model: GreyBox) -> MotorsOf:
 def with_gain_unit_of(recipe: Recipe, log: MotorLog) -> Recipe:
     """The recipe with the gain unit of the log, for PDs that scale with logged gains.
 
-    A recipe that already has a unit, and one for a log without gains, stay the same.
+    The recipe stays the same if it already has a unit, or if the log has no gains.
     """
     if log.logged_kp is None or recipe.gain_unit:
         return recipe
@@ -396,7 +397,7 @@ def whole_runs(log: MotorLog, recipe: Recipe) -> list[WindowRuns]:
     """One free run per segment of the log, without the recipe's warm-up; raises `LogError`.
 
     Segments that are no longer than the warm-up are left out. Simulated angles are compared with
-    smoothed ones: readings of many robots have late time stamps.
+    smoothed angles, since the readings of many robots have late time stamps.
     """
     recipe = replace(with_gain_unit_of(recipe, log), objective="rollout", window=1)
     data = training_data(log, recipe, log.source)
