@@ -2,9 +2,8 @@
 
 The unknowns are the logarithms of the constants relative to TYPICAL, with two exceptions: kd/kp
 replaces kd, and the delay is in units of 10 ms. If a log has gains, the gains of the PD scale with
-them. Random candidates are sampled around TYPICAL, with and without a torque limit. They are many,
-since a log may not separate a large armature from a long delay. The search runs on a part of a long
-log.
+them. A log may not separate a large armature from a long delay, so random candidates are sampled
+around TYPICAL, with and without a torque limit. The search runs on a part of a long log.
 """
 
 from collections.abc import Callable, Mapping
