@@ -100,8 +100,7 @@ class BamMotor:
         or actuator, or a value that is not a number.
         """
         require("content", table, TABLE, where, _REMEDY)
-        values: defaultdict[str, Any] = defaultdict(float)  # parameters of other models are 0
-        values.update(table)
+        values = defaultdict(float, table)  # parameters of other models are 0
         actuator = values.pop("actuator", None)
         model = values.pop("model", None)
         values.pop("motorprior", None)
