@@ -45,7 +45,7 @@ from motorprior.logs.loads import with_torque_balance
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import joined
 from motorprior.priors.adapt import adapt_to
-from motorprior.priors.fit_prior import PRIOR, fit_recipe
+from motorprior.priors.fit_prior import PRIOR_FILE, fit_recipe
 from motorprior.report.page import Picture, Section, Table, page, picture
 from motorprior.report.plots_style import legend_below, new_figure, panels, png_bytes, set_labels
 from motorprior.report.transfer_page import with_interval
@@ -273,7 +273,7 @@ def transfer(settings: Settings) -> dict[str, float]:
     folders = {
         kind: _prior(settings, "rollout", kind, 0, settings.seconds)[2] for kind in settings.kinds
     }
-    kind_of = {f"prior:{folder / PRIOR}": kind for kind, folder in folders.items()}
+    kind_of = {f"prior:{folder / PRIOR_FILE}": kind for kind, folder in folders.items()}
     study = Study(
         settings.out / "transfer",
         settings.fleet,

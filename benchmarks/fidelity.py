@@ -17,7 +17,7 @@ from fleet_validation import ADAPT_SECONDS, validate_on_bench
 from motorprior.artifacts import read_json, write_json, write_text
 from motorprior.bench.bench_folder import read_bench, record_bench
 from motorprior.identification.presets import identification_preset, network_steps
-from motorprior.priors.fit_prior import PRIOR, fit_recipe, provenance_of
+from motorprior.priors.fit_prior import PRIOR_FILE, fit_recipe, provenance_of
 from motorprior.results import Result, Results, write_results
 from motorprior.stage import FIGURES, MARKER
 from virtual_fleets.held_out_motors import POPULATION
@@ -75,7 +75,7 @@ def identify(settings: Settings, preset: str, torque: bool = True) -> Path:
     folder = settings.out / "priors" / (preset if torque else POSITION_ONLY)
     recipe = identification_preset(preset, network_steps(preset, settings.adam_steps))
     fit_recipe(log, preset, recipe, settings.seed, folder, PROGRESS, provenance)
-    return folder / PRIOR
+    return folder / PRIOR_FILE
 
 
 def measure(settings: Settings) -> Results:

@@ -206,8 +206,8 @@ def _measure(
 def _baselines(robot: Robot, bench: BenchSettings, progress: Progress) -> dict[str, ModelOfMotors]:
     """The robot's nominal PD, and one PD tuned to the bench log."""
     with progress.start("tune a PD on the bench log", RESTARTS) as task:
-        preset = bench_schedule("rollout").for_robot(robot)
-        log = record(bench.physical_motors(), preset, bench.steps, bench.seed, bench.fleet)
+        schedule = bench_schedule("rollout").for_robot(robot)
+        log = record(bench.physical_motors(), schedule, bench.steps, bench.seed, bench.fleet)
         tuned = fit_pd(log, WITH_ROTOR, report=task.advance).constants
     return {
         "ideal_pd": lambda index: nominal_pd(bench.fleet, len(index)),

@@ -89,8 +89,8 @@ def _errors(
     """
     half_warm = motors.after(MAX_WORK / 2)
     models = {"floor_warmth": lambda index: half_warm.take(index).actuator()}
-    preset = HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
-    errors_of_warmth = bench_errors(motors, models, settings.seed, preset)
+    schedule = HELD_OUT.for_robot(load_robot(DEFAULT_ROBOT))
+    errors_of_warmth = bench_errors(motors, models, settings.seed, schedule)
 
     medians = results.where(motors=motor_set, statistic="median")
     figures = {}

@@ -51,13 +51,13 @@ def measure(settings: Settings) -> str:
     bench = bench_from_json(prior.provenance.get("bench"), str(settings.prior))
     rng = np.random.default_rng([HELD_OUT_SEED, bench.seed, STREAM])
     unchanged = bench.fleet.sample(settings.motors, rng)
-    preset = bench_schedule("adapt")
-    steps = round(settings.seconds / preset.period)
+    schedule = bench_schedule("adapt")
+    steps = round(settings.seconds / schedule.period)
 
     rows = []
     for name in settings.changes:
         motors = unchanged.scaled(CHANGES[name])
-        log = record(motors, preset, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
+        log = record(motors, schedule, steps, HELD_OUT_SEED + bench.seed, bench.fleet)
         posterior = adapt_to(prior, log)
         p_values, _ = outlier_test(prior, log, posterior)
         detected = np.mean(p_values < FALSE_ALARMS)

@@ -32,7 +32,7 @@ from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
-from motorprior.priors.fit_prior import PRIOR
+from motorprior.priors.fit_prior import PRIOR_FILE
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Episode, Scene, WalkConfig
@@ -180,7 +180,7 @@ def compute(settings: Settings) -> dict[str, float]:
     for seed in range(settings.seeds):
         policy = mp.train_policy(
             settings.robot,
-            f"prior:{folder / PRIOR}",
+            f"prior:{folder / PRIOR_FILE}",
             out=settings.out / f"seed_{seed}",
             seed=seed,
             iterations=settings.iterations,

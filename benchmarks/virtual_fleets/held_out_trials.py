@@ -1,6 +1,6 @@
 """Models compared with the true motors of a virtual fleet, in held-out trials on the bench.
 
-Trials last 1 s, with loads inside the training range. Chirps are in no preset of the bench. The
+Trials last 1 s, with loads inside the training range. Chirps are in no schedule of the bench. The
 motors worked for an unknown time of at most MAX_WORK before each trial. The floor ``physical`` is
 the true motors simulated again from a start FLOOR_OFFSET away.
 """
@@ -43,20 +43,20 @@ _COVERAGE_STREAM = 23
 
 
 def held_out_trials(
-    excitation: str, motors: TrueMotors, seed: int, preset: BenchSchedule = HELD_OUT
+    excitation: str, motors: TrueMotors, seed: int, schedule: BenchSchedule = HELD_OUT
 ) -> list[tuple[Trial, Actuator]]:
     """Trials of one excitation for all motors, and the motors after their work before each trial.
 
     Commands of every second trial are held at 100 Hz.
     """
-    tags = [HELD_OUT_SEED, seed, preset.excitations.index(excitation)]
+    tags = [HELD_OUT_SEED, seed, schedule.excitations.index(excitation)]
     work = np.random.default_rng([*tags, _WORK]).uniform(0.0, MAX_WORK, _REPEATS)
 
     trials = []
     for repeat in range(_REPEATS):
         rng = np.random.default_rng([*tags, repeat, _TRIALS])
         hold = repeat % 2 == 0
-        trial = bench_trial(rng, excitation, preset.segment_steps, len(motors), preset, hold)
+        trial = bench_trial(rng, excitation, schedule.segment_steps, len(motors), schedule, hold)
         trials.append((trial, motors.after(work[repeat]).actuator()))
     return trials
 
@@ -65,7 +65,7 @@ def bench_errors(
     motors: TrueMotors,
     models: Mapping[str, ModelOfMotors],
     seed: int,
-    preset: BenchSchedule = HELD_OUT,
+    schedule: BenchSchedule = HELD_OUT,
 ) -> dict[str, dict[str, np.ndarray]]:
     """Mean joint RMSE [rad] over the trials of an excitation, `capped`.
 
@@ -74,8 +74,8 @@ def bench_errors(
     """
     index = np.arange(len(motors))
     errors: dict[str, dict[str, np.ndarray]] = {}
-    for excitation in preset.excitations:
-        trials = held_out_trials(excitation, motors, seed, preset)
+    for excitation in schedule.excitations:
+        trials = held_out_trials(excitation, motors, seed, schedule)
         true_pos = np.array([run(truth, trial).joint_pos for trial, truth in trials])
 
         responses = {"physical": [run(truth, trial, FLOOR_OFFSET) for trial, truth in trials]}
@@ -95,7 +95,7 @@ def bench_coverage(
     posterior: LatentPosterior,
     motors: TrueMotors,
     seed: int,
-    preset: BenchSchedule = HELD_OUT,
+    schedule: BenchSchedule = HELD_OUT,
 ) -> Results:
     """Share of the physical motors' held-out trajectories inside the bands of the posterior.
 
@@ -103,9 +103,9 @@ def bench_coverage(
     """
     rng = np.random.default_rng([seed, _COVERAGE_STREAM])
     rows = []
-    for excitation in preset.excitations:
+    for excitation in schedule.excitations:
         inside = []
-        for trial, truth in held_out_trials(excitation, motors, seed, preset)[:_COVERED]:
+        for trial, truth in held_out_trials(excitation, motors, seed, schedule)[:_COVERED]:
             samples = []
             for z in latent_samples(posterior, rng):
                 simulated = run(prior.model.motors(z), trial)

@@ -20,6 +20,7 @@ class Note:
 
     severity: Literal["info", "warning"]
     text: str
+    topic: str = ""  # for programs that leave out notes of a topic
 
     def __str__(self) -> str:
         """The text; a warning begins with "warning: "."""

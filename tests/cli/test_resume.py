@@ -11,7 +11,7 @@ import pytest
 
 from motorprior.actuator.fleet import fleet_path
 from motorprior.artifacts import read_json
-from motorprior.priors.fit_prior import CHECKPOINT, PRIOR
+from motorprior.priors.fit_prior import CHECKPOINT, PRIOR_FILE
 
 Command = Callable[..., Any]
 RESULTS = ("policy.safetensors", "curve.json", "metrics.jsonl")
@@ -131,7 +131,7 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
 
     saved = modified(out)
 
-    assert not (out / PRIOR).exists()
+    assert not (out / PRIOR_FILE).exists()
     assert out / CHECKPOINT.format("term_fit_0") in saved
 
     ctrl_c(8)  # while motors are fitted
@@ -142,5 +142,5 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
     ctrl_c(0)
 
     assert motorprior(*line, out).code == 0
-    assert (out / PRIOR).read_bytes() == (tmp_path / "whole" / PRIOR).read_bytes()
+    assert (out / PRIOR_FILE).read_bytes() == (tmp_path / "whole" / PRIOR_FILE).read_bytes()
     assert not list(out.glob(CHECKPOINT.format("*")))

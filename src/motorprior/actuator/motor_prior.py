@@ -301,27 +301,32 @@ class MotorPrior(Printable):
             for name, samples in values.items()
         }
 
-    def spread_notes(self) -> list[str]:
-        """Lines "name: text" on the spread between units: what is measured, pooled and assumed."""
+    def spread_facts(self) -> dict[str, str]:
+        """Texts on the spread between units, by name: what is measured, pooled and assumed."""
         spread = self.provenance.get(SPREAD)
         if not spread:
-            return []
+            return {}
 
         units_of_class = spread["units"]
         has_classes = len(units_of_class) > 1
         units = [f"{name or 'all joints'} {count}" for name, count in units_of_class.items()]
-        lines = [f"measured: mean of each class of joints (units: {', '.join(units)})"]
-        pooled = f" pooled over {len(units_of_class)} classes," if has_classes else ""
+        facts = {"measured": f"mean of each class of joints (units: {', '.join(units)})"}
         freedom = f"{spread['degrees_of_freedom']} degrees of freedom"
-        lines.append(f"spread between units:{pooled} {freedom}")
+        if has_classes:
+            freedom = f"pooled over {len(units_of_class)} classes, {freedom}"
+        facts["spread between units"] = freedom
         if spread["assumed_units"]:
             worth = f"assumed, worth {spread['assumed_units']:g} units"
-            lines.append(f"{worth}: the spread of {spread['source']}")
+            facts[worth] = f"the spread of {spread['source']}"
         if has_classes:
-            lines.append(
-                "a class that was not recorded: mean of all classes and the spread between them"
+            facts["a class that was not recorded"] = (
+                "mean of all classes and the spread between them"
             )
-        return lines
+        return facts
+
+    def spread_notes(self) -> list[str]:
+        """The `spread_facts` as lines."""
+        return [f"{name}: {text}" for name, text in self.spread_facts().items()]
 
     def constants(self, joint_class: str | None = None) -> Constants:
         """Constants of new motors, with units and ranges, at the median logged gains if any.
@@ -365,7 +370,7 @@ class MotorPrior(Printable):
             "model": model,
             "logs": minutes,
             "joints": listed(self.joint_names, 8),
-            **dict(line.split(": ", 1) for line in self.spread_notes()),
+            **self.spread_facts(),
             "replayed logs, median error": replayed,
         }
         headline = f"motor prior of {len(self.mean)} motors"

@@ -4,8 +4,8 @@ from motorprior.cli.terminal import print_table
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.evaluation.bands import LEVELS
 from motorprior.evaluation.errors import PRIOR
-from motorprior.evaluation.free_runs import error_table
-from motorprior.priors.validate import ADAPTED, COVERAGE, DURATIONS, TRAINED_ON
+from motorprior.evaluation.free_runs import SPAN_TITLES, error_table
+from motorprior.priors.validate import ADAPTED, QUANTITIES, TRAINED_ON, coverage_quantity
 from motorprior.progress import Progress
 
 
@@ -15,14 +15,15 @@ def run(config: Validate, progress: Progress) -> None:
     is_trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if is_trained else ""
     title = f"Free runs, joint RMSE [mrad], over joints{warning}"
-    print_table(title, *error_table(results, DURATIONS))
+    titles = {quantity: SPAN_TITLES[span] for span, quantity in QUANTITIES.items()}
+    print_table(title, *error_table(results, titles))
 
     rows = []
     for model in (ADAPTED, PRIOR):
-        for quantity, span in DURATIONS.items():
-            row = [model, span]
+        for span, span_title in SPAN_TITLES.items():
+            row = [model, span_title]
             for level in LEVELS:
-                share = results.value(quantity=f"{COVERAGE[quantity]}{level}", model=model)
+                share = results.value(quantity=coverage_quantity(span, level), model=model)
                 row.append(f"{100 * share:.0f}")
             rows.append(row)
     columns = ["model", "free runs", *(f"{level} % band" for level in LEVELS)]

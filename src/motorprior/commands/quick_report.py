@@ -1,14 +1,14 @@
 """Quick report of real logs: models fitted in a minute and evaluated on held-out rows."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.evaluation.splits import evenly_spread
 from motorprior.exceptions import ConfigError, LogError
 from motorprior.logs.loads import LoadSource, load_source
 from motorprior.logs.motor_log import MotorLog
-from motorprior.logs.prepare_log import cleaned, prepare_log
-from motorprior.logs.read_log import LogFolder, Recording, read_log_folder, reader_of
+from motorprior.logs.prepare_log import LOADS_TOPIC, PERIOD, LogSettings, prepare_log
+from motorprior.logs.read_log import LogFolder, read_log_folder, read_recording
 from motorprior.priors.quick_report import report_on_motors, report_on_responses
 from motorprior.progress import SILENT, Note, Progress
 from motorprior.results import Results, read_results
@@ -54,8 +54,7 @@ def read_logs_of(config: QuickReport) -> LogFolder:
         problem = f"the base of {robot.name!r} is fixed"
         raise ConfigError(problem, remedy="omit suspended", argument="suspended")
 
-    has_own_joints = config.columns is not None and config.robot == DEFAULT_ROBOT
-    folder = read_log_folder(config.logs, None if has_own_joints else robot, config.columns)
+    folder = read_log_folder(config.logs, _robot_of_reader(config), config.columns)
     first_joints = next(iter(folder.logs.values())).joint_names
     for name, log in folder.logs.items():
         if log.joint_names != first_joints:
@@ -63,6 +62,13 @@ def read_logs_of(config: QuickReport) -> LogFolder:
             problem = f"log {name} has joints {joints}; others {', '.join(first_joints)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
     return folder
+
+
+def _robot_of_reader(config: QuickReport) -> Robot | None:
+    """The robot that gives the joints of a log; None if the column map gives them."""
+    if config.columns is not None and config.robot == DEFAULT_ROBOT:
+        return None
+    return load_robot(config.robot)
 
 
 def loads_of(config: QuickReport, folder: LogFolder) -> LoadSource:
@@ -103,36 +109,37 @@ def _write_report(config: QuickReport, folder: LogFolder, robot: Robot, progress
 def _prepared(
     config: QuickReport, folder: LogFolder, robot: Robot | None, source: LoadSource
 ) -> tuple[dict[str, MotorLog], list[str]]:
-    """The logs that can be used, and lines about what was omitted or assumed.
+    """The logs that can be used, prepared as by `load_log`, and lines about what was omitted.
 
-    With loads they are prepared for a fit of motors, otherwise only cleaned.
+    Without known loads they keep their rows: fits of responses resample rows of their split.
     """
     lines = [f"left out {line}" for line in folder.unreadable]
     used = evenly_spread(list(folder.logs))
     if len(used) < len(folder.logs):
         lines.append(f"{len(used)} of {len(folder.logs)} logs are used")
 
+    period = None if source.name == "unknown" else PERIOD
+    settings = LogSettings(period=period)
+    robot_of_reader = _robot_of_reader(config)
+
     logs = {}
     unusable = None
-    for path, (name, log) in zip(folder.paths, folder.logs.items(), strict=True):
+    for path, name in zip(folder.paths, folder.logs, strict=True):
         if name not in used:
             continue
-        assumption = "" if config.columns else reader_of(path).assumption
         notes: list[Note] = []
+        collecting = Progress(notes.append)
         try:
-            if source.name == "unknown":
-                logs[name], notes = cleaned(log, name)
-            else:
-                recording = Recording(log, Path(name), assumption=assumption)
-                collecting = Progress(notes.append)
-                logs[name] = prepare_log(recording, robot, config.suspended, progress=collecting)
+            recording = read_recording(
+                path, robot_of_reader, config.columns, period, config.suspended
+            )
+            named_recording = replace(recording, path=Path(name))
+            logs[name] = prepare_log(named_recording, robot, config.suspended, settings, collecting)
         except LogError as error:
             unusable = error
             lines.append(f"{name}: left out {error}")
-        if assumption and source.name == "unknown":
-            lines.append(f"{name}: {assumption}")
         # the source of the loads is stated once, not for every log
-        lines += [note.text for note in notes if note.text != f"{name}: {source}"]
+        lines += [note.text for note in notes if note.topic != LOADS_TOPIC]
     if unusable is not None and not logs:
         raise unusable
     return logs, lines

@@ -32,6 +32,7 @@ MEDIAN_AND_MEAN: Statistics = MappingProxyType({"median": np.nanmedian, "mean": 
 FREE_RUN = "free_run"
 WHOLE_RUN = "whole_run"
 DURATION = 1.0  # of a free run of FREE_RUN [s]
+SPAN_TITLES = {FREE_RUN: "1 s", WHOLE_RUN: "whole log"}
 # a model of a log's motors: motors that move the log's loads, or responses, which need no loads
 MotorModel: TypeAlias = TorqueMotors | ResponseMotors
 
@@ -116,7 +117,7 @@ def log_errors(
     """Errors (J,) of each model on each of the logs; joints that are not excited are NaN."""
     tables = {}
     for model in errors[0]:
-        tables[model] = np.stack([of_log[model] for of_log in errors])
+        tables[model] = np.stack([errors_on_log[model] for errors_on_log in errors])
 
     for row, log in enumerate(logs.values()):
         is_excited = np.isin(np.arange(log.num_joints), excited_joints(log))
@@ -145,6 +146,7 @@ def median_and_max(values: np.ndarray) -> list[tuple[int, int]]:
 def validation_of(
     logs: Mapping[str, MotorLog],
     runs: Mapping[str, Mapping[str, Sequence[WindowRuns]]],
+    quantities: Mapping[str, str],
     models: Mapping[str, MotorModel],
     main_model: str,
     plotted: Collection[str],
@@ -155,7 +157,8 @@ def validation_of(
 
     Args:
         logs: the test logs, by name, all of the same joints.
-        runs: quantity -> log -> free runs of the log. The last quantity has runs of whole segments.
+        runs: log -> span, FREE_RUN or WHOLE_RUN -> free runs of the log, as from `free_runs`.
+        quantities: span -> name of its errors in the results; WHOLE_RUN is needed.
         models: models of the motors of the logs' joints, by name.
         main_model: name of the model that the warnings are about; there are warnings only if
             ``models`` has a tuned PD. The traces show the longest runs of the joints with this
@@ -168,21 +171,20 @@ def validation_of(
     failures = dict.fromkeys(failed, np.full(num_joints, MAX_ERROR))
     errors = {}
     results = Results()
-    for quantity, runs_of_logs in runs.items():
+    for span, quantity in quantities.items():
         errors_of_logs = []
         for name in logs:
-            errors_of_models = free_run_errors(runs_of_logs[name], models)
+            errors_of_models = free_run_errors(runs[name][span], models)
             errors_of_logs.append(errors_of_models | failures)
-        errors[quantity] = log_errors(logs, errors_of_logs)
-        results += error_results(errors[quantity], quantity, statistics)
+        errors[span] = log_errors(logs, errors_of_logs)
+        results += error_results(errors[span], quantity, statistics)
 
-    last_quantity = list(runs)[-1]
-    whole_run_errors = errors[last_quantity]
+    whole_run_errors = errors[WHOLE_RUN]
     warnings = whole_run_errors.warnings(main_model) if TUNED_PD in models else []
     traces = []
     for log, joint in median_and_max(whole_run_errors.models[main_model]):
         name = whole_run_errors.logs[log]
-        longest_run = max(runs[last_quantity][name], key=lambda windows: windows.recipe.window)
+        longest_run = max(runs[name][WHOLE_RUN], key=lambda windows: windows.recipe.window)
         traces.append(
             _trace(name, whole_run_errors.joints[joint], longest_run, joint, models, plotted)
         )
@@ -214,13 +216,13 @@ def error_results(errors: LogErrors, quantity: str, statistics: Statistics = MEA
         for statistic, function in statistics.items():
             value = float(function(values))
             rows.append(Result(quantity, "rad", value, model, statistic=statistic))
-        for joint, of_logs in zip(errors.joints, values.T, strict=True):
-            if np.isfinite(of_logs).any():
-                value = float(np.nanmean(of_logs))
+        for joint, joint_errors in zip(errors.joints, values.T, strict=True):
+            if np.isfinite(joint_errors).any():
+                value = float(np.nanmean(joint_errors))
                 rows.append(Result(quantity, "rad", value, model, part=joint))
-        for log, of_joints in zip(errors.logs, values, strict=True):
-            if np.isfinite(of_joints).any():
-                value = float(np.nanmean(of_joints))
+        for log, log_values in zip(errors.logs, values, strict=True):
+            if np.isfinite(log_values).any():
+                value = float(np.nanmean(log_values))
                 rows.append(Result(quantity, "rad", value, model, log=log))
     return Results(rows)
 

@@ -20,6 +20,7 @@ from motorprior.logs.read_log import Recording
 from motorprior.progress import PYTHON_WARNINGS, Note, Progress
 from motorprior.robots.robot import Robot
 
+LOADS_TOPIC = "loads"  # topic of the note that states the source of the loads
 PERIOD = 0.002  # sample period of the identification presets for real motors [s]
 
 
@@ -111,7 +112,7 @@ def prepare_log(
         log = smooth_on_grid(log, period) if needs_model else resample(log, period)
 
     if robot is not None:
-        progress.note(f"{path}: {loads}")
+        progress.report(Note("info", f"{path}: {loads}", LOADS_TOPIC))
     if robot is None or not needs_model:
         return log
 

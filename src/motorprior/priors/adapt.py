@@ -1,6 +1,7 @@
 """The posterior of z for the motors of a log."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +33,14 @@ WEAK_MOTOR_SHARE = 0.7
 WEAK_ROBOT_SHARE = 0.85
 _WEAK_MOTOR_DEVIATIONS = 2.93
 _WEAK_ROBOT_DEVIATIONS = 1.33
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A motor that is an outlier of the prior's fleet."""
+
+    index: int  # joint of the log
+    reason: str  # its largest deviation, for the user
 
 
 def adapt(
@@ -66,10 +75,10 @@ def adapt(
 
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
         posterior = adapt_to(prior, log)
-        p_values, reasons = outlier_test(prior, log, posterior)
+        p_values, outlying_motors = outlier_test(prior, log, posterior)
         task.advance()
 
-    _report_outliers(log, reasons, allow_outliers, progress)
+    _report_outliers(log, outlying_motors, allow_outliers, progress)
     if progress is not SILENT:  # tuning a PD to compare with takes time
         _report_fit(prior, log, posterior, progress)
 
@@ -86,15 +95,14 @@ def adapt(
 
 
 def _report_outliers(
-    log: MotorLog, reasons: list[str], allow_outliers: bool, progress: Progress
+    log: MotorLog, outlying_motors: Sequence[Outlier], allow_outliers: bool, progress: Progress
 ) -> None:
     """Warn about outliers, with the reason of each; LogError unless they are allowed."""
-    by_joint = zip(log.joint_names, reasons, strict=True)
-    outlying = [f"{name}: {reason}" for name, reason in by_joint if reason]
-    if not outlying:
+    if not outlying_motors:
         return
     level = FALSE_ALARMS / log.num_joints
-    problem = f"outliers of the prior's fleet (p < {level:.2g}): {listed(outlying, 5)}"
+    texts = [f"{log.joint_names[motor.index]}: {motor.reason}" for motor in outlying_motors]
+    problem = f"outliers of the prior's fleet (p < {level:.2g}): {listed(texts, 5)}"
     if not allow_outliers:
         remedy = (
             "check the log with `motorprior logs check`, train a prior on such motors, or set "
@@ -142,12 +150,11 @@ def adapt_to(prior: MotorPrior, log: MotorLog) -> LatentPosterior:
 
 def outlier_test(
     prior: MotorPrior, log: MotorLog, posterior: LatentPosterior
-) -> tuple[np.ndarray, list[str]]:
-    """Whether the M motors that `adapt_to` found in this log are outliers of the prior's fleet.
+) -> tuple[np.ndarray, list[Outlier]]:
+    """Test whether the M motors of a log, after `adapt_to`, are outliers of the prior's fleet.
 
     Returns:
-        The p-values (M,), and a text for each motor with the largest deviation of an outlier, "" if
-        the motor is not an outlier. The p-value combines two tests, of the fit to the log
+        The p-values (M,), and the outliers. The p-value combines two tests, of the fit to the log
         (`outliers.loss_p_value`) and of the constants (`outliers.outliers`): it is twice the
         smaller p-value of the two, at most 1.
     """
@@ -166,13 +173,15 @@ def outlier_test(
         is_recorded = np.isin(joint_classes, prior.classes.names) | has_one_class
         distance_p_value = np.where(is_recorded, tested.p_value, 1.0)
 
-        both = np.minimum(1.0, 2.0 * np.minimum(fit_p_value, distance_p_value))
-        p_value = np.where(moved(log), both, 1.0)
+        combined = np.minimum(1.0, 2.0 * np.minimum(fit_p_value, distance_p_value))
+        p_value = np.where(moved(log), combined, 1.0)
         for motor in np.flatnonzero(distance_p_value < fit_p_value):
             reasons[motor] = _distance_text(joint_classes[motor], tested, int(motor))
 
-    is_outlier = p_value < FALSE_ALARMS / len(p_value)
-    return p_value, np.where(is_outlier, reasons, "").tolist()
+    outlying_motors = []
+    for motor in np.flatnonzero(p_value < FALSE_ALARMS / len(p_value)):
+        outlying_motors.append(Outlier(int(motor), reasons[motor]))
+    return p_value, outlying_motors
 
 
 def _distance_text(joint_class: str, tested: Outliers, motor: int) -> str:

@@ -18,12 +18,10 @@ from motorprior.bounds import require_seed
 from motorprior.evaluation import reference
 from motorprior.evaluation.errors import (
     MAX_UNEXPLAINED,
+    PRIOR,
     evaluate_replay,
     notes_on_log,
     replay_errors,
-)
-from motorprior.evaluation.errors import (
-    PRIOR as PRIOR_MODEL,
 )
 from motorprior.identification.checkpoint import Arrays, Checkpoint, unsaved
 from motorprior.identification.identify import identify, work_of
@@ -49,7 +47,7 @@ from motorprior.logs.operations import joined
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
 from motorprior.stage import description, is_finished, locked, working
 
-PRIOR = "prior.safetensors"
+PRIOR_FILE = "prior.safetensors"
 CHECKPOINT = "unfinished_{}.safetensors"
 # key in a prior's provenance: `motion_digest` of every log that it was trained on
 _MOTIONS = "motions"
@@ -128,8 +126,8 @@ def fit_recipe(
     stage = description("identify", settings, [], recipe.as_json())
     stage["inputs"] = [log_digest(replace(log, source=""))]
     if out is not None and is_finished(out, stage):
-        progress.note(f"{out / PRIOR} exists already, from the same logs and settings")
-        return MotorPrior.load(out / PRIOR)
+        progress.note(f"{out / PRIOR_FILE} exists already, from the same logs and settings")
+        return MotorPrior.load(out / PRIOR_FILE)
 
     if log.gains is not None and recipe.gain_unit == PHYSICAL_GAINS:
         check_gain_units(log.gains, log.source)
@@ -140,10 +138,10 @@ def fit_recipe(
     if out is None:
         return fitted(unsaved)
     with locked(out), working(out, stage):
-        fitted(partial(_checkpoint, out, stage)).save(out / PRIOR)
+        fitted(partial(_checkpoint, out, stage)).save(out / PRIOR_FILE)
         for path in out.glob(CHECKPOINT.format("*")):
             path.unlink()
-    return MotorPrior.load(out / PRIOR)
+    return MotorPrior.load(out / PRIOR_FILE)
 
 
 def _checkpoint(
@@ -194,8 +192,8 @@ def _fitted(
     misfit = np.ones(log.num_joints)
     if isinstance(model, GreyBox):
         errors = evaluate_replay(model.motors(mean), tuned, log, recipe, progress)
-        unexplained = float(np.median(errors.unexplained(PRIOR_MODEL)))
-        replay_rmse = float(np.median(errors.models[PRIOR_MODEL]))
+        unexplained = float(np.median(errors.unexplained(PRIOR)))
+        replay_rmse = float(np.median(errors.models[PRIOR]))
         metrics = replace(metrics, replay_rmse=replay_rmse, unexplained=unexplained)
 
         replayed, velocity = replay_errors(model.motors(mean), log, recipe.nominal_conditions)

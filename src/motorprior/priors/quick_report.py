@@ -36,6 +36,7 @@ from motorprior.priors.fit_prior import fit_prior
 from motorprior.progress import Note, Progress
 from motorprior.robots.robot import Robot
 
+QUANTITIES = {FREE_RUN: FREE_RUN_RMSE, WHOLE_RUN: WHOLE_RUN_RMSE}  # errors of each span
 PRESET = "quick"
 # training log of all joints for motors and for responses, and maximum per joint [s]; the fit takes
 # most of the minute
@@ -72,8 +73,9 @@ def report_on_motors(
     Returns:
         Errors, warnings and constants; and the rule by which the logs were split.
     """
-    parts = _split(logs, MOTOR_SECONDS)
-    train = joined(list(parts.train.values()))
+    motor_split = _split(logs, MOTOR_SECONDS)
+    train_logs = list(motor_split.train.values())
+    train = joined(train_logs)
     tuned = fitted_tuned_pd(train, progress)
 
     warnings: list[str] = []
@@ -84,7 +86,6 @@ def report_on_motors(
             warnings.append(note.text)
 
     collecting = Progress(collect, progress.print_line)
-    train_logs = list(parts.train.values())
     prior = fit_prior(train_logs, PRESET, seed, out=folder, progress=collecting)
 
     models: dict[str, MotorModel] = {TUNED_PD: tuned}
@@ -97,34 +98,36 @@ def report_on_motors(
         models["prior_mean"] = prior.model.motors(class_means)
 
     recipe = recipe_of(prior)
-    runs = {name: free_runs(log, recipe) for name, log in parts.test.items()}
-    runs_by_quantity = {
-        FREE_RUN_RMSE: {name: of_log[FREE_RUN] for name, of_log in runs.items()},
-        WHOLE_RUN_RMSE: {name: of_log[WHOLE_RUN] for name, of_log in runs.items()},
-    }
+    runs = {name: free_runs(log, recipe) for name, log in motor_split.test.items()}
     validation = validation_of(
-        parts.test, runs_by_quantity, models, PRIOR, plotted=(TUNED_PD, PRIOR)
+        motor_split.test, runs, QUANTITIES, models, PRIOR, plotted=(TUNED_PD, PRIOR)
     )
     warnings += validation.warnings
-    return replace(validation, warnings=warnings, constants=prior.constants()), parts.rule
+    return replace(validation, warnings=warnings, constants=prior.constants()), motor_split.rule
 
 
 def report_on_responses(
     logs: Mapping[str, MotorLog], seed: int, progress: Progress
 ) -> tuple[Validation, str]:
     """Fit responses, which need no load, and evaluate them; see `report_on_motors`."""
-    parts = _split(logs, RESPONSE_SECONDS, _on_grid)
+    response_split = _split(logs, RESPONSE_SECONDS, _on_grid)
     recipe = identification_preset("rollout")
-    train = joined(list(parts.train.values()))
+    train = joined(list(response_split.train.values()))
     models = fitted_responses(train, recipe, seed, progress)
-    runs = {
-        name: whole_runs(with_placeholder_load(log), recipe) for name, log in parts.test.items()
-    }
-    plotted = (SECOND_ORDER, SERVO_LIMITS)
-    validation = validation_of(parts.test, {WHOLE_RUN_RMSE: runs}, models, SERVO_LIMITS, plotted)
+    runs = {}
+    for name, log in response_split.test.items():
+        runs[name] = {WHOLE_RUN: whole_runs(with_placeholder_load(log), recipe)}
+    validation = validation_of(
+        response_split.test,
+        runs,
+        {WHOLE_RUN: WHOLE_RUN_RMSE},
+        models,
+        SERVO_LIMITS,
+        plotted=(SECOND_ORDER, SERVO_LIMITS),
+    )
 
     constants, warnings = _constants_of(models[SERVO_LIMITS], train.joint_names)
-    return replace(validation, warnings=warnings, constants=constants), parts.rule
+    return replace(validation, warnings=warnings, constants=constants), response_split.rule
 
 
 def _split(
@@ -134,21 +137,25 @@ def _split(
 ) -> Split:
     """Training and test rows of the logs, for the joints that are excited.
 
-    ``seconds`` are those of the training rows of all joints; ``change`` is applied to every row.
+    ``seconds`` is the duration of the training rows, summed over joints; ``change`` is applied to
+    the training and the test rows of each log.
     """
     excited = excited_in_any(logs)
     if not excited:
         remedy = "record with a moving command"
         raise LogError(f"{', '.join(logs)}: no joint is excited", remedy=remedy)
 
-    parts = split(logs, min(MAX_SECONDS, seconds / len(excited)), TEST_SECONDS)
-    train = {name: change(log) for name, log in parts.train.items()}
-    test = {name: change(log) for name, log in parts.test.items()}
-    return Split(train, test, parts.rule).with_joints(excited_in_any(train))
+    recorded_split = split(logs, min(MAX_SECONDS, seconds / len(excited)), TEST_SECONDS)
+    train = {name: change(log) for name, log in recorded_split.train.items()}
+    test = {name: change(log) for name, log in recorded_split.test.items()}
+    return Split(train, test, recorded_split.rule).with_joints(excited_in_any(train))
 
 
 def _on_grid(log: MotorLog) -> MotorLog:
-    """Without segments in which nothing moves, repeated rows and short segments."""
+    """The log on a grid, without static segments, repeated rows and short segments.
+
+    A response follows each reading, so that a repeated reading would count as delay.
+    """
     moves = np.zeros(log.num_rows, dtype=bool)
     for segment in log.segment_slices():
         moves[segment] = np.ptp(log.joint_pos[segment], axis=0).any()
@@ -185,7 +192,7 @@ def _constants_of(
 
 
 def _ideal_pd(log: MotorLog, robot: Robot | None) -> MotorModel | None:
-    """A PD with the logged gains or, without any, those of the robot.
+    """A PD with the logged gains or, without any, with the robot's gains.
 
     None if neither has gains in N·m/rad.
     """
@@ -197,10 +204,10 @@ def _ideal_pd(log: MotorLog, robot: Robot | None) -> MotorModel | None:
         joints = [robot.joint_names.index(name) for name in log.joint_names]
         limit = described.torque_limit[joints]
 
-    zero = np.zeros(log.num_joints)
-    one = np.ones(log.num_joints)
+    zeros = np.zeros(log.num_joints)
+    ones = np.ones(log.num_joints)
     if log.logged_kd is not None and log.gain_unit == PHYSICAL_GAINS:
-        return GainScaledPd(IdealPd.without_friction(one, one, limit, zero, zero), np.ones(2))
+        return GainScaledPd(IdealPd.without_friction(ones, ones, limit, zeros, zeros), np.ones(2))
     if described is None or log.logged_kp is not None:
         return None
-    return IdealPd.without_friction(described.kp[joints], described.kd[joints], limit, zero, zero)
+    return IdealPd.without_friction(described.kp[joints], described.kd[joints], limit, zeros, zeros)

@@ -9,7 +9,9 @@ from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bands import log_coverage, zero_shot
 from motorprior.evaluation.errors import PRIOR, TUNED_PD, notes_on_log
 from motorprior.evaluation.free_runs import (
+    FREE_RUN,
     MEDIAN_AND_MEAN,
+    WHOLE_RUN,
     MotorModel,
     Validation,
     free_runs,
@@ -31,9 +33,9 @@ from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
 from motorprior.results import Result, Results
 
-# quantity -> duration of its free runs
-DURATIONS = {"free_run_rmse": "1 s", "whole_run_rmse": "whole log"}
-COVERAGE = {"free_run_rmse": "coverage", "whole_run_rmse": "whole_run_coverage"}
+# span of free runs -> quantity in the results
+QUANTITIES = {FREE_RUN: "free_run_rmse", WHOLE_RUN: "whole_run_rmse"}
+_COVERAGES = {FREE_RUN: "coverage", WHOLE_RUN: "whole_run_coverage"}
 ADAPTED = "adapted"
 TRAINED_ON = "prior_was_trained_on_this_log"
 # baseline -> preset of identification. per_motor fits the physics of each motor alone;
@@ -127,13 +129,11 @@ def validate(
         else:
             models[name] = motors
 
-    runs_by_quantity = {}
-    for duration, windows in runs.items():
-        runs_by_quantity[f"{duration}_rmse"] = {test.source: windows}
     with progress.start("free runs", 1) as task:
         validation = validation_of(
             logs={test.source: test},
-            runs=runs_by_quantity,
+            runs={test.source: runs},
+            quantities=QUANTITIES,
             models=models,
             main_model=ADAPTED,
             plotted=(TUNED_PD, PRIOR, ADAPTED),
@@ -150,6 +150,11 @@ def validate(
     return replace(validation, results=is_trained + errors + coverages)
 
 
+def coverage_quantity(span: str, level: int) -> str:
+    """Quantity of the share inside the band of ``level`` percent in free runs of a span."""
+    return f"{_COVERAGES[span]}{level}"
+
+
 def _coverages(
     prior: MotorPrior,
     posteriors: Mapping[str, LatentPosterior],
@@ -157,11 +162,10 @@ def _coverages(
 ) -> Results:
     """Coverage of the bands of each posterior, in free runs of 1 s and of whole segments."""
     rows = []
-    for duration, windows in runs.items():
-        quantity = COVERAGE[f"{duration}_rmse"]
+    for span, windows in runs.items():
         for model, posterior in posteriors.items():
             for level, share in log_coverage(prior, posterior, windows).items():
-                rows.append(Result(f"{quantity}{level}", "1", share, model))
+                rows.append(Result(coverage_quantity(span, level), "1", share, model))
     return Results(rows)
 
 

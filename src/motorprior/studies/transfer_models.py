@@ -2,7 +2,7 @@
 
 A study folder has, per bench,
 
-    bench/EXCITATION      logs of the bench's motors
+    bench/SCHEDULE        logs of the bench's motors
     priors/PRESET         priors identified from these logs
     fits/PD               PDs fitted to these logs
     robots/POPULATION_K   ten seconds of log of robot K, and prior and PD adapted to it
@@ -26,7 +26,7 @@ from motorprior.identification.presets import network_steps
 from motorprior.logs.motor_log import MotorLog, log_digest
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 from motorprior.priors.adapt import adapt
-from motorprior.priors.fit_prior import PRIOR, fit_prior
+from motorprior.priors.fit_prior import PRIOR_FILE, fit_prior
 from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.stage import description, is_finished, working
@@ -38,8 +38,8 @@ LOG = "log.parquet"  # log of a robot
 LOG_SECONDS = 10.0  # duration of a robot's log for adaptation [s]
 LOG_STREAM = 0x20B2  # tag of the random stream of these logs
 
-PAPER_EXCITATION = "paper"  # excitation of the bench's log to which the paper's prior is fitted
-EXCITATION = "rollout"  # excitation of the bench's log to which all other models are fitted
+PAPER_SCHEDULE = "paper"  # schedule of the bench's log to which the paper's prior is fitted
+SCHEDULE = "rollout"  # schedule of the bench's log to which all other models are fitted
 
 
 def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
@@ -48,14 +48,14 @@ def record_benches(bench: Study, progress: Progress) -> dict[str, MotorLog]:
     An excitation is recorded only if the model of a training condition is fitted to its log.
     """
     models = {condition.prior or condition.pd for condition in bench.fitted}
-    excitation_names = []
+    schedule_names = []
     if "paper" in models:
-        excitation_names.append(PAPER_EXCITATION)
+        schedule_names.append(PAPER_SCHEDULE)
     if models - {"paper"}:
-        excitation_names.append(EXCITATION)
+        schedule_names.append(SCHEDULE)
 
     logs = {}
-    for name in excitation_names:
+    for name in schedule_names:
         logs[name] = record_bench(
             bench.robot,
             bench.fleet,
@@ -78,7 +78,7 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
         # the presets that take the longest first
         presets = {condition.prior for condition in bench.fitted if condition.prior}
         for preset in sorted(presets, reverse=True):
-            log = logs[PAPER_EXCITATION if preset == "paper" else EXCITATION]
+            log = logs[PAPER_SCHEDULE if preset == "paper" else SCHEDULE]
             works.append(partial(_fit_prior, bench, log, preset))
 
         pd_names = set()
@@ -86,7 +86,7 @@ def fit_models(benches: Sequence[Study], threads: int, progress: Progress) -> No
             if condition.pd and not condition.adapted:
                 pd_names.add(condition.pd)
         if pd_names:
-            works.append(partial(_fit_pds, bench, logs[EXCITATION], bench.out / "fits", pd_names))
+            works.append(partial(_fit_pds, bench, logs[SCHEDULE], bench.out / "fits", pd_names))
     in_parallel(works, threads, progress)
 
 
@@ -98,7 +98,7 @@ def _fit_prior(bench: Study, log: MotorLog, preset: str, progress: Progress) -> 
 
 def prior_path(bench: Study, preset: str) -> Path:
     """File of the prior of a preset."""
-    return bench.out / "priors" / preset / PRIOR
+    return bench.out / "priors" / preset / PRIOR_FILE
 
 
 def _fit_pds(
@@ -171,11 +171,11 @@ def _record_robot(bench: Study, population: str, number: int) -> MotorLog:
     """A log of LOG_SECONDS of the motors of a robot."""
     robot = load_robot(bench.robot)
     fleet = load_robot_fleet(robot, bench.fleet_of(population))
-    preset = bench_schedule("adapt").for_robot(robot)
+    schedule = bench_schedule("adapt").for_robot(robot)
     motors = motors_of_robot(robot, fleet, bench.seed, number)
-    steps = round(LOG_SECONDS / preset.period)
+    steps = round(LOG_SECONDS / schedule.period)
     log_seed = seed_of(LOG_STREAM, bench.seed, number)
-    return record(motors, preset, steps, log_seed, fleet)
+    return record(motors, schedule, steps, log_seed, fleet)
 
 
 def _robot_folder(bench: Study, population: str, number: int) -> Path:
