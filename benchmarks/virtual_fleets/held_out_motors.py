@@ -101,9 +101,9 @@ def adaptation(
         the training motors; ``adapt_false_alarms``: share of held-out motors whose p-value is below
         FALSE_ALARMS; and the `bench_coverage` for the longest up to ADAPTED_SECONDS.
     """
-    preset = HELD_OUT.for_robot(robot)
+    schedule = HELD_OUT.for_robot(robot)
     of_training = {"prior": prior.training_motors}
-    errors = bench_errors(bench.physical_motors(), of_training, seed, preset)
+    errors = bench_errors(bench.physical_motors(), of_training, seed, schedule)
     training_error = errors["impacts"]["prior"]
 
     motors = held_out_motors(bench)
@@ -115,7 +115,7 @@ def adaptation(
         p_value = outlier_test(prior, log, posterior)[0]
 
         model = adapted_models({"prior": prior}, {"prior": posterior}, len(motors))
-        error = bench_errors(motors, model, seed, preset)["impacts"]["prior"]
+        error = bench_errors(motors, model, seed, schedule)["impacts"]["prior"]
         measured = {
             "adapt_rmse_ratio": np.median(error) / np.median(training_error),
             "adapt_false_alarms": np.mean(p_value < FALSE_ALARMS),
@@ -125,7 +125,7 @@ def adaptation(
             for quantity, value in measured.items()
         )
         if length == covered:
-            results += bench_coverage(prior, posterior, motors, seed, preset)
+            results += bench_coverage(prior, posterior, motors, seed, schedule)
         progress()
     return results
 

@@ -20,7 +20,7 @@ from motorprior.studies.environments import ENVIRONMENTS, walk_seed
 from motorprior.studies.statistics import (
     IN_TRAINING,
     IN_TRAINING_OUT_OF_FAMILY,
-    REFERENCE,
+    SAMPLED_PRIOR,
     read_walks,
     scores,
 )
@@ -99,8 +99,8 @@ def test_figures_have_intervals_and_p_values(study: Study):
     for environment, condition in product(ENVIRONMENTS, study.conditions):
         upright = f"{environment}/{condition}/upright"
         assert figures[f"{upright}/low"] <= figures[upright] <= figures[f"{upright}/high"]
-        if condition != REFERENCE:
-            p = figures[f"{environment}/{condition}/speed_p_against_{REFERENCE}"]
+        if condition != SAMPLED_PRIOR:
+            p = figures[f"{environment}/{condition}/speed_p_against_{SAMPLED_PRIOR}"]
             assert 0.0 < p <= 1.0
 
 

@@ -9,7 +9,7 @@ from motorprior.locomotion.control_step import follow_command, new_gait
 from motorprior.locomotion.gait import walker_arrays
 from motorprior.robots.pupper_v2.robot import PUPPER_V2 as ROBOT
 from motorprior.simulation.scene import Episode
-from motorprior.studies.gait_quality import gait_quality, walk_measures
+from motorprior.studies.gait_quality import gait_quality, walk_metrics
 
 DT = ROBOT.control_dt
 STEPS = 500
@@ -132,9 +132,9 @@ def test_a_walk_is_measured_up_to_its_fall_and_an_early_fall_has_speed_zero():
     assert measured(gliding(steps=150)) == {"upright": 0.0, "speed": 0.0, "speed_error": 1.0}
 
 
-def test_measures_of_a_study_include_the_time_after_a_fall():
+def test_metrics_of_a_study_include_the_time_after_a_fall():
     walked, fell = (
-        walk_measures(ROBOT, gliding(0.3, aside=0.03, steps=steps), 0.3, STEPS)
+        walk_metrics(ROBOT, gliding(0.3, aside=0.03, steps=steps), 0.3, STEPS)
         for steps in (STEPS, 300)
     )
     assert walked["speed"] == pytest.approx(0.3, rel=0.01) and walked["upright"] == 1.0

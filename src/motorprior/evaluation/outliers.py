@@ -117,7 +117,7 @@ def _latent_names(model: Decoder) -> tuple[str, ...]:
     return tuple(f"latent {index}" for index in range(model.num_latents))
 
 
-def loss_p_value(reference: LossStatistics, losses: np.ndarray, blocks: float) -> np.ndarray:
+def loss_p_value(training_losses: LossStatistics, losses: np.ndarray, blocks: float) -> np.ndarray:
     """(M,) one-sided p-value of the fits.
 
     It is the probability that a motor of the prior's fleet has a loss as large [-].
@@ -132,15 +132,15 @@ def loss_p_value(reference: LossStatistics, losses: np.ndarray, blocks: float) -
     + 1/motors).
 
     Args:
-        reference: losses of the training motors.
+        training_losses: losses of the training motors.
         losses: (M,) mean window losses of the new motors at their posterior means.
         blocks: n, the number of blocks in the log of the new motors, which may be a fraction.
     """
     from scipy.stats import t as student_t  # here: it takes half a second to import
 
-    variance = reference.block_variance
-    added = max(0.0, math.log1p(variance / blocks) - math.log1p(variance / reference.blocks))
-    total_variance = reference.log_std**2 * (1 + 1 / reference.motors) + added
+    variance = training_losses.block_variance
+    added = max(0.0, math.log1p(variance / blocks) - math.log1p(variance / training_losses.blocks))
+    total_variance = training_losses.log_std**2 * (1 + 1 / training_losses.motors) + added
     std = math.sqrt(max(total_variance, 1e-12))
-    deviation = (np.log(losses) - reference.log_mean + added / 2) / std
-    return student_t.sf(deviation, max(reference.motors - 1, 1))
+    deviation = (np.log(losses) - training_losses.log_mean + added / 2) / std
+    return student_t.sf(deviation, max(training_losses.motors - 1, 1))

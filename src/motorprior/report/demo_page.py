@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, picture
 from motorprior.report.plots_style import TEXT, model_label, new_figure, panels, set_labels
-from motorprior.report.transfer_page import MEASURES, conditions_in, estimate_table, forest_plot
+from motorprior.report.transfer_page import METRICS, conditions_in, estimate_table, forest_plot
 from motorprior.studies.compare import FRICTIONS, PUSHES
-from motorprior.studies.statistics import IN_TRAINING, REFERENCE, StudyStatistics
+from motorprior.studies.statistics import IN_TRAINING, SAMPLED_PRIOR, StudyStatistics
 from motorprior.studies.transfer_models import LOG_SECONDS
 
 BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
@@ -37,7 +37,7 @@ def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Se
         "of the study include it (docs/transfer.md)."
     )
     drawn = picture(forest_plot(summary), "Time upright; hollow: in the training simulation.")
-    tables = tuple(estimate_table(summary, measure) for measure in MEASURES)
+    tables = tuple(estimate_table(summary, metric) for metric in METRICS)
     texts = (headline(summary), question, _gaps(summary), uncertainty)
     return Section("Results", texts, (drawn, film), tables)
 
@@ -49,13 +49,13 @@ def headline(summary: StudyStatistics) -> str:
     """
     best = max(BASELINES, key=lambda condition: _upright(summary, condition).sum())
     best_label = model_label(best)
-    enough = _upright(summary, REFERENCE) - _EQUAL_UPRIGHT
+    enough = _upright(summary, SAMPLED_PRIOR) - _EQUAL_UPRIGHT
     first = ""
     if np.all(_upright(summary, best) > enough):
         first = f"Here a simpler model is as good as the learned prior: the {best_label}. "
     return (
-        f"{first}Time upright on held-out robots: {_percent(summary, REFERENCE)} after training on "
-        f"samples of the prior; {_percent(summary, 'adapted_prior')} on the prior adapted to "
+        f"{first}Time upright on held-out robots: {_percent(summary, SAMPLED_PRIOR)} after "
+        f"training on samples of the prior; {_percent(summary, 'adapted_prior')} on the prior adapted to "
         f"{LOG_SECONDS:g} s of log of the robot; {_percent(summary, 'ideal_pd')} on an ideal PD; "
         f"{_percent(summary, best)} on the best baseline, the {best_label}."
     )

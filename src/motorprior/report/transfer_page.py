@@ -23,14 +23,14 @@ from motorprior.studies.study_settings import CONDITIONS
 
 
 class _Format(NamedTuple):
-    """How a measure is written in tables."""
+    """How a metric is written in tables."""
 
     title: str
-    factor: float  # factor from the unit of the measure to the unit in the title
+    factor: float  # factor from the unit of the metric to the unit in the title
     number_format: str
 
 
-MEASURES = {
+METRICS = {
     "upright": _Format("time upright [%]", 100.0, ".0f"),
     "speed": _Format("speed [m/s]", 1.0, ".2f"),
 }
@@ -97,13 +97,13 @@ def _held_out_robots(summary: StudyStatistics) -> Section:
         "training simulation."
     )
     drawn = picture(forest_plot(summary), caption)
-    tables = tuple(estimate_table(summary, measure) for measure in MEASURES)
+    tables = tuple(estimate_table(summary, metric) for metric in METRICS)
     return Section("Held-out robots", (text,), (drawn,), tables)
 
 
 def _differences(summary: StudyStatistics) -> Section:
     text = "Permutation tests within benches; p corrected by Holm for all differences."
-    tables = tuple(difference_table(summary, measure) for measure in MEASURES)
+    tables = tuple(difference_table(summary, metric) for metric in METRICS)
     return Section("Differences from the sampled prior", (text,), tables=tables)
 
 
@@ -114,25 +114,25 @@ def conditions_in(summary: StudyStatistics) -> list[str]:
     return standard + sorted(names - set(CONDITIONS))
 
 
-def estimate_table(summary: StudyStatistics, measure: str) -> Table:
+def estimate_table(summary: StudyStatistics, metric: str) -> Table:
     """A row per training condition, a cell per environment: the mean over benches, its interval."""
-    title, factor, number_format = MEASURES[measure]
+    title, factor, number_format = METRICS[metric]
     cells = {}
     for (env, condition, name), estimate in summary.estimates.items():
-        if name == measure:
+        if name == metric:
             cells[env, condition] = with_interval(estimate, factor, number_format)
     return _table(summary, ALL_ENVIRONMENTS, cells, f"{title}, mean [95 % interval]")
 
 
-def difference_table(summary: StudyStatistics, measure: str) -> Table:
+def difference_table(summary: StudyStatistics, metric: str) -> Table:
     """A row per training condition, a cell per environment: the difference from the sampled prior.
 
     Conditions without any difference have no row.
     """
-    title, factor, number_format = MEASURES[measure]
+    title, factor, number_format = METRICS[metric]
     cells = {}
     for (env, condition, name), comparison in summary.differences.items():
-        if name == measure:
+        if name == metric:
             difference = with_interval(comparison.difference, factor, f"+{number_format}")
             cells[env, condition] = f"{difference} p={comparison.p:.2g}"
     caption = f"{title}: difference from the sampled prior [95 % interval], and p"
@@ -169,7 +169,7 @@ def forest_plot(summary: StudyStatistics) -> Figure:
     Hollow marks are the time upright in the training simulation.
     """
     conditions = conditions_in(summary)
-    evaluated = {env for env, _, measure in summary.estimates if measure == "upright"}
+    evaluated = {env for env, _, metric in summary.estimates if metric == "upright"}
     environments = [env for env in ENVIRONMENTS if env in evaluated] or [IN_TRAINING]
 
     figure = new_figure(0.28 * len(conditions) + 0.9)
@@ -186,8 +186,8 @@ def _draw_environment(
 ) -> None:
     """The panel of an environment."""
     upright = {}  # environment, condition -> time upright
-    for (name, condition, measure), estimate in summary.estimates.items():
-        if measure == "upright":
+    for (name, condition, metric), estimate in summary.estimates.items():
+        if metric == "upright":
             upright[name, condition] = estimate
     is_out_of_family = env in ENVIRONMENTS and ENVIRONMENTS[env].population == OUT_OF_FAMILY
     training_env = IN_TRAINING_OUT_OF_FAMILY if is_out_of_family else IN_TRAINING

@@ -126,9 +126,9 @@ def evaluate(
             "upright": _mean_upright(episodes),
             "drift": np.mean(lateral),
         }
-        for measure, value in values.items():
-            unit = UNITS[measure]
-            rows.append(Result(measure, unit, float(value), model, name, seed=seed))
+        for metric, value in values.items():
+            unit = UNITS[metric]
+            rows.append(Result(metric, unit, float(value), model, name, seed=seed))
     return rows
 
 

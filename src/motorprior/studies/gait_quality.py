@@ -16,12 +16,12 @@ WARM_UP = 1.0  # time from standing to a steady gait, which is not measured [s]
 FALL_TIME = 0.5  # time before a fall, which is not measured [s]
 CONTACT_HEIGHT = 0.0005  # a foot whose lowest point is below this height is on the ground [m]
 LIFTED = 4.0 * CONTACT_HEIGHT  # a swing whose maximum clearance is below it does not count [m]
-# share of the maximum speed below which measures relative to speed or distance are NaN
+# share of the maximum speed below which metrics relative to speed or distance are NaN
 MIN_COMMAND = 0.1
-_MIN_DISTANCE = 0.05  # distance below which measures per metre are NaN [m]
+_MIN_DISTANCE = 0.05  # distance below which metrics per metre are NaN [m]
 _MIN_TIME = 1.0  # minimum duration of the measured part of a walk [s]
 
-# units of the measures of `gait_quality` and `walk_measures`; foot_lift_mm/LEG is per leg
+# units of the metrics of `gait_quality` and `walk_metrics`; foot_lift_mm/LEG is per leg
 UNITS = {
     "upright": "1",
     "speed": "m/s",
@@ -34,7 +34,7 @@ UNITS = {
     "cost_of_transport": "1",
     "drift": "m",
 }
-# measures of `gait_quality` that a study has, too
+# metrics of `gait_quality` that a study has, too
 _OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "cost_of_transport", "body_rate")
 
 
@@ -55,8 +55,8 @@ def gait_quality(
 
     The walk is measured after its first second and, if it fell, before the last half second. If
     less than a second remains, there is only ``upright``, and a speed of 0 after a fall. Undefined
-    measures are NaN. Without velocities from the engine, differences of the poses are used, and
-    measures of torques are NaN. Measures per metre need 5 cm of distance and a command of at least
+    metrics are NaN. Without velocities from the engine, differences of the poses are used, and
+    metrics of torques are NaN. Metrics per metre need 5 cm of distance and a command of at least
     a tenth of the robot's maximum speed.
 
     upright: 1 without a fall, else 0; speed: distance along the robot's own heading over time
@@ -101,33 +101,33 @@ def gait_quality(
         distance = abs(along)
         pace = abs(speed)
 
-    measures = {"upright": float(is_upright), "speed": speed, "speed_error": math.nan}
+    metrics = {"upright": float(is_upright), "speed": speed, "speed_error": math.nan}
     if is_commanded:
-        measures["speed_error"] = abs(speed - forward) / abs(forward)
+        metrics["speed_error"] = abs(speed - forward) / abs(forward)
     heading_error = math.degrees(abs(float(heading[-1] - goal[-1])))
-    measures["heading_deg_per_m"] = heading_error / distance
+    metrics["heading_deg_per_m"] = heading_error / distance
     lateral = _lateral_distance(qpos[:, :2], goal[begin:], speed * dt)
-    measures["lateral_share"] = abs(lateral) / distance
+    metrics["lateral_share"] = abs(lateral) / distance
 
     clearance, sliding = foot_motion(robot, qpos, qvel)
     for leg, clearance_of_leg in zip(robot.legs, clearance.T, strict=True):
-        measures[f"foot_lift_mm/{leg.name}"] = 1e3 * _lift(clearance_of_leg)
+        metrics[f"foot_lift_mm/{leg.name}"] = 1e3 * _lift(clearance_of_leg)
     sliding_on_ground = np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0)
-    measures["slip"] = float(np.mean(sliding_on_ground)) * dt / distance
+    metrics["slip"] = float(np.mean(sliding_on_ground)) * dt / distance
 
     tumbling = np.square(qvel[:, 3:5]).sum(axis=1)
-    measures["body_rate"] = float(np.sqrt(np.mean(tumbling)))
+    metrics["body_rate"] = float(np.sqrt(np.mean(tumbling)))
     power = float(np.mean(np.abs(torque * qvel[:, 6:]).sum(axis=1)))
-    measures["cost_of_transport"] = power / (robot.weight * pace)
-    return measures
+    metrics["cost_of_transport"] = power / (robot.weight * pace)
+    return metrics
 
 
-def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) -> dict[str, float]:
+def walk_metrics(robot: Robot, episode: Episode, forward: float, steps: int) -> dict[str, float]:
     """Measures of one walk straight ahead in a study, also of a short one.
 
     speed: forward displacement over the whole time, also after a fall [m/s]; upright: share of the
     time before a fall; drift: |final lateral displacement| [m], NaN after a fall; foot_lift_mm:
-    mean over the legs. For the others, and the arguments, see `gait_quality`. All measures are NaN
+    mean over the legs. For the others, and the arguments, see `gait_quality`. All metrics are NaN
     if the simulation diverged, which is no fall.
     """
     if episode.fault:
@@ -135,17 +135,17 @@ def walk_measures(robot: Robot, episode: Episode, forward: float, steps: int) ->
 
     upright = share_upright(episode, steps)
     displacement = episode.displacement
-    measures = {
+    metrics = {
         "speed": float(displacement[0]) / (steps * robot.control_dt),
         "upright": upright,
         "drift": abs(float(displacement[1])) if upright == 1.0 else math.nan,
     }
     quality = gait_quality(robot, episode, forward, 0.0, steps)
     for name in _OF_STUDY:
-        measures[name] = quality.get(name, math.nan)
+        metrics[name] = quality.get(name, math.nan)
     lifts = [quality.get(f"foot_lift_mm/{leg.name}", math.nan) for leg in robot.legs]
-    measures["foot_lift_mm"] = float(np.mean(lifts))
-    return measures
+    metrics["foot_lift_mm"] = float(np.mean(lifts))
+    return metrics
 
 
 def _motion_of(robot: Robot, trace: np.ndarray) -> np.ndarray:
@@ -215,13 +215,13 @@ def _lift(clearance: np.ndarray) -> float:
 
 
 def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Results:
-    """A row per finite measure of a policy ``model``; the lift has a row per leg.
+    """A row per finite metric of a policy ``model``; the lift has a row per leg.
 
     ``motors`` are own, twin or hard.
     """
     rows = []
-    for measure, value in quality.items():
-        name, _, leg = measure.partition("/")
+    for metric, value in quality.items():
+        name, _, leg = metric.partition("/")
         if math.isfinite(value):
             rows.append(Result(name, UNITS[name], value, model, motors, part=leg or None))
     return Results(rows)

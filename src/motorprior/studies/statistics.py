@@ -1,7 +1,7 @@
 """The table of the walks of a study, and its statistics for few policies per bench.
 
 A walk is a row with the seed of its bench, its environment, training condition, training seed,
-number ("walk"), and measures by name, see `gait_quality.walk_measures`. In one environment, walk k
+number ("walk"), and metrics by name, see `gait_quality.walk_metrics`. In one environment, walk k
 of every policy of a bench has the same floor, pushes and sensor noise. It also has the same motors,
 except for policies that were adapted to a robot: all their walks are on the motors of this robot.
 
@@ -25,8 +25,8 @@ from motorprior.results import Result, Results
 from motorprior.studies.environments import ENVIRONMENTS
 from motorprior.studies.gait_quality import UNITS
 
-REFERENCE = "sampled_prior"  # training condition with which the others are compared
-COMPARED = ("speed", "upright")  # measures that are compared
+SAMPLED_PRIOR = "sampled_prior"  # training condition with which the others are compared
+COMPARED = ("speed", "upright")  # metrics that are compared
 # environments in tables: the training simulation, and that of a training on out-of-family motors
 IN_TRAINING = "own"
 IN_TRAINING_OUT_OF_FAMILY = "own_out_of_family"
@@ -38,11 +38,11 @@ PERMUTATIONS = 20_000  # random assignments of a test
 _SEED = 0x57A7
 
 _KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}
-WalkRow: TypeAlias = dict[str, Any]  # _KEYS and measures, NaN if undefined
+WalkRow: TypeAlias = dict[str, Any]  # _KEYS and metrics, NaN if undefined
 # function from (..., scores) to the (...) statistics of the finite scores, NaN if there are none
 Statistic = Callable[[np.ndarray], np.ndarray]
 ConditionKey: TypeAlias = tuple[str, str]  # environment, training condition
-MeasureKey: TypeAlias = tuple[str, str, str]  # environment, training condition, measure
+MetricKey: TypeAlias = tuple[str, str, str]  # environment, training condition, metric
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -67,13 +67,13 @@ class Comparison:
 
 
 def write_walks(path: Path, walks: Sequence[WalkRow]) -> None:
-    """Write a CSV file, one row per walk; undefined measures are empty."""
+    """Write a CSV file, one row per walk; undefined metrics are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(walks[0])
     for walk in walks:
         cells = [walk[key] for key in _KEYS]
-        for name in _measures_of(walk):
+        for name in _metrics_of(walk):
             value = walk[name]
             cells.append("" if np.isnan(value) else f"{value:.6g}")
         writer.writerow(cells)
@@ -92,19 +92,19 @@ def read_walks(path: Path) -> list[WalkRow]:
     return walks
 
 
-def _measures_of(walk: WalkRow) -> list[str]:
+def _metrics_of(walk: WalkRow) -> list[str]:
     return [name for name in walk if name not in _KEYS]
 
 
-def scores(walks: Sequence[WalkRow], measure: str) -> np.ndarray:
-    """(benches, seeds, walks) values of one measure, for walks of one condition in one environment.
+def scores(walks: Sequence[WalkRow], metric: str) -> np.ndarray:
+    """(benches, seeds, walks) values of one metric, for walks of one condition in one environment.
 
     Benches, seeds and walks are in ascending order.
     """
     ordered = sorted(walks, key=lambda walk: (walk["bench"], walk["seed"], walk["walk"]))
     benches = {walk["bench"] for walk in walks}
     seeds = {walk["seed"] for walk in walks}
-    values = np.array([walk[measure] for walk in ordered])
+    values = np.array([walk[metric] for walk in ordered])
     return values.reshape(len(benches), len(seeds), -1)
 
 
@@ -137,12 +137,12 @@ def _masked_mean(scores: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return total / np.where(count > 0, count, np.nan)
 
 
-def statistic_of(measure: str) -> Statistic:
-    """Mean of the time upright; interquartile mean of other measures.
+def statistic_of(metric: str) -> Statistic:
+    """Mean of the time upright; interquartile mean of other metrics.
 
     An interquartile mean of the time upright would hide falls.
     """
-    return means if measure == "upright" else interquartile_means
+    return means if metric == "upright" else interquartile_means
 
 
 def estimate(scores: np.ndarray, statistic: Statistic = interquartile_means) -> Estimate:
@@ -234,44 +234,44 @@ def holm(p_values: Mapping[Key, float]) -> dict[Key, float]:
 
 @dataclass(frozen=True)
 class StudyStatistics:
-    """Statistics of a table of walks, by (environment, condition, measure)."""
+    """Statistics of a table of walks, by (environment, condition, metric)."""
 
     benches: tuple[int, ...]  # seeds of the benches
-    # mean over benches of `statistic_of` the measure, with its 95 % interval
-    estimates: dict[MeasureKey, Estimate]
-    by_bench: dict[MeasureKey, np.ndarray]  # (benches,) statistics of the COMPARED measures
+    # mean over benches of `statistic_of` the metric, with its 95 % interval
+    estimates: dict[MetricKey, Estimate]
+    by_bench: dict[MetricKey, np.ndarray]  # (benches,) statistics of the COMPARED metrics
     upright: dict[ConditionKey, np.ndarray]  # (benches, policies) mean time upright
     # comparison of a condition with the sampled prior; p is corrected for all these comparisons
-    differences: dict[MeasureKey, Comparison]
+    differences: dict[MetricKey, Comparison]
 
     def as_results(self) -> Results:
         """The statistics as rows.
 
-        ENVIRONMENT/CONDITION/MEASURE, with /low and /high, is an estimate. Names of the statistics
+        ENVIRONMENT/CONDITION/METRIC, with /low and /high, is an estimate. Names of the statistics
         of one bench begin with bench_SEED/. ENVIRONMENT/CONDITION/policies_upright is the share of
         policies that are upright for at least CONVERGED of the time.
-        ENVIRONMENT/CONDITION/MEASURE_p_against_sampled_prior is the p of a comparison.
+        ENVIRONMENT/CONDITION/METRIC_p_against_sampled_prior is the p of a comparison.
         """
         rows = []
-        for (env, condition, measure), interval in self.estimates.items():
-            name = f"{env}/{condition}/{measure}"
-            unit = UNITS[measure.partition("/")[0]]
+        for (env, condition, metric), interval in self.estimates.items():
+            name = f"{env}/{condition}/{metric}"
+            unit = UNITS[metric.partition("/")[0]]
             ends = {None: interval.value, "low": interval.low, "high": interval.high}
             for end, value in ends.items():
                 if np.isfinite(value):
                     rows.append(Result(name, unit, value, statistic=end))
 
-        for (env, condition, measure), values in self.by_bench.items():
+        for (env, condition, metric), values in self.by_bench.items():
             for bench, value in zip(self.benches, values, strict=True):
-                name = f"bench_{bench}/{env}/{condition}/{measure}"
-                rows.append(Result(name, UNITS[measure], float(value)))
+                name = f"bench_{bench}/{env}/{condition}/{metric}"
+                rows.append(Result(name, UNITS[metric], float(value)))
 
         for (env, condition), policies in self.upright.items():
             share = float(np.mean(policies >= CONVERGED))
             rows.append(Result(f"{env}/{condition}/policies_upright", "1", share))
 
-        for (env, condition, measure), comparison in self.differences.items():
-            name = f"{env}/{condition}/{measure}_p_against_{REFERENCE}"
+        for (env, condition, metric), comparison in self.differences.items():
+            name = f"{env}/{condition}/{metric}_p_against_{SAMPLED_PRIOR}"
             rows.append(Result(name, "1", comparison.p))
         return Results(rows)
 
@@ -279,27 +279,27 @@ class StudyStatistics:
 def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
     """Statistics of all walks."""
     cells = _cells(walks)
-    estimates: dict[MeasureKey, Estimate] = {}
-    by_bench: dict[MeasureKey, np.ndarray] = {}
+    estimates: dict[MetricKey, Estimate] = {}
+    by_bench: dict[MetricKey, np.ndarray] = {}
     upright: dict[ConditionKey, np.ndarray] = {}
-    differences: dict[MeasureKey, Comparison] = {}
+    differences: dict[MetricKey, Comparison] = {}
     for (env, condition), cell in cells.items():
-        for measure in _measures_of(cell[0]):
-            if any(np.isfinite(walk[measure]) for walk in cell):
-                estimates[env, condition, measure] = _estimate_of(cell, measure)
+        for metric in _metrics_of(cell[0]):
+            if any(np.isfinite(walk[metric]) for walk in cell):
+                estimates[env, condition, metric] = _estimate_of(cell, metric)
 
-        for measure in COMPARED:
-            values = scores(cell, measure)
+        for metric in COMPARED:
+            values = scores(cell, metric)
             scores_of_bench = values.reshape(len(values), -1)
-            statistic = statistic_of(measure)
-            by_bench[env, condition, measure] = statistic(scores_of_bench)
+            statistic = statistic_of(metric)
+            by_bench[env, condition, metric] = statistic(scores_of_bench)
         upright[env, condition] = means(scores(cell, "upright"))
 
-        reference = cells.get((env, REFERENCE))
-        if env in ENVIRONMENTS and condition != REFERENCE and reference is not None:
-            for measure in COMPARED:
-                differences[env, condition, measure] = compare_scores(
-                    scores(cell, measure), scores(reference, measure), statistic_of(measure)
+        walks_of_prior = cells.get((env, SAMPLED_PRIOR))
+        if env in ENVIRONMENTS and condition != SAMPLED_PRIOR and walks_of_prior is not None:
+            for metric in COMPARED:
+                differences[env, condition, metric] = compare_scores(
+                    scores(cell, metric), scores(walks_of_prior, metric), statistic_of(metric)
                 )
 
     benches = tuple(sorted({walk["bench"] for walk in walks}))
@@ -316,14 +316,14 @@ def _cells(walks: Iterable[WalkRow]) -> dict[ConditionKey, list[WalkRow]]:
     return {cell: cells[cell] for cell in order}
 
 
-def _estimate_of(walks: Sequence[WalkRow], measure: str) -> Estimate:
-    result = estimate(scores(walks, measure), statistic_of(measure))
-    if measure == "upright":  # a share
+def _estimate_of(walks: Sequence[WalkRow], metric: str) -> Estimate:
+    result = estimate(scores(walks, metric), statistic_of(metric))
+    if metric == "upright":  # a share
         return replace(result, low=max(0.0, result.low), high=min(1.0, result.high))
     return result
 
 
-def _corrected(differences: Mapping[MeasureKey, Comparison]) -> dict[MeasureKey, Comparison]:
+def _corrected(differences: Mapping[MetricKey, Comparison]) -> dict[MetricKey, Comparison]:
     """The comparisons, with p corrected for the number of comparisons."""
     p_values = holm({key: comparison.p for key, comparison in differences.items()})
     return {key: replace(comparison, p=p_values[key]) for key, comparison in differences.items()}

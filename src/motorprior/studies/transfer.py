@@ -43,7 +43,7 @@ from motorprior.studies.environments import (
     motors_of_walk,
     walk_seed,
 )
-from motorprior.studies.gait_quality import walk_measures
+from motorprior.studies.gait_quality import walk_metrics
 from motorprior.studies.statistics import (
     IN_TRAINING,
     IN_TRAINING_OUT_OF_FAMILY,
@@ -416,5 +416,5 @@ def _evaluate(
                 "seed": run.seed,
                 "walk": number,
             }
-            rows.append(row | walk_measures(robot, episode, bench.commanded, steps))
+            rows.append(row | walk_metrics(robot, episode, bench.commanded, steps))
     return rows
