@@ -161,13 +161,13 @@ def policies_of(settings: Settings, seed: int, robot: RobotCase) -> dict[str, Pa
     """Files of all policies for a robot; those of the prior are the same for all robots."""
     prior = motor_text("prior", file=settings.prior)
     posterior = partial(motor_text, "posterior", file=robot.posterior, prior=settings.prior)
-    before = train(settings, seed, settings.out / f"before_{seed}", prior)
+    trained_on_prior = train(settings, seed, settings.out / f"before_{seed}", prior)
 
     def continued(out: Path, motors: str) -> Path:
-        return train(settings, seed, out, motors, before)
+        return train(settings, seed, out, motors, trained_on_prior)
 
     return {
-        "before": before,
+        "before": trained_on_prior,
         CONTROL: continued(settings.out / f"{CONTROL}_{seed}", prior),
         "adapted": continued(robot.folder / f"adapted_{seed}", posterior(limit_follows_gain=False)),
         "current": continued(robot.folder / f"current_{seed}", posterior(limit_follows_gain=True)),

@@ -91,7 +91,7 @@ class Settings:
     kinds: tuple[str, ...] = KINDS
     # of identification, for the loss rollout; latent_network has the paper's network
     rollout_recipe: str = "rollout"
-    adam_steps: int | None = None  # of networks; those of their recipes if not given
+    adam_steps: int | None = None  # of networks; if not given, each recipe's number
     # of log of the held-out motors [s]; 0 measures on the training motors
     adapt_seconds: float = 10.0
     # of the curves [s]; none: leave them out
@@ -265,7 +265,7 @@ def _prior(
 def transfer(settings: Settings) -> dict[str, float]:
     """Time upright of policies in the environments TESTED, trained on samples of each kind's prior.
 
-    The priors are those of the loss rollout and seed 0; each of two benches has its own robots and
+    The priors were fitted with the loss rollout and seed 0; each of two benches has its own robots and
     disturbances.
     """
     if not settings.policies:

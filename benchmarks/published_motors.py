@@ -2,7 +2,7 @@
 
     python benchmarks/published_motors.py --data DIR --out runs/published
 
-DIR has the folders of `real_logs.py`; the logs are those of an SO-101. Errors are RMSE of free runs
+DIR has the folders of `real_logs.py`; the logs are of an SO-101. Errors are RMSE of free runs
 over whole held-out logs, means over joints [rad]. Published models are plain joints. Where a
 constant is not published, the value with the smallest error on these very logs is taken, so their
 figures are lower bounds.

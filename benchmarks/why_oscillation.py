@@ -165,12 +165,12 @@ def train(
     )
     armature = variant.armature * motors.armature
     damping = variant.damping * motors.kd
-    found = identify(
+    prior = identify(
         training_data(residual_log(log, armature, damping), preset, "bench"), preset, settings.seed
     )
     if preset.has_armature:
-        armature = found.model.armature(found.mean)
-    return Learned(found.model, found.mean, armature, damping), log
+        armature = prior.model.armature(prior.mean)
+    return Learned(prior.model, prior.mean, armature, damping), log
 
 
 def sensitivities(network: LatentNetwork, mean: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -237,10 +237,9 @@ def recorded_inputs(network: LatentNetwork, log: mp.MotorLog) -> np.ndarray:
     error = (log.position_target - log.joint_pos) / network.error_scale
     assert log.joint_vel is not None
     velocity = log.joint_vel / network.velocity_scale
-    parts = [
-        np.stack([channel[picked - age] for age in rows], axis=2) for channel in (error, velocity)
-    ]
-    return np.concatenate(parts, axis=2).transpose(1, 0, 2)
+    past_rows = picked - rows[:, None]  # (T, NUM_INPUTS)
+    histories = [np.moveaxis(channel[past_rows], 0, 2) for channel in (error, velocity)]
+    return np.concatenate(histories, axis=2).transpose(1, 0, 2)
 
 
 def chatter(actuator, load: float, seed: int) -> float:

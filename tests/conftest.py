@@ -36,7 +36,7 @@ LONGEST_FIRST = (
     "identification/test_train.py",
     "cli/test_documented_commands.py",
     "identification/test_recovery.py",
-    "identification/evaluation/test_reference.py",
+    "identification/evaluation/test_training_errors.py",
     "identification/latents/test_latent_fit.py",
     "identification/physics/test_motor_fit.py",
     "contracts/test_executors.py",

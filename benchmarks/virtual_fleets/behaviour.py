@@ -80,11 +80,10 @@ def behaviours(actuator: Actuator) -> np.ndarray:
         "stall torque": [stall_torque(actuator)],
         "peak speed": [peak_speed(actuator)],
     }
-    columns = [
-        np.round(x / RESOLUTION[name]) * RESOLUTION[name]
-        for name, group in features.items()
-        for x in group
-    ]
+    columns = []
+    for name, group in features.items():
+        for values in group:
+            columns.append(np.round(values / RESOLUTION[name]) * RESOLUTION[name])
     return np.stack(columns, axis=1)
 
 
@@ -130,10 +129,10 @@ def _step(
 
     It begins with the last sample before the step, and lasts ``duration`` [s].
     """
-    before = _count(STEP_SETTLE)
-    target = np.full(before + _count(duration), high)
-    target[:before] = low
-    return respond(actuator, target, inertia).joint_pos[before:]
+    rows_before_step = _count(STEP_SETTLE)
+    target = np.full(rows_before_step + _count(duration), high)
+    target[:rows_before_step] = low
+    return respond(actuator, target, inertia).joint_pos[rows_before_step:]
 
 
 def rise_time(actuator: Actuator) -> np.ndarray:

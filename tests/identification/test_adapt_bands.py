@@ -13,7 +13,7 @@ from motorprior.actuator.fit_metrics import (
 )
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.evaluation.reference import residual_scale
+from motorprior.evaluation.training_errors import residual_scale
 from motorprior.identification.presets import PRESETS
 from motorprior.logs.operations import moved
 from motorprior.priors.adapt import adapt_to

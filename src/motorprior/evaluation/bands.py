@@ -10,7 +10,7 @@ import numpy as np
 
 from motorprior.actuator.fit_metrics import RESIDUAL_LEVELS, FitMetrics
 from motorprior.actuator.motor_prior import MotorPrior
-from motorprior.evaluation.reference import speed_pool
+from motorprior.evaluation.training_errors import speed_pool
 from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import POSITION_SCALE, VELOCITY_SCALE, WindowRuns
 from motorprior.identification.windows import VEL

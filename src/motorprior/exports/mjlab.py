@@ -91,7 +91,7 @@ class MotorPriorActuator(Actuator):
         # tensors that share the memory of the motors
         self._torque = wp.to_torch(self._motors.torque).view(shape)
         self._damping = wp.to_torch(self._motors.damping).view(shape)
-        self._chosen = wp.to_torch(self._motors.chosen).view(shape)
+        self._sample_index = wp.to_torch(self._motors.sample_index).view(shape)
         self._waiting = wp.to_torch(self._motors.waiting).view(shape)
 
         joints = torch.arange(num_joints, device=device, dtype=torch.int32)
@@ -105,7 +105,7 @@ class MotorPriorActuator(Actuator):
         # sample k of joint j is column k·J + j
         robots = torch.randint_like(self._joints, self.cfg.samples)
         columns = robots * self._joints.shape[1] + self._joints
-        self._chosen[worlds] = columns[worlds]
+        self._sample_index[worlds] = columns[worlds]
         self._waiting[worlds] = True
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:

@@ -42,8 +42,10 @@ class Exported:
     def __str__(self) -> str:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
         if self.gains is not None:
-            kp, kd = (f"{value:.4g}" for value in self.gains)
-            text = f"kp {kp}" if kd == kp else f"kp {kp} and kd {kd}"
+            kp, kd = self.gains
+            text = f"kp {kp:.4g}"
+            if f"{kd:.4g}" != f"{kp:.4g}":
+                text += f" and kd {kd:.4g}"
             lines.append(f"motors at {text}, in the unit of their logs")
         if self.plain:
             lines.append(

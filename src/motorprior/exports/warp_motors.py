@@ -135,7 +135,10 @@ def traced_step(terms: tuple[str, ...]) -> str:
     constants = StepConstants(*(new(f"table.data[{row} * n + i]") for row in range(num_constants)))
     state = MotorState(*(new(f"memory.data[{row} * n + i]") for row in range(num_states)))
 
-    target, q, dq, h = (Symbol(code, name) for name in ("target", "q", "dq", "h"))
+    target = Symbol(code, "target")
+    q = Symbol(code, "q")
+    dq = Symbol(code, "dq")
+    h = Symbol(code, "h")
     state, torque, damping = step(constants, state, target, q, dq, h, SYMBOLS, terms)
 
     # write the state and the results
@@ -185,7 +188,7 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
     @wp.kernel(module="unique")
     def motors_step(
         samples: Rows,
-        chosen: Indices,
+        sample_index: Indices,
         waiting: Mask,
         table: Rows,
         memory: Rows,
@@ -204,7 +207,7 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
             waiting[i] = False
             clock[i] = 0
             for row in range(table.shape[0]):
-                table[row, i] = samples[row, chosen[i]]
+                table[row, i] = samples[row, sample_index[i]]
             for row in range(memory.shape[0]):
                 memory[row, i] = wp.where(row < wp.static(LINE), 0.0, joint_pos[i])
             memory[0, i] = joint_pos[i]
@@ -221,7 +224,7 @@ class WarpMotors:
     """n motors on a device of Warp.
 
     To restart motors, set their elements of ``waiting`` (n,): they begin their next step at rest at
-    its joint angle, as the columns ``chosen`` (n,) of the samples. All motors wait at first.
+    its joint angle, as the columns ``sample_index`` (n,) of the samples. All motors wait at first.
 
     Args:
         samples: motors to choose from.
@@ -251,7 +254,7 @@ class WarpMotors:
 
         self.waiting = wp.full(count, True, dtype=wp.bool, device=device)
         first_samples = np.arange(count) % samples.num_motors
-        self.chosen = wp.array(first_samples, dtype=int, device=device)
+        self.sample_index = wp.array(first_samples, dtype=int, device=device)
 
     def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
         """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
@@ -261,7 +264,7 @@ class WarpMotors:
         """
         inputs = [
             self._samples,
-            self.chosen,
+            self.sample_index,
             self.waiting,
             self.table,
             self.memory,

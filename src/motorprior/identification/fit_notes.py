@@ -20,7 +20,7 @@ _MAX_NAMES = 6  # joints that a note lists
 def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
     """Note on the optional terms of the recipe, and warnings of operating conditions it ignores.
 
-    ``tried`` says whether terms were tried.
+    ``tried`` states whether terms were tried.
     """
     names = []
     for name in recipe.terms:

@@ -13,7 +13,7 @@ from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import SIGNED, TERMS
 from motorprior.evaluation.errors import evaluate_replay, notes_on_log, replay_errors
 from motorprior.evaluation.outliers import Outliers, loss_p_value, outliers
-from motorprior.evaluation.reference import residual_scale, windows_per_block
+from motorprior.evaluation.training_errors import residual_scale, windows_per_block
 from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import Recipe, recipe_of

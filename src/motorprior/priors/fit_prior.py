@@ -15,7 +15,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import SPREAD, MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bounds import require_seed
-from motorprior.evaluation import reference
+from motorprior.evaluation import training_errors
 from motorprior.evaluation.errors import (
     MAX_UNEXPLAINED,
     PRIOR,
@@ -183,9 +183,9 @@ def _fitted(
         result.metrics,
         final_loss=float(result.losses[-1]),
         minutes_of_log=log.duration / 60 * log.num_joints,
-        aggregate_posterior_kl=reference.aggregate_posterior_kl(mean, log_var),
+        aggregate_posterior_kl=training_errors.aggregate_posterior_kl(mean, log_var),
     )
-    metrics = reference.with_training_errors(metrics, model, data, recipe, mean, log)
+    metrics = training_errors.with_training_errors(metrics, model, data, recipe, mean, log)
     for note in result.notes:
         progress.report(note)
 
@@ -197,8 +197,10 @@ def _fitted(
         metrics = replace(metrics, replay_rmse=replay_rmse, unexplained=unexplained)
 
         replayed, velocity = replay_errors(model.motors(mean), log, recipe.nominal_conditions)
-        misfit = reference.residual_scale(metrics.residuals, replayed, velocity)
-        growth, growth_std = reference.residual_growth(metrics, model, mean, classes, log, recipe)
+        misfit = training_errors.residual_scale(metrics.residuals, replayed, velocity)
+        growth, growth_std = training_errors.residual_growth(
+            metrics, model, mean, classes, log, recipe
+        )
         metrics = replace(metrics, residual_growth=growth, residual_growth_std=growth_std)
 
         factor = _std_factor(unexplained)

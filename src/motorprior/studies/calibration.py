@@ -206,7 +206,8 @@ class _CentreProblem:
     Gaussian prior.
     """
 
-    count = observations = 1
+    count = 1
+    observations = 1
 
     def __init__(self, problem: FleetProblem, logs: Sequence[str]):
         self._problem = problem

@@ -94,7 +94,7 @@ class Replayer:
 
     def __init__(self, log: MotorLog, robot: Robot):
         if log.joint_names != robot.joint_names:
-            problem = f"joints {list(log.joint_names)} are not those of {robot.name}"
+            problem = f"joints {list(log.joint_names)} are not the joints of {robot.name}"
             raise LogError(problem, where=log.source, remedy=f"needs {robot.joint_names}")
         if logged_constants(log):
             gains = np.array([segment.gains for segment in log.segments()])

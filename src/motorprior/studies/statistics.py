@@ -7,7 +7,7 @@ except for policies that were adapted to a robot: all their walks are on the mot
 
 Scores are (benches, policies, walks), NaN if undefined. Benches are random effects: the interval of
 a mean over benches includes the variation between benches, policies and walks. With a single bench,
-the interval is that of the mean over walks; it excludes the variation between trainings.
+the interval is about the mean over walks; it excludes the variation between trainings.
 """
 
 import csv
@@ -27,7 +27,7 @@ from motorprior.studies.gait_quality import UNITS
 
 SAMPLED_PRIOR = "sampled_prior"  # training condition with which the others are compared
 COMPARED = ("speed", "upright")  # metrics that are compared
-# environments in tables: the training simulation, and that of a training on out-of-family motors
+# environments in tables: the training simulations with in-family and out-of-family motors
 IN_TRAINING = "own"
 IN_TRAINING_OUT_OF_FAMILY = "own_out_of_family"
 ALL_ENVIRONMENTS = (IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY, *ENVIRONMENTS)
@@ -59,7 +59,7 @@ class Estimate:
 class Comparison:
     """A training condition compared with a second one in the same environment."""
 
-    difference: Estimate  # statistic of the first condition minus that of the second
+    difference: Estimate  # first condition's statistic minus the second's
     p: float  # two-sided p of the permutation test, see `permutation_p`
 
 
@@ -155,11 +155,11 @@ def estimate(scores: np.ndarray, statistic: Statistic = interquartile_means) -> 
 
 
 def compare_scores(
-    one: np.ndarray, two: np.ndarray, statistic: Statistic = interquartile_means
+    first: np.ndarray, second: np.ndarray, statistic: Statistic = interquartile_means
 ) -> Comparison:
     """Compare the scores of two training conditions in one environment, on the same benches."""
-    differences = _independent_values(one, statistic) - _independent_values(two, statistic)
-    p = permutation_p(statistic(one), statistic(two))
+    differences = _independent_values(first, statistic) - _independent_values(second, statistic)
+    p = permutation_p(statistic(first), statistic(second))
     return Comparison(_interval(differences), p)
 
 
@@ -189,7 +189,7 @@ def _interval(values: np.ndarray) -> Estimate:
     return Estimate(mean, mean - reach, mean + reach)
 
 
-def permutation_p(one: np.ndarray, two: np.ndarray) -> float:
+def permutation_p(first: np.ndarray, second: np.ndarray) -> float:
     """Two-sided permutation p of no difference between two training conditions (Pitman 1937).
 
     Arguments are scores (benches, policies) without NaN. A random assignment assigns the scores of
@@ -198,22 +198,22 @@ def permutation_p(one: np.ndarray, two: np.ndarray) -> float:
     single policy per condition. p is about these benches, while the interval of the difference
     includes the variation between benches.
     """
-    both = np.concatenate([one, two], axis=1)
-    num_policies = both.shape[1]
+    all_scores = np.concatenate([first, second], axis=1)
+    num_policies = all_scores.shape[1]
     if num_policies < 3:
         return 1.0
 
     rng = np.random.default_rng(_SEED)
-    unshuffled = np.broadcast_to(np.arange(num_policies), (PERMUTATIONS, *both.shape))
+    unshuffled = np.broadcast_to(np.arange(num_policies), (PERMUTATIONS, *all_scores.shape))
     order = rng.permuted(unshuffled, axis=-1)  # (permutations, benches, policies) indices
-    actual = both[None]
+    actual = all_scores[None]
     shuffled = np.take_along_axis(actual, order, axis=-1)
     assignments = np.concatenate([actual, shuffled])
 
-    is_one = np.arange(num_policies) < one.shape[1]
-    means_of_one = means(assignments[..., is_one])
-    means_of_two = means(assignments[..., ~is_one])
-    differences = np.abs(means(means_of_one - means_of_two))
+    is_first = np.arange(num_policies) < first.shape[1]
+    means_of_first = means(assignments[..., is_first])
+    means_of_second = means(assignments[..., ~is_first])
+    differences = np.abs(means(means_of_first - means_of_second))
     return float(np.mean(differences >= differences[0] - 1e-12))
 
 

@@ -400,10 +400,10 @@ def _evaluate(
         environment = ENVIRONMENTS[name]
         fleet = load_robot_fleet(robot, bench.fleet_of(environment.population))
         motors = partial(motors_of_walk, robot, fleet, bench.seed, run.robot_number)
-        walk_there = replace(
+        walk_in_environment = replace(
             walk, randomization=environment.randomization, engine=environment.engine
         )
-        scene = held_out_scene(robot, fleet, walk_there)
+        scene = held_out_scene(robot, fleet, walk_in_environment)
         episodes[name] = run_walks(scene, policy, numbers, seed_of_walk, motors, executor)
 
     rows = []

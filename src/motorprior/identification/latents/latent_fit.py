@@ -68,7 +68,7 @@ def fit_posterior(
         data: logs of M motors, with the scales of the model.
         recipe: recipe of the prior.
         temperature: T, the mean window loss of the prior's training motors
-            (`evaluation.reference.loss_statistics`).
+            (`evaluation.training_errors.loss_statistics`).
         start: (M, Z) initial latents; a random search finds them if they are not given.
         prior: mean and standard deviation of z, (M, Z) each; N(0, I) if not given.
     """

@@ -334,16 +334,18 @@ def angle_limits(log: MotorLog, robot: Robot | None = None) -> Iterator[Finding]
 
 
 def _unknown_limits(log: MotorLog, limits: np.ndarray) -> Iterator[Finding]:
-    joints = [
-        joint for joint, ends in zip(log.joint_names, limits, strict=True) if np.isnan(ends).any()
-    ]
-    if joints:
-        message = f"the robot has no limits for {', '.join(joints)}"
-        remedy = (
-            f"rename the joints in the file, or {IN_MAP} by name; or give the robot that was "
-            "recorded"
-        )
-        yield Finding("info", "limits", len(joints), message, remedy)
+    joints = []
+    for joint, ends in zip(log.joint_names, limits, strict=True):
+        if np.isnan(ends).any():
+            joints.append(joint)
+    if not joints:
+        return
+
+    message = f"the robot has no limits for {', '.join(joints)}"
+    remedy = (
+        f"rename the joints in the file, or {IN_MAP} by name; or give the robot that was recorded"
+    )
+    yield Finding("info", "limits", len(joints), message, remedy)
 
 
 def _large_angle(

@@ -152,9 +152,9 @@ def residual_growth(
         motors = model.motors(posterior.mean)
         nominal = recipe.nominal_conditions
         percentiles = metrics.residuals
-        at_first = residual_scale(percentiles, *replay_errors(motors, first, nominal))
-        at_second = residual_scale(percentiles, *replay_errors(motors, second, nominal))
-        log_ratio = np.log(at_second / at_first)[moved(first) & moved(second)]
+        scale_of_first = residual_scale(percentiles, *replay_errors(motors, first, nominal))
+        scale_of_second = residual_scale(percentiles, *replay_errors(motors, second, nominal))
+        log_ratio = np.log(scale_of_second / scale_of_first)[moved(first) & moved(second)]
 
     growth = max(0.0, float(np.median(log_ratio))) if len(log_ratio) else 0.0
     scatter = float(np.sum((log_ratio - growth) ** 2)) + ASSUMED_MOTORS * ASSUMED_GROWTH_STD**2

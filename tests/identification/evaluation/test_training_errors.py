@@ -5,7 +5,7 @@ from collections import defaultdict
 import numpy as np
 
 from motorprior.evaluation.outliers import loss_p_value
-from motorprior.evaluation.reference import loss_statistics, windows_per_block
+from motorprior.evaluation.training_errors import loss_statistics, windows_per_block
 from motorprior.identification.presets import identification_preset
 
 RECIPE = identification_preset("rollout")
