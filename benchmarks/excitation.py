@@ -265,8 +265,8 @@ def _prior(
 def transfer(settings: Settings) -> dict[str, float]:
     """Time upright of policies in the environments TESTED, trained on samples of each kind's prior.
 
-    The priors were fitted with the loss rollout and seed 0; each of two benches has its own robots and
-    disturbances.
+    The priors were fitted with the loss rollout and seed 0; each of two benches has its own robots
+    and disturbances.
     """
     if not settings.policies:
         return {}

@@ -56,8 +56,8 @@ def headline(summary: StudyStatistics) -> str:
     return (
         f"{first}Time upright on held-out robots: {_percent(summary, SAMPLED_PRIOR)} after "
         f"training on samples of the prior; {_percent(summary, 'adapted_prior')} on the prior "
-        f"adapted to {LOG_SECONDS:g} s of log of the robot; {_percent(summary, 'ideal_pd')} on an ideal PD; "
-        f"{_percent(summary, best)} on the best baseline, the {best_label}."
+        f"adapted to {LOG_SECONDS:g} s of log of the robot; {_percent(summary, 'ideal_pd')} on "
+        f"an ideal PD; {_percent(summary, best)} on the best baseline, the {best_label}."
     )
 
 
