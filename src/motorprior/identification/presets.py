@@ -1,7 +1,7 @@
 """Named recipes of identification."""
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,15 @@ from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, t
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, channels
+
+
+class LoggedCondition(NamedTuple):
+    """Values of one of OPERATING_CONDITIONS in the logs [V], [°C]."""
+
+    name: str
+    lowest: float  # minimum over the means of the segments
+    nominal: float  # median of all rows
+    highest: float  # maximum over the means of the segments
 
 
 @dataclass(frozen=True)
@@ -59,9 +68,8 @@ class Recipe:
     # names and values [SI] of the logged registers (`MotorLog.firmware`), 0 if off; they are not
     # fitted
     firmware: tuple[tuple[str, float], ...] = ()
-    # logged OPERATING_CONDITIONS: name, minimum over the segment means, median and maximum over the
-    # segment means [V], [°C]; the fitted constants are those at the medians
-    operating_conditions: tuple[tuple[str, float, float, float], ...] = ()
+    # the fitted constants are about the nominal operating conditions
+    operating_conditions: tuple[LoggedCondition, ...] = ()
     # after the training, make latents N(0, 1) over the motors, with Laplace posteriors
     # (`standard_posterior`)
     standardise: bool = False
@@ -74,7 +82,7 @@ class Recipe:
     @property
     def nominal_conditions(self) -> dict[str, float]:
         """Medians of the logged operating conditions by channel."""
-        return {name: nominal for name, _, nominal, _ in self.operating_conditions}
+        return {condition.name: condition.nominal for condition in self.operating_conditions}
 
     @property
     def logged_terms(self) -> tuple[str, ...]:
@@ -203,6 +211,9 @@ def recipe_of(prior: MotorPrior) -> Recipe:
         if entries.keys() != _RECIPE_FIELDS.keys():
             raise KeyError("other entries")
         values = {_RECIPE_FIELDS[name]: _hashable(value) for name, value in entries.items()}
+        values["operating_conditions"] = tuple(
+            LoggedCondition(*condition) for condition in values["operating_conditions"]
+        )
         return Recipe(**values)
     except (KeyError, AttributeError, TypeError) as error:
         problem = f"its provenance does not hold a recipe of this version ({error})"
@@ -228,7 +239,9 @@ def with_logged_settings(recipe: Recipe, log: MotorLog) -> Recipe:
     for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):
         means = np.array([segment.operating_conditions[name] for segment in log.segments()])
         nominal = np.median(channels(log)[name])
-        operating_conditions.append((name, float(means.min()), float(nominal), float(means.max())))
+        operating_conditions.append(
+            LoggedCondition(name, float(means.min()), float(nominal), float(means.max()))
+        )
     return replace(
         recipe,
         firmware=tuple(sorted(log.firmware.items())),

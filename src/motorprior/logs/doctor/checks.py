@@ -98,7 +98,6 @@ def _with_followed_joint(finding: Finding, followed: str, is_exchanged: bool) ->
 
     ``followed`` is the name of this joint, or "" if the angle follows no other joint's command.
     """
-    is_sign = finding.remedy == response.OTHER_SIGN
     if followed:
         finding = replace(
             finding,
@@ -106,9 +105,9 @@ def _with_followed_joint(finding: Finding, followed: str, is_exchanged: bool) ->
             message=f"{finding.joint} follows the command of {followed}, not its own; "
             f"{finding.message}",
         )
-        if not is_sign and is_exchanged:
+        if not finding.is_sign_error and is_exchanged:
             return replace(finding, remedy=response.OTHER_ORDER)
     # what looks like an error of the sign may also be an error of the joint order
-    if followed or is_sign:
+    if followed or finding.is_sign_error:
         return replace(finding, remedy=response.COMPARE_JOINTS)
     return finding

@@ -19,6 +19,7 @@ class Finding:
     remedy: str = ""
     joint: str | None = None  # None if the finding is about the whole log
     row: int = 0  # the first row with the finding
+    is_sign_error: bool = False  # the angle clearly moves against its command
 
     def __str__(self) -> str:
         return f"{self.message} -> {self.remedy}" if self.remedy else self.message

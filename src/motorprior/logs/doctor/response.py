@@ -265,8 +265,16 @@ def _tracking(window: MotorLog, peaks: Peaks) -> Finding:
     can_oppose = negative_peak < -MIN_CORRELATION and opposed_delay * period < MAX_LAG
     positive_peak_in_time = positive_peak if seconds < MAX_LAG else 0.0
     if can_oppose and -negative_peak - positive_peak_in_time > 0.1:
-        remedy = OTHER_SIGN if -negative_peak > CERTAIN_CORRELATION else COMPARE_JOINTS
-        return Finding("error", "tracking", negative_peak, f"{joint} {against}", remedy, joint)
+        is_certain = -negative_peak > CERTAIN_CORRELATION
+        return Finding(
+            "error",
+            "tracking",
+            negative_peak,
+            f"{joint} {against}",
+            OTHER_SIGN if is_certain else COMPARE_JOINTS,
+            joint,
+            is_sign_error=is_certain,
+        )
 
     if positive_peak < MIN_CORRELATION:
         message = f"{described}, below {MIN_CORRELATION}"
