@@ -3,8 +3,8 @@
     import gymnasium, motorprior.environments
     env = gymnasium.make("motorprior/Walk-v0", engine="mujoco", motors="prior:prior.safetensors")
 
-Options, observations and actions are those of ``motorprior walk``, except two defaults: the motors
-are the physical ones of the robot's fleet, and nothing else is randomized. A fatal error of MuJoCo
+It has the options, observations and actions of ``motorprior walk``, except two defaults: the robot
+has the physical motors of its fleet, and nothing else is randomized. A fatal error of MuJoCo
 (out of memory, a broken model) ends the process, since compiled code cannot raise: save your
 training from time to time.
 """

@@ -11,7 +11,9 @@ _MAX_LETTERS = 160  # maximum length of a fact
 def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Aligned columns, the first to the left."""
     cells = [list(columns), *map(list, rows)]
-    widths = [max(len(row[column]) for row in cells) for column in range(len(columns))]
+    widths = []
+    for column in range(len(columns)):
+        widths.append(max(len(row[column]) for row in cells))
 
     def line(row: Sequence[str]) -> str:
         aligned = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]

@@ -113,7 +113,7 @@ def _coverage(
                 motors_with_logged_gains(fleet.sample(log.num_joints, rng), log)
                 for _ in range(config.samples)
             ]
-            samples = [replayer.joint_pos(each.actuator()) for each in motors]
+            samples = [replayer.joint_pos(sample.actuator()) for sample in motors]
             low, high = band(np.array(samples), 90)
             is_inside = (log.joint_pos >= low) & (log.joint_pos <= high)
             share = float(is_inside[replayer.compared][:, replayer.excited].mean())

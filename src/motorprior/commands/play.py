@@ -67,7 +67,8 @@ def run_play(config: Play, progress: Progress = SILENT) -> tuple[Path, Results]:
         for name, path in _paths_by_name(config.policies).items()
     }
 
-    gait = with_shared_speeds(robot, (each.policy for each in policies.values())).require_gait()
+    shared_speeds = with_shared_speeds(robot, (trained.policy for trained in policies.values()))
+    gait = shared_speeds.require_gait()
     forward = gait.forward[1] if config.forward is None else config.forward
     require_number("forward", forward, *gait.forward)
     require_number("yaw_rate", config.yaw_rate, -gait.yaw_rate, gait.yaw_rate)

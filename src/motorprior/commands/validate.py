@@ -6,6 +6,7 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior, prior_path
 from motorprior.artifacts import write_text
 from motorprior.evaluation.free_runs import Validation
+from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.readers.motor_log_file import read_parquet
 from motorprior.priors.adapt import note_training_log
 from motorprior.priors.prior_file import load_prior
@@ -41,13 +42,19 @@ class Validate:
     """Seed of the searches and initial weights of the baselines."""
 
 
+def _log_at(path: Path) -> MotorLog:
+    """The log in a file, with its path as source."""
+    return replace(read_parquet(path), source=str(path))
+
+
 def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
     """Call `validate`, and write its results and a page; read the results of a finished stage.
 
     Raises the errors of `validate`, and ArtifactError or LogError for an unreadable file.
     """
     paths = (config.log, *config.fitted_on)
-    log, *fitted_on = (replace(read_parquet(path), source=str(path)) for path in paths)
+    log = _log_at(config.log)
+    fitted_on = [_log_at(path) for path in config.fitted_on]
     prior = load_prior(config.prior, log)
 
     stage = description("validate", asdict(config), [prior_path(config.prior), *paths])

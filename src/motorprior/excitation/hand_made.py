@@ -103,9 +103,9 @@ def impacts(rng: Rng, steps: int, dt: float) -> np.ndarray:
     return torque
 
 
-def zero_order_hold(targets: np.ndarray, every: int) -> np.ndarray:
-    """Zero-order hold over ``every`` steps, like the targets of a 100 Hz policy."""
-    return targets[(np.arange(len(targets)) // every) * every]
+def zero_order_hold(targets: np.ndarray, hold_steps: int) -> np.ndarray:
+    """Zero-order hold over ``hold_steps`` steps, like the targets of a 100 Hz policy."""
+    return targets[(np.arange(len(targets)) // hold_steps) * hold_steps]
 
 
 def _wandering(rng: Rng, steps: int, dt: float, low: float, high: float) -> np.ndarray:

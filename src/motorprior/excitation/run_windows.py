@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import inf
 
 import numpy as np
@@ -70,10 +71,10 @@ def windows_of(
 
     load_ranges = [_load_range(windows) for windows in windows_by_class.values()]
     saved_windows = [_thinned(windows) for windows in windows_by_class.values()]
-    frames_of_classes = [
-        np.stack([window.frames for window in windows]) for windows in saved_windows
-    ]
-    all_windows = [window for windows in saved_windows for window in windows]
+    frames_of_classes = []
+    for windows in saved_windows:
+        frames_of_classes.append(np.stack([window.frames for window in windows]))
+    all_windows = list(chain.from_iterable(saved_windows))
     all_frames = np.concatenate(frames_of_classes)
 
     trained_on = [

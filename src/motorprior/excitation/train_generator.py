@@ -70,7 +70,7 @@ def train_generator(
     identity: Mapping[str, Any] | None = None,
     report: ReportProgress = lambda count, text: None,
 ) -> dict[str, np.ndarray]:
-    """Weights of a generator of windows like those of ``runs``; deterministic.
+    """Weights of a generator of windows like the windows of ``runs``; deterministic.
 
     The state after every CHUNK steps is in the file ``checkpoint``; a call with the same
     ``identity`` continues there.

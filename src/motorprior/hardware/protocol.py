@@ -5,8 +5,8 @@
 
 The robot also sends lines of plain text between frames.
 
-The payload is msgpack with numbers as float32. Keys and units are those of the firmware
-Nate711/DJIPupperTests (MIT). Angles have the robot's own signs.
+The payload is msgpack with numbers as float32. The firmware Nate711/DJIPupperTests (MIT) defines
+keys and units. Angles have the robot's own signs.
 
 There is no checksum. A frame is accepted if its length is possible, its end marker is in place and
 its payload decodes; otherwise the reader skips one byte and searches on. The result does not depend

@@ -71,6 +71,7 @@ class WalkerArrays(NamedTuple):
 def walker_arrays(robot: Robot) -> WalkerArrays:
     """The arrays of a legged robot; ConfigError if it cannot walk."""
     gait = robot.require_gait()
+
     return WalkerArrays(
         control_dt=robot.control_dt,
         nominal_pose=robot.nominal_pose,

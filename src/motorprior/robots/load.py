@@ -191,6 +191,7 @@ def _joints(
             )
             remedy = "give an angle within the limits of the model"
             raise ArtifactError(problem, where=where, remedy=remedy)
+
         joint = Joint(
             name=name,
             lower=lower,

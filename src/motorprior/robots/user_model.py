@@ -97,6 +97,7 @@ class UserModel:
             raise
         except Exception as error:  # ValueError, FatalError or MemoryError
             raise cannot_read(path, str(error)) from error
+
         if self._model.nu and not removes_actuators:
             first = self._model.actuator(0).name
             problem = (

@@ -1,6 +1,6 @@
 """One robot in PyBullet, the paper's engine.
 
-Links, motors and clocks are those of `world`; the solver differs.
+It has the links, motors and clocks of `world`, and another solver.
 
 Bullet has no reflected inertia and integrates joint damping explicitly, which is unstable on a
 light leg. So each rotor is a link of its own that a gear constraint couples to the joint (the

@@ -111,6 +111,7 @@ class Randomization:
         joints = robot.num_joints
         jitter_steps = episode_steps if self.command_jitter else 0
         up = self._up(rng)
+
         return Domain(
             armature=rng.uniform(*self.armature, joints),
             damping=rng.uniform(*self.damping, joints),

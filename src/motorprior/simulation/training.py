@@ -297,8 +297,8 @@ class Training:
 
             def started(scene: Scene) -> Executor:
                 make_simulator = partial(simulator_of, scene)
-                made = make_executor(make_simulator, workers, executor, ray_address)
-                return stack.enter_context(closing(made))
+                new_executor = make_executor(make_simulator, workers, executor, ray_address)
+                return stack.enter_context(closing(new_executor))
 
             trainer = started(self._training_scene)
             evaluator = None

@@ -116,6 +116,7 @@ class World:
         """Views of the engine's memory; ``damping`` is the view of the joints' damping."""
         max_age = 2.0 * MAX_DELAY  # delay and jitter
         rows = int(np.ceil(max_age / self.control_dt)) + 1
+
         return WorldArrays(
             step=self._mj_step_address,
             model=self.model._address,
