@@ -1,7 +1,7 @@
-"""The Warp kernel, and the actuators of mjlab and Newton, against the compiled motors; skipped without these."""
+"""The Warp kernel and the actuators of mjlab and Newton move as the compiled motors."""
 
-# pyright: reportMissingImports=false, reportAttributeAccessIssue=false,
-# reportOptionalMemberAccess=false
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+# pyright: reportOptionalMemberAccess=false
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +18,30 @@ from motorprior.exceptions import ConfigError  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
 
 CENTRAL = INITIAL | {
-    "kp": 9.0, "kd_over_kp": 0.09, "velocity_filter": 0.005, "delay": 0.006, "torque_limit": 1.5, "armature": 0.003,
-    "coulomb": 0.1, "stribeck_torque": 0.02, "viscous_damping": 0.005, "load_friction": 0.2, "gear_stiffness": 80.0,
-    "backlash": 0.01, "gear_damping": 0.02,
-}  # fmt: skip
+    "kp": 9.0,
+    "kd_over_kp": 0.09,
+    "velocity_filter": 0.005,
+    "delay": 0.006,
+    "torque_limit": 1.5,
+    "armature": 0.003,
+    "coulomb": 0.1,
+    "stribeck_torque": 0.02,
+    "viscous_damping": 0.005,
+    "load_friction": 0.2,
+    "gear_stiffness": 80.0,
+    "backlash": 0.01,
+    "gear_damping": 0.02,
+}
+"""Constants of the central motor in SI units."""
 
 
 def prior_of(terms: tuple[str, ...] = ()) -> MotorPrior:
+    """A prior around the central motor, with these optional dynamics terms."""
     names = parameters_of(terms)
-    center = np.array([0.0 if name in SIGNED else np.log(CENTRAL[name]) for name in names])
+    center = np.zeros(len(names))
+    for index, name in enumerate(names):
+        if name not in SIGNED:
+            center[index] = np.log(CENTRAL[name])
     model = GreyBox(center, 0.15 * np.eye(len(names)), bench.DT, terms)
     zeros = np.zeros((2, len(names)))
     return MotorPrior(model, zeros, zeros, "rollout", "rig", "a motor", {})
@@ -38,43 +53,48 @@ def motors_of_prior(count: int, terms: tuple[str, ...] = ()) -> GreyBoxActuator:
     return motors
 
 
-@pytest.mark.parametrize(
-    ("terms", "tolerance"), [((), 2e-3), *(((name,), 2e-2) for name in TERMS), (tuple(TERMS), 3e-2)]
-)
-def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...], tolerance: float):
+TOLERANCE = {(): 2e-3, tuple(TERMS): 3e-2} | {(term,): 2e-2 for term in TERMS}
+"""Largest difference of the angles [rad] by the optional terms of the motors."""
+
+
+@pytest.mark.parametrize("terms", TOLERANCE)
+def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...]):
     motors = motors_of_prior(bench.COUNT, terms)
-    # an encoder behind the backlash makes these motors oscillate, and any difference grows
-    # exponentially
+    # An encoder behind the backlash makes these motors oscillate, and any difference grows
+    # exponentially.
     steps = 200 if "output_encoder" in terms else bench.STEPS
-    ours, theirs = (
-        bench.free_run(make(motors), bench.COUNT, steps) for make in (bench.compiled, bench.kernel)
-    )
+
+    ours = bench.free_run(bench.compiled(motors), bench.COUNT, steps)
+    in_warp = bench.free_run(bench.kernel(motors), bench.COUNT, steps)
+
     assert np.abs(ours).max() > 0.3, "they move"
-    difference = np.abs(ours - theirs).max(axis=0)  # [rad]
+    difference = np.abs(ours - in_warp).max(axis=0)  # [rad]
     assert np.median(difference) < 1e-4
-    # float32: dry friction of some motors breaks away a step earlier or later
-    assert difference.max() < tolerance
+    # float32: dry friction of some motors breaks away a step earlier or later.
+    assert difference.max() < TOLERANCE[terms]
+
+
+def state_of_two(steps: int, motor_indices: tuple[int, int], restarts: bool = False) -> np.ndarray:
+    """(values, 2) states after these steps; the second motor may restart as motor 3 at step 20."""
+    motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
+    motors.chosen.assign(motor_indices)
+    target = bench.warp_array([0.3, 0.5])
+    joint_pos = bench.warp_array([0.0, 0.5])
+    joint_vel = bench.warp_array([0.0, 0.5])
+
+    for step in range(steps):
+        if restarts and step == 20:
+            motors.waiting.assign([False, True])
+            motors.chosen.assign([2, 3])
+        motors.step(target, joint_pos, joint_vel)
+
+    return np.concatenate([motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]])
 
 
 def test_only_waiting_motors_restart_as_the_chosen_ones():
-    def state_after(
-        steps: int, start: float, chosen: tuple[int, int], restarts: bool = False
-    ) -> np.ndarray:
-        motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
-        motors.chosen.assign(chosen)
-        given = [bench.warp_array([each, start]) for each in (0.3, 0.0, 0.0)]
-        for step in range(steps):
-            if restarts and step == 20:
-                motors.waiting.assign([False, True])
-                motors.chosen.assign([2, 3])
-            motors.step(*given)
-        return np.concatenate(
-            [motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]]
-        )
-
-    both = state_after(25, 0.5, (0, 1), restarts=True)
-    np.testing.assert_array_equal(both[:, 0], state_after(25, 0.5, (0, 1))[:, 0])
-    np.testing.assert_array_equal(both[:, 1], state_after(5, 0.5, (0, 3))[:, 1])
+    states = state_of_two(25, (0, 1), restarts=True)
+    np.testing.assert_array_equal(states[:, 0], state_of_two(25, (0, 1))[:, 0])
+    np.testing.assert_array_equal(states[:, 1], state_of_two(5, (0, 3))[:, 1])
 
 
 def with_constant(motors, name, value):
@@ -84,27 +104,34 @@ def with_constant(motors, name, value):
 
 
 def test_a_step_that_cannot_resolve_the_gear_is_refused():
+    stiff = with_constant(motors_of_prior(1), "gear_stiffness", 5000.0)
+    stiff = with_constant(stiff, "kp", 100.0)
+
     with pytest.raises(ConfigError, match="gear") as refused:
-        WarpMotors(
-            with_constant(with_constant(motors_of_prior(1), "gear_stiffness", 5000.0), "kp", 100.0),
-            1,
-            bench.DT,
-            "cpu",
-        )
-    assert "use a step of" in str(refused.value.remedy)
+        WarpMotors(stiff, 1, bench.DT, "cpu")
+
+    assert "step" in str(refused.value.remedy)
 
 
 def test_a_gear_that_is_softened_for_the_step_moves_as_ours():
     stiff = with_constant(motors_of_prior(2), "gear_stiffness", 5000.0)
-    ours, theirs = (bench.free_run(make(stiff), 2, 500) for make in (bench.compiled, bench.kernel))
-    assert np.abs(ours).max() > 0.3 and np.abs(ours - theirs).max() < 2e-3
+
+    ours = bench.free_run(bench.compiled(stiff), 2, 500)
+    in_warp = bench.free_run(bench.kernel(stiff), 2, 500)
+
+    assert np.abs(ours).max() > 0.3
+    assert np.abs(ours - in_warp).max() < 2e-3
 
 
 def test_newton_moves_the_joints_as_our_motors_do():
     pytest.importorskip("newton", reason="needs the extra newton")
     motors = motors_of_prior(3)
-    ours, theirs = (bench.free_run(make(motors), 3, 500) for make in (bench.explicit, bench.newton))
-    assert np.abs(ours).max() > 0.3 and bench.largest_difference(ours, theirs) < 1e-4
+
+    ours = bench.free_run(bench.explicit(motors), 3, 500)
+    in_newton = bench.free_run(bench.newton(motors), 3, 500)
+
+    assert np.abs(ours).max() > 0.3
+    assert bench.largest_difference(ours, in_newton) < 1e-4
 
 
 def test_newton_restarts_masked_motors():
@@ -128,12 +155,22 @@ def test_mjlab_has_other_motors_in_every_world_and_damps_each():
     assert per_world_damping().func.model_fields == ("dof_damping",)
     assert bench.mjlab_parity(prior_of(), 8, 400) < 1e-3
     torch.manual_seed(0)
-    angles, chosen, robot = bench.mjlab_run(prior_of(), 8, 300)
+    angles, motors_of_worlds, _ = bench.mjlab_run(prior_of(), 8, 300)
     assert np.ptp(angles[-1]) > 1e-3
-    assert len(set(chosen.tolist())) > 1
+    assert len(set(motors_of_worlds.tolist())) > 1
+
+
+def test_mjlab_chooses_other_motors_in_worlds_that_are_reset():
+    pytest.importorskip("mjlab", reason="needs the extra mjlab")
+    import torch
+
+    torch.manual_seed(0)
+    _, _, robot = bench.mjlab_run(prior_of(), 8, 300)
     actuator = robot.actuators[0]
-    before = actuator._chosen.clone()
+    first_choice = actuator._chosen.clone()
+
     robot.reset(torch.tensor([1, 5]))
+
     assert actuator._waiting.flatten().tolist() == [world in (1, 5) for world in range(8)]
     kept = [world for world in range(8) if world not in (1, 5)]
-    assert torch.equal(actuator._chosen[kept], before[kept])
+    assert torch.equal(actuator._chosen[kept], first_choice[kept])
