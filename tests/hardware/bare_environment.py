@@ -1,4 +1,4 @@
-"""`bare_environment.py MODULE ARGS…` or `-c CODE`, with the packages of the robot's own computer only."""
+"""Run MODULE ARGS… or -c CODE with the packages of the robot's own computer only."""
 
 import dataclasses
 import importlib.abc
@@ -17,7 +17,7 @@ def is_installed(name):
 
 
 class OnlyInstalled(importlib.abc.MetaPathFinder):
-    """Finds no other package."""
+    """Finder that rejects packages which the robot's computer lacks."""
 
     def find_spec(self, fullname, path=None, target=None):
         if not is_installed(fullname):
@@ -28,6 +28,8 @@ if __name__ == "__main__":
     sys.meta_path.insert(0, OnlyInstalled())
     importlib.util.find_spec = lambda name: find_spec(name) if is_installed(name) else None
     sys.argv = sys.argv[1:]
+
+    # Limits for a busy computer replace those of the shipped robot before they are imported.
     from motorprior.robots import shipped
 
     late = {
@@ -40,7 +42,8 @@ if __name__ == "__main__":
     (robot,) = shipped.SHIPPED
     wire = robot.require_wire()
     wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))
-    shipped.SHIPPED = (dataclasses.replace(robot, wire=wire),)  # before it is imported from there
+    shipped.SHIPPED = (dataclasses.replace(robot, wire=wire),)
+
     if sys.argv[0] == "-c":
         exec(sys.argv[1])
     else:

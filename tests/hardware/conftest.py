@@ -22,23 +22,27 @@ from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Robot
 from motorprior.simulation.simulated_robot import SimulatedRobot
 
-# For a busy computer; the real limits are tested in simulated time.
+# Limits for a busy computer; the real limits are tested in simulated time.
 PATIENT = replace(
     PUPPER_V2.require_wire().safety,
-    tick_delay=100.0, late_ticks=100, stalled_time=100.0, telemetry_age=0.5, watchdog=0.5,
-)  # fmt: skip
+    tick_delay=100.0,
+    late_ticks=100,
+    stalled_time=100.0,
+    telemetry_age=0.5,
+    watchdog=0.5,
+)
 
 
 @pytest.fixture(scope="session")
 def trot(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The policy of zero weights: it trots as commanded."""
+    """Path of the policy of zero weights, which trots as commanded."""
     path = tmp_path_factory.mktemp("policy") / "policy.safetensors"
     as_file_content(PolicyShape(12).untrained()).save(path)
     return path
 
 
 class ObservedFirmware(Firmware):
-    """Its ``events`` are (time on the monotonic clock [s], IDLE or "command"), one per command."""
+    """Firmware with ``events``: (monotonic time [s], IDLE or "command"), one per command."""
 
     def __init__(self, robot: Robot, body: SimulatedRobot):
         super().__init__(robot, body)
@@ -51,7 +55,7 @@ class ObservedFirmware(Firmware):
 
 @pytest.fixture
 def virtual() -> Iterator[Callable[..., VirtualRobot]]:
-    """Start a virtual Pupper that holds its pose at once, in a thread; all end with the test."""
+    """Function that starts a virtual Pupper in a thread; it ends with the test."""
     with ExitStack() as stack:
 
         def start() -> VirtualRobot:
@@ -69,39 +73,36 @@ def virtual() -> Iterator[Callable[..., VirtualRobot]]:
 
 @pytest.fixture
 def host() -> Iterator[Callable[[str], RobotLink]]:
-    """A host's side of a port; idle when the test ends."""
+    """Function that connects a host to a port; the host sends idle when the test ends."""
     with ExitStack() as stack:
 
         def connect(port: str) -> RobotLink:
-            made = stack.enter_context(RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), PATIENT))
-            made.receive(time.monotonic() + 0.15)
-            return made
+            link = RobotLink(PUPPER_V2, SerialLink(PUPPER_V2, port), PATIENT)
+            stack.enter_context(link)
+            link.receive(time.monotonic() + 0.15)
+            return link
 
         yield connect
 
 
 @pytest.fixture
 def when() -> Callable[..., float]:
-    """The first time [s, monotonic] after ``after`` at which a robot was sent a command of a kind."""
+    """Function for the monotonic time [s] of the first ``event`` of a robot after ``after``."""
 
-    def find(robot: Any, what: str, after: float = 0.0, patience: float = 5.0) -> float:
+    def find(robot: Any, event: str, after: float = 0.0, patience: float = 5.0) -> float:
         give_up = time.monotonic() + patience
         while time.monotonic() < give_up:
-            if times := [
-                at for at, event in list(robot.firmware.events) if event == what and at >= after
-            ]:
-                return times[0]
+            for at, event_of_robot in list(robot.firmware.events):
+                if event_of_robot == event and at >= after:
+                    return at
             time.sleep(0.005)
-        raise AssertionError(f"never {what}: {[event for _, event in robot.firmware.events][-5:]}")
+        raise AssertionError(f"never {event}: {robot.firmware.events[-5:]}")
 
     return find
 
 
 @pytest.fixture(scope="session")
 def bare_command() -> list[str]:
-    """The command line of the robot's computer, without numba and all the rest."""
-    return [
-        sys.executable,
-        str(Path(__file__).with_name("bare_environment.py")),
-        "motorprior.__main__",
-    ]
+    """The command line in the environment of the robot's computer."""
+    script = Path(__file__).with_name("bare_environment.py")
+    return [sys.executable, str(script), "motorprior.__main__"]

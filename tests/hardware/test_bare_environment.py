@@ -1,4 +1,4 @@
-"""The commands of the robot's own computer run with numpy, safetensors, pyserial, msgpack and tyro only."""
+"""The commands of the robot's computer need numpy, safetensors, pyserial, msgpack and tyro only."""
 
 import json
 import re
@@ -23,40 +23,63 @@ def in_bare_environment(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_every_module_of_hardware_can_be_imported_without_numba():
-    modules = [
-        f"motorprior.hardware.{file.stem}"
-        for file in Path(hardware.__file__).parent.glob("[a-z]*.py")
-    ]
+    files = Path(hardware.__file__).parent.glob("[a-z]*.py")
+    modules = [f"motorprior.hardware.{file.stem}" for file in files]
     assert len(modules) > 10
-    code = f"import importlib\nfor name in {modules}: importlib.import_module(name)\nprint('all')\nimport numba"
+    code = f"""
+import importlib
+for name in {modules}:
+    importlib.import_module(name)
+print('all')
+import numba
+"""
+
     done = in_bare_environment("-c", code)
-    assert done.stdout == "all\n" and "No module named 'numba'" in done.stderr
+
+    assert done.stdout == "all\n"
+    assert "No module named 'numba'" in done.stderr
 
 
-def test_the_command_states_what_a_robot_s_computer_can_do():
+def test_the_command_line_of_the_robots_computer_has_three_commands():
+    done = in_bare_environment("motorprior.__main__", "--help")
+    assert re.findall(r"^  (\w+) ", done.stdout, re.MULTILINE) == ["deploy", "record", "doctor"]
+
     done = in_bare_environment("motorprior.__main__", "record", "--help-all")
-    assert done.returncode == 0 and "--excitation" in done.stdout, done.stderr
-    commands = in_bare_environment("motorprior.__main__", "--help").stdout
-    assert re.findall(r"^  (\w+) ", commands, re.MULTILINE) == ["deploy", "record", "doctor"]
-    for other in (("walk", "--out", "x"), ("doctor", "--virtual")):
-        done = in_bare_environment("motorprior.__main__", *other)
-        assert done.returncode == 2 and "pip install" in done.stderr, done.stderr
+    assert done.returncode == 0, done.stderr
+    assert "--excitation" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [("walk", "--out", "x"), ("doctor", "--virtual")])
+def test_a_command_that_needs_more_packages_names_their_installation(arguments: tuple[str, ...]):
+    done = in_bare_environment("motorprior.__main__", *arguments)
+    assert done.returncode == 2, done.stderr
+    assert "pip install" in done.stderr
 
 
 @pytest.mark.real_time
-def test_a_dry_run_and_the_doctor_send_nothing(virtual: Callable, trot: Path, tmp_path: Path):
+def test_a_dry_run_sends_nothing(virtual: Callable, trot: Path):
     pupper = virtual()
-    given = ("deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3)
-    dry = in_bare_environment("motorprior.__main__", *given)
-    # 100 Hz for 0.3 s, and the last tick
-    steps = re.search(r"(\d+) control steps, nothing was sent", dry.stderr)
-    assert dry.returncode == 0 and steps and 29 <= int(steps[1]) <= 32, dry.stderr
-    doctor = in_bare_environment(
-        "motorprior.__main__", "doctor", "--port", pupper.port, "--seconds", 1
-    )
-    assert doctor.returncode == 0 and "IMU" in doctor.stderr and "RL_knee" in doctor.stderr, (
-        doctor.stderr
-    )
+    arguments = ("deploy", trot, "--port", pupper.port, "--dry-run", "--seconds", 0.3)
+
+    dry_run = in_bare_environment("motorprior.__main__", *arguments)
+
+    assert dry_run.returncode == 0, dry_run.stderr
+    steps = re.search(r"(\d+) control steps", dry_run.stderr)
+    assert steps is not None, dry_run.stderr
+    assert 29 <= int(steps[1]) <= 32  # 100 Hz for 0.3 s, and the last tick
+    assert not pupper.firmware.events
+
+
+@pytest.mark.real_time
+def test_the_doctor_sends_nothing_and_reports_imu_and_joints(virtual: Callable):
+    pupper = virtual()
+    arguments = ("doctor", "--port", pupper.port, "--seconds", 1)
+
+    doctor = in_bare_environment("motorprior.__main__", *arguments)
+
+    assert doctor.returncode == 0, doctor.stderr
+    assert "IMU" in doctor.stderr
+    assert "RL_knee" in doctor.stderr
     assert not pupper.firmware.events
 
 
@@ -65,8 +88,10 @@ def test_interpreted_and_compiled_formulas_agree(tmp_path: Path):
     path = tmp_path / "policy.safetensors"
     as_file_content(random_policy(0.3, seed=0, std=0.7, units=3)).save(path)
     code = Path(replay_policy.__file__).read_text() + f"print(json.dumps(replay({str(path)!r})))"
-    interpreted = in_bare_environment("-c", code)
-    assert interpreted.returncode == 0, interpreted.stderr
-    np.testing.assert_allclose(
-        json.loads(interpreted.stdout), replay_policy.replay(path), rtol=0, atol=1e-12
-    )
+
+    done = in_bare_environment("-c", code)
+
+    assert done.returncode == 0, done.stderr
+    interpreted = json.loads(done.stdout)
+    compiled = replay_policy.replay(path)
+    np.testing.assert_allclose(interpreted, compiled, rtol=0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""The operator: confirms arming, steers by keyboard and gamepad, stops."""
+"""The operator confirms arming, steers by keyboard and gamepad, and stops the robot."""
 
 import os
 import pty
@@ -24,7 +24,7 @@ HORIZONTAL = 0
 
 
 class Terminal:
-    """A process at a terminal of its own, and what it printed."""
+    """A process at its own terminal, with the bytes that it printed."""
 
     def __init__(self, command: list[str]):
         self._master, slave = pty.openpty()
@@ -46,25 +46,35 @@ class Terminal:
 
 
 @pytest.mark.real_time
-def test_arm_walk_and_sit_down_by_keys(
+def test_a_robot_is_not_armed_without_confirmation(
+    virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path
+):
+    robot = virtual()
+    arguments = ["deploy", str(trot), "--port", robot.port, "--out", str(tmp_path / "run")]
+
+    terminal = Terminal([*bare_command, *arguments])
+    terminal.read_until(b"press Enter")
+    terminal.type("no\n")
+
+    assert terminal.process.wait(timeout=10.0) == 2
+    assert not robot.firmware.events
+
+
+@pytest.mark.real_time
+def test_keys_arm_steer_and_stop_the_robot(
     virtual: Callable, bare_command: list[str], trot: Path, tmp_path: Path, when: Callable
 ):
     robot = virtual()
     arguments = ["deploy", str(trot), "--port", robot.port, "--out", str(tmp_path / "run")]
-    rejected = Terminal([*bare_command, *arguments])
-    rejected.read_until(b"press Enter")
-    rejected.type("no\n")
-    assert rejected.process.wait(timeout=10.0) == 2 and not robot.firmware.events
     terminal = Terminal([*bare_command, *arguments])
     try:
-        for words, keys in (
-            (b"press Enter", "arm\n"),
-            (b"+0.00 m/s", "wwwa"),
-            (b"+0.15 m/s +0.1 rad/s", "q"),
-            (b"stopped by operator", ""),
-        ):
-            terminal.read_until(words)
-            terminal.type(keys)
+        terminal.read_until(b"press Enter")
+        terminal.type("arm\n")
+        terminal.read_until(b"+0.00 m/s")
+        terminal.type("wwwa")
+        terminal.read_until(b"+0.15 m/s +0.1 rad/s")
+        terminal.type("q")
+        terminal.read_until(b"stopped by operator")
         assert terminal.process.wait(timeout=10.0) == 0
         when(robot, IDLE)
     finally:
@@ -72,15 +82,20 @@ def test_arm_walk_and_sit_down_by_keys(
         terminal.process.wait()
 
 
-def event(value: int, kind: int, number: int) -> bytes:
-    """Of a gamepad: time [ms], value, type, number."""
-    return struct.pack("<IhBB", 0, value, kind, number)
+BUTTON = 1
+STICK = 2
+
+
+def event(value: int, event_type: int, number: int) -> bytes:
+    """Bytes of an event of a gamepad: time [ms], value, type, number."""
+    return struct.pack("<IhBB", 0, value, event_type, number)
 
 
 def commanded(typed: bytes, pushed: bytes = b"", lost: bool = False) -> tuple[float, float] | None:
-    """Command after these bytes of keyboard and gamepad."""
+    """Command after these bytes of keyboard and gamepad; the terminal may be lost after them."""
     with ExitStack() as stack:
-        (keys, to_keys), (stick, to_stick) = os.pipe(), os.pipe()
+        keys, to_keys = os.pipe()
+        stick, to_stick = os.pipe()
         for file in (keys, stick, to_stick):
             stack.callback(os.close, file)
         os.write(to_stick, pushed)
@@ -93,12 +108,10 @@ def commanded(typed: bytes, pushed: bytes = b"", lost: bool = False) -> tuple[fl
 
 
 def test_q_a_gamepad_button_and_a_lost_terminal_stop():
-    assert commanded(b"", event(0, 1, 1)) == (0.3, 0.0), "a button that is released"
-    assert (
-        commanded(b"", event(1, 1, 1)) is None
-        and commanded(b"wq") is None
-        and commanded(b"", lost=True) is None
-    )
+    assert commanded(b"wq") is None
+    assert commanded(b"", event(1, BUTTON, 1)) is None
+    assert commanded(b"", lost=True) is None
+    assert commanded(b"", event(0, BUTTON, 1)) == (0.3, 0.0), "a button that is released"
 
 
 @given(
@@ -109,6 +122,11 @@ def test_q_a_gamepad_button_and_a_lost_terminal_stop():
 @settings(max_examples=60, deadline=None)
 def test_the_command_stays_within_its_limits(keys: bytes, stick: int, turn: int):
     typed = keys.lower().replace(b"q", b"w")
-    command = commanded(typed, event(stick, 2, VERTICAL) + event(turn, 2, HORIZONTAL))
+    pushed = event(stick, STICK, VERTICAL) + event(turn, STICK, HORIZONTAL)
+
+    command = commanded(typed, pushed)
+
     assert command is not None
-    assert GAIT.forward[0] <= command[0] <= GAIT.forward[1] and abs(command[1]) <= GAIT.yaw_rate
+    forward, yaw_rate = command
+    assert GAIT.forward[0] <= forward <= GAIT.forward[1]
+    assert abs(yaw_rate) <= GAIT.yaw_rate

@@ -1,4 +1,4 @@
-"""Messages survive the wire, invalid ones are rejected; any bytes, however they are cut, give only frames and lines."""
+"""Messages survive the wire; any bytes give the same frames and lines however they are cut."""
 
 import struct
 from itertools import pairwise
@@ -34,8 +34,14 @@ commands = st.one_of(
 telemetries = st.builds(
     Telemetry,
     ts=st.integers(0, 2**32 - 1).map(float),
-    **dict.fromkeys(("yaw", "pitch", "roll", "yaw_rate", "pitch_rate", "roll_rate"), number),
-    **dict.fromkeys(("pos", "vel"), array),
+    yaw=number,
+    pitch=number,
+    roll=number,
+    yaw_rate=number,
+    pitch_rate=number,
+    roll_rate=number,
+    pos=array,
+    vel=array,
     cur=st.none() | array,
 )
 
@@ -44,8 +50,10 @@ telemetries = st.builds(
 @settings(max_examples=100, deadline=None)
 def test_a_message_is_decoded_as_it_was_sent(message: Command | Telemetry):
     received = decode_message(encode_message(message, JOINTS), type(message), JOINTS)
+
     assert type(received) is type(message)
-    assert all(np.array_equal(value, vars(received)[name]) for name, value in vars(message).items())
+    for name, value in vars(message).items():
+        assert np.array_equal(value, vars(received)[name]), name
 
 
 def test_the_bytes_of_a_command_are_those_of_the_wire():
@@ -84,81 +92,97 @@ MAPS = [
 
 @pytest.mark.parametrize("payload", [*NO_MAPS, *map(msgpack.packb, MAPS)], ids=repr)
 def test_an_invalid_payload_is_a_protocol_error(payload: bytes):
-    for kind in (Command, Telemetry):
+    for message_type in (Command, Telemetry):
         with pytest.raises(ProtocolError):
-            decode_message(payload, kind, JOINTS)
+            decode_message(payload, message_type, JOINTS)
 
 
 def measured(ts: int) -> bytes:
+    """Frame of telemetry."""
     return framed(telemetry(ts=ts, yaw=0.1, pos=np.linspace(-1.0, 1.0, 12) + 0.01 * ts), JOINTS)
 
 
 def target(step: int) -> bytes:
+    """Frame of a command."""
     return framed(Command(pos=np.linspace(-1.0, 1.0, 12) + 0.01 * step, kp=50.0), JOINTS)
 
 
-def read(reader: FrameReader, pieces: list[bytes]) -> list[bytes | str]:
-    """Lines, and payloads of messages."""
-    messages = [message for piece in pieces for message in reader.feed(piece)]
-    return [
-        message if isinstance(message, str) else encode_message(message, JOINTS)
-        for message in messages
-    ]
+def read(message_type: type, chunks: list[bytes]) -> list[bytes | str]:
+    """Lines and payloads of messages in a stream that arrives in chunks."""
+    reader = FrameReader(message_type, JOINTS)
+    received = []
+    for chunk in chunks:
+        for message in reader.feed(chunk):
+            is_line = isinstance(message, str)
+            received.append(message if is_line else encode_message(message, JOINTS))
+    return received
 
 
+def with_byte(frame: bytes, index: int, byte: int) -> bytes:
+    """The frame with another byte, or one byte more at its end."""
+    return frame[:index] + bytes([byte]) + frame[index + 1 :]
+
+
+NOISE = [b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"]
 good = st.integers(0, 9).flatmap(lambda n: st.sampled_from([measured(n), target(n), IDLE_FRAME]))
-noise = st.binary(max_size=40) | st.sampled_from(
-    [b"ERROR\r\n", b"EE", b"\x45", b"\x00", b"EE\x00\x10\x8f"]
-)
-damaged = st.tuples(good, st.integers(0, 400), st.integers(0, 255)).map(
-    lambda parts: parts[0][: parts[1]] + bytes([parts[2]]) + parts[0][parts[1] + 1 :]
-)
-streams = st.lists(st.one_of(good, noise, damaged, st.just(b"long " * 70)), max_size=12).map(
-    b"".join
-)
+noise = st.binary(max_size=40) | st.sampled_from(NOISE)
+damaged = st.builds(with_byte, good, st.integers(0, 400), st.integers(0, 255))
+long_text = st.just(b"long " * 70)
+streams = st.lists(st.one_of(good, noise, damaged, long_text), max_size=12).map(b"".join)
 
 
-@pytest.mark.parametrize("kind", [Command, Telemetry])
-@given(data=streams, at=st.lists(st.integers(0, 10**6), max_size=12))
+@pytest.mark.parametrize("message_type", [Command, Telemetry])
+@given(stream=streams, cuts=st.lists(st.integers(0, 10**6), max_size=12))
 @settings(max_examples=100, deadline=None)
-def test_the_same_messages_however_the_stream_is_cut(kind: type, data: bytes, at: list[int]):
-    whole = read(FrameReader(kind, JOINTS), [data])
-    bounds = sorted({0, len(data), *(n % (len(data) + 1) for n in at)})
-    assert read(FrameReader(kind, JOINTS), [data[a:b] for a, b in pairwise(bounds)]) == whole
-    assert read(FrameReader(kind, JOINTS), [bytes([byte]) for byte in data]) == whole
+def test_a_stream_has_the_same_messages_however_it_is_cut(
+    message_type: type, stream: bytes, cuts: list[int]
+):
+    whole = read(message_type, [stream])
+
+    bounds = sorted({0, len(stream), *(cut % (len(stream) + 1) for cut in cuts)})
+    chunks = [stream[start:stop] for start, stop in pairwise(bounds)]
+    assert read(message_type, chunks) == whole
+
+    single_bytes = [bytes([byte]) for byte in stream]
+    assert read(message_type, single_bytes) == whole
 
 
-def test_text_between_frames_is_read_and_a_damaged_head_costs_one_frame_only():
-    one, two, *more = (read(FrameReader(Telemetry, JOINTS), [measured(n)])[0] for n in range(1, 8))
+def test_text_between_frames_is_read():
+    (first,) = read(Telemetry, [measured(1)])
+    (second,) = read(Telemetry, [measured(2)])
     stream = b"Homing\r\n" + measured(1) + b"ERROR\r\n" + b"FEET OK\r\n" + measured(2)
-    assert read(FrameReader(Telemetry, JOINTS), [stream]) == [
-        "Homing",
-        one,
-        "ERROR",
-        "FEET OK",
-        two,
-    ]
-    # also a length that became longer: the frames it would swallow are found again
-    for place in range(4):
-        broken = bytearray(measured(0))
-        broken[place] ^= 0x03
-        pieces = [bytes(broken), *map(measured, range(1, 8))]
-        assert read(FrameReader(Telemetry, JOINTS), pieces)[-7:] == [one, two, *more]
+    assert read(Telemetry, [stream]) == ["Homing", first, "ERROR", "FEET OK", second]
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_a_damaged_head_costs_one_frame_only(index: int):
+    """A length that became longer does not swallow the next frames either."""
+    frames = [measured(ts) for ts in range(1, 8)]
+    payloads = read(Telemetry, frames)
+    broken = bytearray(measured(0))
+    broken[index] ^= 0x03
+
+    received = read(Telemetry, [bytes(broken), *frames])
+
+    assert len(payloads) == 7
+    assert received[-7:] == payloads
 
 
 def test_a_robot_receives_idle_after_half_a_command():
-    """What a host leaves when it is killed within a write, and then the watchdog's idle frames."""
+    """A host that is killed within a write leaves half a frame; the watchdog sends idle frames."""
     frame = target(0)
     for length in range(len(frame)):
-        received = FrameReader(Command, JOINTS).feed(frame[:length] + 40 * framed(IDLE, JOINTS))
-        assert any(isinstance(message, Command) and message.idle for message in received), length
+        reader = FrameReader(Command, JOINTS)
+        messages = reader.feed(frame[:length] + 40 * framed(IDLE, JOINTS))
+        commands_read = [message for message in messages if isinstance(message, Command)]
+        assert any(command.idle for command in commands_read), length
 
 
 LIMITS = PUPPER_V2.require_wire().safety
 
 
 def running() -> TelemetryStream:
-    """100 frames at 100 Hz, 3 ms of transmission."""
+    """Stream of 100 frames at 100 Hz, with 3 ms of transmission."""
     stream = TelemetryStream(LIMITS)
     for n in range(100):
         assert stream.accept(telemetry(ts=10.0 * n), 5.0 + 0.01 * n + 0.003) is not None
@@ -167,47 +191,61 @@ def running() -> TelemetryStream:
 
 def test_age_is_the_delay_beyond_the_shortest_transmission():
     late = running().accept(telemetry(ts=1000.0), 6.0 + 0.003 + 0.04)
-    assert late is not None and late.arrival - late.sampled == pytest.approx(0.04)
+    assert late is not None
+    assert late.arrival - late.sampled == pytest.approx(0.04)
 
 
 def test_a_damaged_time_stamp_does_not_make_later_frames_look_old():
     """25 ms ahead, which a real frame could be; the next two look overtaken."""
     stream = running()
     assert stream.accept(telemetry(ts=1025.0), 6.003) is not None
-    dropped = [
-        stream.accept(telemetry(ts=1000.0 + 10.0 * n), 6.003 + 0.01 * n) is None for n in (1, 2, 3)
-    ]
-    assert dropped == [True, True, False] and stream.repeated == 2
+
+    assert stream.accept(telemetry(ts=1010.0), 6.013) is None
+    assert stream.accept(telemetry(ts=1020.0), 6.023) is None
+    assert stream.accept(telemetry(ts=1030.0), 6.033) is not None
+    assert stream.repeated == 2
+
     later = stream.accept(telemetry(ts=1040.0), 6.043)
-    assert later is not None and later.arrival - later.sampled == pytest.approx(0.0)
+    assert later is not None
+    assert later.arrival - later.sampled == pytest.approx(0.0)
 
 
 def test_a_drifting_clock_is_followed():
-    """300 ppm for 100 s are 30 ms."""
+    """The clock drifts by 300 ppm, which are 30 ms in 100 s."""
     stream = TelemetryStream(LIMITS)
     ages = []
+
     for n in range(10_000):
         measurement = stream.accept(telemetry(ts=round(10.0 * n * (1 - 3e-4))), 0.01 * n)
         if measurement is not None:
             ages.append(measurement.arrival - measurement.sampled)
-    assert max(ages) < 0.006 and stream.impossible == 0
+
+    assert max(ages) < 0.006
+    assert stream.impossible == 0
 
 
 IMPOSSIBLE = [
-    *({"pos": np.eye(12)[3]}, {"pos": np.full(12, 7.0)}, {"vel": np.full(12, 1e6)}, {"roll": 1.0}),
-    *({"pitch_rate": 1e3}, {"yaw": 1e9}, {"ts": 1200.0}, {"ts": 4e9}),
+    {"pos": np.eye(12)[3]},
+    {"pos": np.full(12, 7.0)},
+    {"vel": np.full(12, 1e6)},
+    {"roll": 1.0},
+    {"pitch_rate": 1e3},
+    {"yaw": 1e9},
+    {"ts": 1200.0},
+    {"ts": 4e9},
 ]
 
 
 @pytest.mark.parametrize("values", IMPOSSIBLE, ids=str)
 def test_an_impossible_frame_is_not_accepted(values: dict):
     stream = running()
-    assert (
-        stream.accept(telemetry(**{"ts": 1000.0, **values}), 6.003) is None
-        and stream.impossible == 1
-    )
-    after = stream.accept(telemetry(ts=1010.0), 6.013)
-    assert after is not None and after.arrival - after.sampled == pytest.approx(0.0), (
-        "the clock offset is unchanged"
-    )
+    frame = telemetry(**({"ts": 1000.0} | values))
+
+    assert stream.accept(frame, 6.003) is None
+    assert stream.impossible == 1
+
+    following = stream.accept(telemetry(ts=1010.0), 6.013)
+    assert following is not None
+    age = following.arrival - following.sampled
+    assert age == pytest.approx(0.0), "the clock offset is unchanged"
     assert stream.impossible_in_a_row == 0
