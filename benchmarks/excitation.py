@@ -230,7 +230,7 @@ def measure(
     models = {"model": lambda index: prior.model.motors(z[index])}
     for place, suspended in PLACES.items():
         errors = robot_fidelity(robot, motors, models, suspended, seed)
-        rmse, torque_hf = errors["model"]
+        rmse, torque_hf, _ = errors["model"]
         physical_torque_hf = errors["physical"][1]
         figures[f"{place}_rmse"] = float(np.median(rmse))
         figures[f"{place}_torque_hf"] = float(np.median(torque_hf) / np.median(physical_torque_hf))
