@@ -78,7 +78,7 @@ SMALL_RUNS = {
     "speed": SmallRun("--prior pupper_v2 --steps 5 --rounds 1", files=()),
     "unit_spread": SmallRun("go2", files=()),
     "walking": SmallRun(
-        "--out {out} --motors 4 --bench-steps 500 --preset quick --speeds 0.3 --seeds 1 "
+        "--out {out} --motors 4 --bench-steps 1000 --preset pace --speeds 0.3 --seeds 1 "
         "--iterations 1 --episode-steps 20 --draws 1 --seconds 3 --workers 1"
     ),
     "why_oscillation": SmallRun(
