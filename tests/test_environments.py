@@ -59,7 +59,7 @@ def test_every_seed_samples_other_motors_of_the_prior(prior):
     measured = []
 
     for seed in (1, 1, 2):
-        env.reset(seed=seed)
+        observation, _ = env.reset(seed=seed)
         for _ in range(5):
             observation, *_ = env.step(action)
         measured.append(observation)

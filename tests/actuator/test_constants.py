@@ -67,7 +67,7 @@ def test_a_repr_is_short_and_a_str_has_the_table(prior: MotorPrior):
 
 def test_a_plot_of_a_prior_shows_its_responses(prior: MotorPrior):
     (axes,) = mp.plot_steps(prior).axes
-    assert max(line.get_ydata().max() for line in axes.lines) > 0.2
+    assert max(np.max(line.get_ydata()) for line in axes.lines) > 0.2
 
 
 def test_a_prior_of_a_bench_fits_a_robot_only_after_for_robot(prior: MotorPrior):

@@ -10,7 +10,7 @@ from numpy_arithmetic import NUMPY
 from motorprior.actuator.geared_motor_step import MotorState, StepConstants, step, step_constants
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.kernels import reset_actuator, step_actuator
-from motorprior.actuator.optional_terms import TERMS, OperatingConditions, at_conditions
+from motorprior.actuator.optional_terms import TERMS, OperatingConditions, at_operating_conditions
 
 Networks = Callable[..., GreyBox]
 H = 0.002
@@ -262,7 +262,7 @@ def test_the_supply_scales_speed_and_torque_and_by_its_share_the_law(
     of_supply = ("stall_torque", "no_load_speed")
     nominal = dict.fromkeys((*of_law, *of_supply, "coulomb"), 2.0)
 
-    values = at_conditions(
+    values = at_operating_conditions(
         OperatingConditions(supply=0.8), nominal | {"supply_share": supply_share}
     )
 

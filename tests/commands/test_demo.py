@@ -70,7 +70,7 @@ def test_every_figure_is_a_finite_number_and_the_page_has_every_chapter(demo: De
         assert type(value) in (int, float), name
         assert math.isfinite(value), name
 
-    sections = list(SECTIONS)
+    sections: list[str] = list(SECTIONS)
 
     if demo.logs is not None:
         sections.insert(0, "Your motors")

@@ -36,7 +36,7 @@ is the step. The terms act in this order:
 The nominal voltage and temperature are medians over the logs that a prior was trained on; they are
 the default. To add a term, add an entry to TERMS. A term with the function ``law`` changes the
 torque of the control law; any other term needs a line in `geared_motor_step.step` or
-`at_conditions`.
+`at_operating_conditions`.
 """
 
 from collections.abc import Callable, Iterable
