@@ -59,7 +59,7 @@ class Randomization:
     kd: Range = (1.0, 1.0)  # range of the factor on kd of each motor [-]
     torque_limit: Range = (1.0, 1.0)  # range of the factor on the torque limit of each motor [-]
     coulomb: Range = (1.0, 1.0)
-    """Range of the factor on the dry friction of each motor, without its load-dependent part [-]."""
+    """Range of the factor on each motor's dry friction without its load-dependent part [-]."""
     friction: Range = (1.0, 1.0)  # range of the factor on the friction of the feet [-]
     mass: Range = (1.0, 1.0)  # range of the factor on mass and inertia of each link [-]
     com: float = 0.0  # largest shift of the chassis' centre of mass along each axis [m]
