@@ -25,6 +25,7 @@ from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.robots.robot import Robot
 
 _CHECK_DURATION = 0.5  # [s]
+_FIRST_FRAME = 2.0  # [s] a robot that was just switched on or plugged in has for its first frame
 _MAX_MOTION = 0.1  # [rad] during the check; more means homing, or a user who moves the legs
 _MAX_GYRO_BIAS = 0.1  # [rad/s]; 0.05 rad/s are common in a cheap gyroscope before calibration
 _HOLD = 0.5  # [s] at the nominal pose
@@ -65,6 +66,9 @@ def check_before_arming(link: RobotLink, need_imu: bool) -> tuple[Measurement, n
     RobotFault for too few frames, an IMU that is not read, joints that move or are out of range, or
     another fault.
     """
+    give_up = time.monotonic() + _FIRST_FRAME
+    while link.stream.latest is None and time.monotonic() < give_up:
+        link.receive(time.monotonic() + 0.01)
     link.receive(time.monotonic() + 0.2 * _CHECK_DURATION)  # read buffered telemetry
     telemetry = [link.check().telemetry]
     received = link.receive(time.monotonic() + 0.8 * _CHECK_DURATION)

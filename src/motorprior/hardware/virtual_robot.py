@@ -144,6 +144,9 @@ class VirtualRobot:
 
     def __init__(self, firmware: Firmware):
         self.firmware = firmware
+        # The first step may compile the motors' law for some seconds, which a host that has opened
+        # the port would take for a robot that is switched off.
+        firmware.advance(firmware.period)
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -152,7 +155,7 @@ class VirtualRobot:
     def run(self, ended: Callable[[], bool]) -> None:
         """Move until ``ended`` returns True; then unplug."""
         try:
-            started = time.monotonic()
+            started = time.monotonic() - 1e-3 * self.firmware.now
             while not ended():
                 self._step(started)
         finally:
