@@ -1,6 +1,7 @@
 # make demo    the whole story, small           make demo ARGS="--seed 1" passes options on
 # make test    ruff, types, short tests         make test ARGS="-k layers" passes options on to pytest
 # make test-all   the long tests                ARGS as above; the two together are all there is
+# make docs    the site, in build/site/index.html; ARGS=--no-outputs leaves the tutorials unrun
 # make lock    requirements.lock from pyproject.toml (needs uv); ARGS=--upgrade renews every pin
 # make clean   removes what the others made, but not runs/
 # Needs Python 3.11, 3.12 or 3.13 and nothing else: python3 if it is one of these, or else python3.13, python3.12 or
@@ -16,7 +17,7 @@ BIN := .venv/bin
 # Files run in parallel.
 PYTEST := $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test test-all lock clean
+.PHONY: demo test test-all docs lock clean
 .DELETE_ON_ERROR:
 
 test test-all demo: export OMP_NUM_THREADS = 1
@@ -36,6 +37,11 @@ test: .venv/.installed
 
 test-all: .venv/.installed
 	$(PYTEST) -m slow $(ARGS)
+
+docs: export OMP_NUM_THREADS = 1
+docs: .venv/.installed
+	$(BIN)/python website/assemble.py build/pages $(ARGS)
+	$(BIN)/zensical build --strict
 
 # The stamp goes first and comes back last: after an interrupted install the next run starts from nothing.
 .venv/.installed: requirements.lock pyproject.toml

@@ -37,8 +37,8 @@ def make_env(
             episode_steps.
 
     Raises:
-        ConfigError, ArtifactError: settings that do not fit together, or a file that cannot be
-        used.
+        ConfigError: settings that do not fit together.
+        ArtifactError: a file that cannot be used.
         TypeError: an unknown option.
     """
     walk = WalkConfig(**options)

@@ -98,8 +98,8 @@ def validate(
 
     Raises:
         LogError: a log that lacks a channel, is too short, or has other joints than ``fitted_on``.
-        ArtifactError, ConfigError: a prior of another robot or without latents, or a number out of
-        range.
+        ArtifactError: a prior of another robot or without latents.
+        ConfigError: a number out of range.
     """
     require_seed(seed)
     if adam_steps is not None:

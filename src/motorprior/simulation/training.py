@@ -109,9 +109,8 @@ def train_policy(
         start: the initial policy; the untrained gait if not given. On the same motors, the trained
             policy is never worse than the initial one in evaluation.
         out: folder for policy.safetensors, curve.json and metrics.jsonl. A second call with the
-        same
-            arguments loads the policy, or continues an interrupted training. With ``out``, motors
-            must be a text, and start a path.
+            same arguments loads the policy, or continues an interrupted training. With ``out``,
+            motors must be a text, and start a path.
         workers: number of episodes at a time; up to two if not given. The result does not depend on
             it.
         executor: threads of this process, or Ray processes. The result does not depend on it.

@@ -1,0 +1,70 @@
+"""Notebooks as pages: run them, and write their cells and outputs as Markdown."""
+
+import base64
+import html
+import re
+from pathlib import Path
+from typing import Any
+
+import nbformat
+from nbclient import NotebookClient
+
+CELL_SECONDS = 300  # longest time of a cell [s]
+# a progress line that later ones overwrite, and colours of a terminal
+OVERWRITTEN = re.compile(r"^.*\r(?!\n)", re.MULTILINE)
+ESCAPES = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+
+
+def run_notebook(path: Path, folder: Path) -> Any:
+    """The notebook with its outputs; it runs in ``folder``, and stops at the first error."""
+    folder.mkdir(parents=True, exist_ok=True)
+    notebook = nbformat.read(path, as_version=4)
+    client = NotebookClient(
+        notebook,
+        timeout=CELL_SECONDS,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(folder)}},
+    )
+    client.execute()
+    return notebook
+
+
+def notebook_page(path: Path, page: Path, run: bool) -> str:
+    """Markdown of a notebook; pictures are written next to ``page``."""
+    notebook = nbformat.read(path, as_version=4)
+    if run:
+        notebook = run_notebook(path, page.parents[2] / "tutorial_runs" / path.stem)
+
+    parts = []
+    for number, cell in enumerate(notebook.cells):
+        if cell.cell_type == "markdown":
+            parts.append(cell.source)
+            continue
+        parts.append(f"```python\n{cell.source}\n```")
+        for index, output in enumerate(cell.outputs):
+            name = f"{path.stem}_{number}_{index}.png"
+            parts.append(_output(output, page.parent / name))
+        if len(parts) == 2:  # below the title and the first lines
+            parts.append(f"*This page is the notebook* `tutorials/{path.name}`.")
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _output(output: Any, picture: Path) -> str:
+    """Markdown of one output of a cell."""
+    if output.output_type == "stream":
+        text = ESCAPES.sub("", OVERWRITTEN.sub("", output.text))
+        return f"```text\n{text.rstrip()}\n```" if text.strip() else ""
+
+    data = output.get("data", {})
+    if "image/png" in data:
+        picture.parent.mkdir(parents=True, exist_ok=True)
+        picture.write_bytes(base64.b64decode(data["image/png"]))
+        caption = html.escape(output.get("metadata", {}).get("alt", "Picture of the cell above"))
+        return f"![{caption}]({picture.name})"
+    if "text/html" in data:
+        # blank lines would end the block of HTML
+        lines = [line for line in data["text/html"].splitlines() if line.strip()]
+        return '<div class="output">\n' + "\n".join(lines) + "\n</div>"
+    if "text/plain" in data:
+        return f"```text\n{data['text/plain']}\n```"
+    return ""
