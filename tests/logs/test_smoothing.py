@@ -60,38 +60,70 @@ def test_the_steps_of_an_encoder_are_smoothed_as_noise():
     assert 0.5 * deviation < noise_of(readings[:, 0], SEGMENTS, DT)[0] < 2.0 * deviation
 
 
-def test_smoothed_commands_move_a_motor_to_its_smoothed_angles(make_log):
-    """The motor is a first-order lag whose angles are rounded; the readings are kept."""
+TICK = 2 * np.pi / 4096  # [rad]
+
+
+def log_of(make_log, command: np.ndarray, period: float = DT):
+    """A log of two motors whose angles follow ``command`` (rows,) [rad] late, in encoder ticks."""
+    time = period * np.arange(len(command))
+    angle = np.zeros_like(command)
+    for row in range(1, len(command)):
+        late = command[max(0, row - 8)]
+        angle[row] = late + (angle[row - 1] - late) * np.exp(-period / 0.03)
+    readings = TICK * np.round(angle / TICK)
+    return make_log(
+        rows=len(time),
+        period=period,
+        time=time,
+        position_target=np.stack([command] * 2, axis=1),
+        joint_vel=None,
+        joint_pos=np.stack([readings] * 2, axis=1),
+    )
+
+
+@pytest.mark.parametrize("size", [0.02, 0.3])
+@pytest.mark.parametrize("background", ["static", "ramp"])
+def test_commanded_steps_keep_their_time_and_size(make_log, size: float, background: str):
     time = DT * np.arange(1200)
-    ticks_per_radian = 4096 / (2 * np.pi)
-    target = 0.3 * (np.sin(1.3 * time - 0.5) > 0.0)
+    speeds = {"static": 0.0, "ramp": 0.2}
+    command = speeds[background] * time
+    command += size * (np.sin(4.0 * time - 0.5) > 0.0)
 
-    def lagged(command: np.ndarray) -> np.ndarray:
-        angle = np.zeros_like(time)
-        for row in range(1, len(time)):
-            late = command[max(0, row - 8)]
-            angle[row] = late + (angle[row - 1] - late) * np.exp(-DT / 0.03)
-        return angle
+    log = smooth_on_grid(log_of(make_log, command), DT)
 
-    readings = np.round(lagged(target) * ticks_per_radian) / ticks_per_radian
-    log = smooth_on_grid(
-        make_log(
-            rows=len(time),
-            period=DT,
-            time=time,
-            position_target=np.stack([target] * 2, axis=1),
-            joint_vel=None,
-            joint_pos=np.stack([readings] * 2, axis=1),
-        ),
-        DT,
-    )
+    assert np.abs(log.position_target[:, 0] - command).max() < 1e-4
 
-    def error(command: np.ndarray) -> float:
-        return float(np.mean((lagged(command) - log.joint_pos[:, 0]) ** 2))
 
-    assert error(log.position_target[:, 0]) < 0.8 * error(target)
-    assert (
-        np.abs(log.readings[:, 0] - lagged(target)).max()
-        < 0.6 / ticks_per_radian
-        < np.abs(log.joint_pos[:, 0] - readings).max()
-    )
+def test_a_step_between_two_rows_of_the_grid_changes_the_row_of_its_period_only(make_log):
+    period = 0.005
+    command = np.zeros(400)
+    command[203:] = 0.1  # at 0.406 s, in the period from 0.405 to 0.410 s
+
+    log = smooth_on_grid(log_of(make_log, command), period)
+    row = int(np.searchsorted(log.time, 0.406)) - 1
+
+    np.testing.assert_allclose(log.position_target[:row, 0], 0.0, atol=1e-12)
+    assert log.position_target[row, 0] == pytest.approx(0.08)
+    np.testing.assert_allclose(log.position_target[row + 1 :, 0], 0.1, atol=1e-12)
+
+
+def test_quantised_commands_are_smoothed(make_log):
+    time = DT * np.arange(1200)
+    smooth = 0.3 * np.sin(3.0 * time)
+    quantised = TICK * np.round(smooth / TICK)
+
+    log = smooth_on_grid(log_of(make_log, quantised), DT)
+
+    error = log.position_target[:, 0] - smooth
+
+    assert np.std(error) < 0.7 * np.std(quantised - smooth)
+
+
+def test_readings_are_kept_beside_the_smoothed_angles(make_log):
+    command = 0.3 * np.sin(3.0 * DT * np.arange(1200))
+    recorded = log_of(make_log, command)
+
+    log = smooth_on_grid(recorded, DT)
+
+    np.testing.assert_allclose(log.readings, recorded.joint_pos, atol=1e-9)
+    assert np.abs(log.joint_pos - recorded.joint_pos).max() > 0.2 * TICK

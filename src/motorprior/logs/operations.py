@@ -23,7 +23,6 @@ from motorprior.logs.motor_log import (
 from motorprior.signals import mean_command
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
-MAX_SMOOTHING = 0.5  # maximum change of commands by smoothing [rad]
 _MAX_NAMED = 5  # gaps that the message lists
 # channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "logged_kp", "logged_kd", *INTEGER_CHANNELS)
@@ -185,8 +184,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     The channel joint_reading has splines through the raw readings. Velocities are the derivatives
     of the smoothed angles' splines: recorded velocities are often filtered, and loads need
     accelerations. Commands are smoothed like the angles, because many logs record both up to a
-    sample late. The commands of a motor stay as they are if smoothing would change one by
-    MAX_SMOOTHING or more: large steps drive a motor to its torque limit.
+    sample late, but not across a change that the sender made at once (`command_steps`).
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -200,7 +198,8 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         noise, jerk_density = noise_and_jerk
         angles, _ = smoothed(angles, segments, log.period, noise, jerk_density)
         noise_on_grid = noise * math.sqrt(log.period / period)  # the same smoothing, see `smoothed`
-        grid = _with_smooth_commands(grid, noise_on_grid, jerk_density, period)
+        steps = command_steps(log, noise)
+        grid = _with_smooth_commands(grid, log.time, steps, noise_on_grid, jerk_density)
 
     pos = np.empty_like(grid.joint_pos)
     vel = np.empty_like(grid.joint_pos)
@@ -214,17 +213,75 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     return replace(grid, joint_pos=pos, joint_vel=vel, joint_reading=reading)
 
 
+# A change of a command counts as made at once if it exceeds this number of standard deviations of
+# the angle's noise; smaller ones are quantisation or polling.
+_MIN_STEP = 6.0
+
+
+def command_steps(log: MotorLog, noise: float) -> np.ndarray:
+    """(T, J) whether the sender changed the command at once, at this row.
+
+    A change between two rows is a step if it is large compared with the ``noise`` [rad] of the
+    angles, and differs from the changes before and after it by more than half of itself: a motion
+    in progress changes its command by similar amounts in successive rows.
+    """
+    is_step = np.zeros(log.position_target.shape, bool)
+    for segment in log.segment_slices():
+        change = np.diff(log.position_target[segment], axis=0)
+        static = np.zeros_like(change[:1])
+        change_before = np.concatenate([static, change[:-1]])
+        change_after = np.concatenate([change[1:], static])
+        size = np.abs(change)
+        is_step[segment][1:] = (
+            (size > _MIN_STEP * noise)
+            & (np.abs(change - change_before) > 0.5 * size)
+            & (np.abs(change - change_after) > 0.5 * size)
+        )
+    return is_step
+
+
 def _with_smooth_commands(
-    log: MotorLog, noise: float, jerk_density: float, period: float
+    log: MotorLog, recorded: np.ndarray, is_step: np.ndarray, noise: float, jerk_density: float
 ) -> MotorLog:
-    """The log with smoothed commands of the motors whose commands change by < MAX_SMOOTHING."""
+    """The log with commands that are smoothed between their steps.
+
+    ``recorded`` (R,) are the times [s] of the rows of ``is_step`` (R, J).
+    """
     from motorprior.logs.smoothing import smoothed
 
-    segments = tuple(log.segment_slices())
-    smooth, _ = smoothed(log.position_target, segments, period, noise, jerk_density)
-    max_change = np.abs(smooth - log.position_target).max(axis=0)  # (motors,)
-    commands = np.where(max_change < MAX_SMOOTHING, smooth, log.position_target)
+    commands = log.position_target.copy()
+    for joint in range(commands.shape[1]):
+        step_times = recorded[is_step[:, joint]]
+        pieces = []
+        for segment in log.segment_slices():
+            pieces += _pieces_between(step_times, log.time, segment, log.period)
+        column = commands[:, joint, None]
+        smooth, _ = smoothed(column, tuple(pieces), log.period, noise, jerk_density)
+        for piece in pieces:
+            commands[piece, joint] = smooth[piece, 0]
     return replace(log, position_target=commands)
+
+
+def _pieces_between(
+    step_times: np.ndarray, time: np.ndarray, segment: slice, period: float
+) -> list[slice]:
+    """Runs of rows of a segment that no step divides.
+
+    A row in whose period a step falls has a mean of the commands before and after the step: it is
+    in no run.
+    """
+    first_after = np.searchsorted(time[segment], step_times - 1e-6 * period) + segment.start
+    last_before = np.searchsorted(time[segment] + period, step_times + 1e-6 * period, "right")
+    last_before += segment.start
+    starts = [segment.start, *first_after.tolist()]
+    stops = [*last_before.tolist(), segment.stop]
+    pieces = []
+    for start, stop in zip(starts, stops, strict=True):
+        first = max(start, segment.start)
+        last = min(stop, segment.stop)
+        if last - first > 1:
+            pieces.append(slice(first, last))
+    return pieces
 
 
 def repeated_rows(log: MotorLog) -> np.ndarray:
