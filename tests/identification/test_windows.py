@@ -17,6 +17,8 @@ from motorprior.identification.windows import (
     TARGET,
     subsampled,
     training_data,
+    used_seconds_text,
+    with_window_that_fits,
 )
 
 # 10 rows per window
@@ -137,3 +139,32 @@ def test_subsampled_windows_are_spread_over_the_log(lengths):
         ]
         assert containing, segment
     assert subsampled(data, PRESET, 6000) is data
+
+
+@pytest.mark.parametrize(
+    ("lengths", "longest", "min_used"),
+    [
+        ((500,) * 6, 449, 0.89),  # each segment is one window after the warm-up
+        ((500,) * 6 + (2000,) * 2, 449, 0.85),
+        ((900,) * 4, 424, 0.9),  # two windows in place of one and a remainder
+        ((8000,) * 2, 500, 0.9),  # nothing to gain
+    ],
+)
+def test_windows_are_as_long_as_the_segments_allow(lengths, longest: int, min_used: float):
+    log = a_log(lengths)
+    recipe = with_window_that_fits(PRESETS["long_runs"], log)
+
+    assert recipe.window == longest
+
+    text = used_seconds_text(training_data(log, recipe, "log"), recipe)
+    used, total = (float(word) for word in text.split() if word[0].isdigit())
+
+    assert used >= min_used * total
+
+
+def test_segments_shorter_than_the_shortest_window_are_refused():
+    log = a_log((100,) * 5)
+    recipe = with_window_that_fits(PRESETS["long_runs"], log)
+
+    with pytest.raises(LogError, match="longest segment has 100 rows"):
+        training_data(log, recipe, "log")

@@ -57,6 +57,8 @@ CHANNELS = 13
     READING,  # joint_reading [rad]
 ) = range(CHANNELS)
 VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
+MIN_WINDOW = 64  # minimum number of steps of a window that is shortened for the segments of a log
+MIN_USED = 0.9  # share of the usable rows that windows of the chosen length must use
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that a rollout averages with the row before
 # optional channels of a log that an objective needs
@@ -143,15 +145,36 @@ def _velocity_steps(log: MotorLog) -> int:
 
 
 def with_window_that_fits(recipe: Recipe, log: MotorLog) -> Recipe:
-    """The recipe with windows that the longest segment of the log allows, but of 64 steps or more.
+    """The recipe with the longest windows, up to its own, that use the segments of the log well.
 
-    Only windows of rollouts are shortened.
+    Windows lie end to end after the warm-up of a segment. A segment that is shorter than warm-up
+    and window is not used at all, and neither is a remainder. Windows that use the log well are
+    those that use MIN_USED of the rows that windows of another length could use. Only windows of
+    rollouts are shortened, to no less than MIN_WINDOW steps.
     """
     if recipe.objective != "rollout":
         return recipe
-    max_rows = max(segment.stop - segment.start for segment in log.segment_slices())
-    max_window = max(64, max_rows - recipe.history - 1)
-    return replace(recipe, window=min(recipe.window, max_window))
+
+    # steps of each segment after its warm-up; the last step of a window leads to one more row
+    rows = [segment.stop - segment.start for segment in log.segment_slices()]
+    steps = np.array(rows) - recipe.history - 1
+
+    # lengths that fill a segment without remainder
+    windows = {recipe.window}
+    for length in np.unique(steps).tolist():
+        for count in range(1, length // MIN_WINDOW + 1):
+            windows.add(length // count)
+    shortest = min(recipe.window, MIN_WINDOW)
+    used_steps = {}
+    for window in windows:
+        if shortest <= window <= recipe.window:
+            used_steps[window] = int(np.sum(np.maximum(steps, 0) // window * window))
+    most_used = max(used_steps.values())
+    if most_used == 0:  # `window_starts` refuses such a log
+        return replace(recipe, window=shortest)
+
+    fitting = [window for window, used in used_steps.items() if used >= MIN_USED * most_used]
+    return replace(recipe, window=max(fitting))
 
 
 def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.ndarray:

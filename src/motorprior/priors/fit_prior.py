@@ -33,7 +33,12 @@ from motorprior.identification.latents.standardise import (
 )
 from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
-from motorprior.identification.windows import TrainingData, training_data, used_seconds_text
+from motorprior.identification.windows import (
+    TrainingData,
+    training_data,
+    used_seconds_text,
+    with_window_that_fits,
+)
 from motorprior.logs.bench_names import bench_names
 from motorprior.logs.motor_log import (
     PHYSICAL_GAINS,
@@ -120,7 +125,7 @@ def fit_recipe(
         provenance: of the log; `provenance_of` the log if not given.
         tuned: a PD that was tuned to the log, to compare with; it is tuned here if not given.
     """
-    recipe = with_logged_settings(recipe, log)
+    recipe = with_window_that_fits(with_logged_settings(recipe, log), log)
     provenance = provenance or provenance_of([log], log=log.source)
     settings = {"preset": preset, "seed": seed, "provenance": provenance}
     stage = description("identify", settings, [], recipe.as_json())
