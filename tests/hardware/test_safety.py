@@ -106,7 +106,7 @@ def test_after_a_fault_that_leaves_time_a_slow_crouch_passes():
 
 def follows(kp: float, kd: float, lag: float, sag: float = 0.0) -> bool:
     """Whether a joint with this lag [s] is no fault at these gains, in a step and then a sine."""
-    tracking = TrackingFaults(PUPPER_V2, LIMITS)
+    tracking = TrackingFaults(PUPPER_V2.joint_names, LIMITS, lag=0.1)
     tracking.begin(kd / kp)
     joint = np.zeros(12)
     faults = []
@@ -127,7 +127,7 @@ def test_a_joint_may_lag_by_the_damping_over_the_stiffness_that_were_sent(kp: fl
 
 @pytest.mark.parametrize(("motion", "fault_name"), [(0.0, "stuck"), (0.01, "tracking")])
 def test_a_joint_that_does_not_follow_is_named(motion: float, fault_name: str):
-    tracking = TrackingFaults(PUPPER_V2, LIMITS)
+    tracking = TrackingFaults(PUPPER_V2.joint_names, LIMITS, lag=0.1)
     joint = np.zeros(12)
     target = 0.8 * np.eye(12)[4]
     step = 0

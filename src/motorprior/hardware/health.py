@@ -7,8 +7,9 @@ signs.
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -90,6 +91,32 @@ class SensorFaults:
             )
 
 
+class TrackingLimits(Protocol):
+    """Limits of `TrackingFaults`, see `robots.robot.SafetyLimits`."""
+
+    @property
+    def tracking_error(self) -> float: ...  # noqa: D102
+    @property
+    def tracking_time(self) -> float: ...  # noqa: D102
+    @property
+    def stuck_motion(self) -> float: ...  # noqa: D102
+    @property
+    def stuck_target(self) -> float: ...  # noqa: D102
+    @property
+    def stuck_time(self) -> float: ...  # noqa: D102
+
+
+class TimingLimits(Protocol):
+    """Limits of `SlowHost`, see `robots.robot.SafetyLimits`."""
+
+    @property
+    def tick_delay(self) -> float: ...  # noqa: D102
+    @property
+    def late_ticks(self) -> int: ...  # noqa: D102
+    @property
+    def stalled_time(self) -> float: ...  # noqa: D102
+
+
 class TrackingFaults:
     """Detects a joint that does not follow its target.
 
@@ -97,11 +124,10 @@ class TrackingFaults:
     lagged_target += (1 - exp(-dt / lag)) (target - lagged_target), where lag = kd / kp.
     """
 
-    def __init__(self, robot: Robot, limits: SafetyLimits):
-        self._names = robot.joint_names
+    def __init__(self, joint_names: Sequence[str], limits: TrackingLimits, lag: float):
+        self._names = joint_names
         self._limits = limits
-        wire = robot.require_wire()
-        self.begin(wire.kd / wire.kp)
+        self.begin(lag)
 
     def begin(self, lag: float) -> None:
         """Restart: the lagged target begins at the joint positions of the next measurement.
@@ -183,7 +209,7 @@ class TrackingFaults:
 class SlowHost:
     """Detects a host that is too slow for a control period [s]."""
 
-    def __init__(self, limits: SafetyLimits, period: float):
+    def __init__(self, limits: TimingLimits, period: float):
         self._limits = limits
         self._period = period
         # lateness of the last control steps [s]; 0 for up to half a period

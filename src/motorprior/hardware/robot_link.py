@@ -14,7 +14,7 @@ import numpy as np
 
 from motorprior.exceptions import ArtifactError, MotorPriorError, RobotFault
 from motorprior.hardware.health import Measurement, SensorFaults, TelemetryStream, TrackingFaults
-from motorprior.hardware.protocol import Telemetry
+from motorprior.hardware.protocol import IDLE_FRAME, Telemetry
 from motorprior.hardware.safety_gate import Gains, SafetyGate
 from motorprior.hardware.serial_link import SerialLink
 from motorprior.hardware.watchdog import Watchdog
@@ -59,7 +59,7 @@ class RobotLink:
         self.sent = 0  # commands with a target since arming
         self._watchdog: Watchdog | None = None
         self._sensors = SensorFaults(robot, self.limits)
-        self._tracking = TrackingFaults(robot, self.limits)
+        self._tracking = TrackingFaults(robot.joint_names, self.limits, wire.kd / wire.kp)
         # measurements since the last check; bounded, since an idle host may never check
         self._unchecked: deque[Measurement] = deque(maxlen=1000)
         # line with "ERROR" that the robot printed since the last check
@@ -154,7 +154,7 @@ class RobotLink:
         Nothing is sent before the first `send`.
         """
         self._ignored.clear()
-        self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog)
+        self._watchdog = Watchdog(self.port.fileno(), self.limits.watchdog, IDLE_FRAME)
         # telemetry that arrived while the watchdog started
         self.receive(time.monotonic() + _CATCH_UP)
         self.gate.arm(gains, self.check().telemetry.pos, time.monotonic())

@@ -47,22 +47,62 @@ class Gains:
         require_number("max_current", self.max_current, 0.0, limits.max_current, positive=True)
 
 
+class TargetGate:
+    """Limits of position and slew rate.
+
+    Args:
+        lower: (joints,) lower limits [rad].
+        upper: (joints,) upper limits [rad].
+        period: control period [s]. A late step may make up for at most two periods, since a target
+            must not jump after a pause.
+    """
+
+    def __init__(self, lower: np.ndarray, upper: np.ndarray, period: float):
+        self._lower = lower
+        self._upper = upper
+        self._max_step = 2.0 * period
+        self._time = 0.0
+        self.target: np.ndarray | None = None  # (joints,) in force [rad]
+        self.position_clips = 0  # joint targets clipped to the joint limits
+        self.slew_clips = 0  # joint targets slowed down
+
+    def begin(self, joint_pos: np.ndarray, now: float) -> None:
+        """Begin at the present (joints,) positions [rad], so that the first target is no jump."""
+        self.target = np.clip(joint_pos, self._lower, self._upper)
+        self._time = now
+
+    def limited(self, target: np.ndarray, now: float, speed: float) -> np.ndarray:
+        """The new target in force for (joints,) targets [rad], at most ``speed`` [rad/s] fast.
+
+        Raises RobotFault for targets that are not finite, or before `begin`.
+        """
+        if self.target is None:
+            raise RobotFault("not armed", "a target for a robot that is idle")
+        target = np.asarray(target, dtype=np.float64)
+        if target.shape != self._lower.shape or not np.all(np.isfinite(target)):
+            problem = f"target {target.tolist()} is not {len(self._lower)} finite angles"
+            raise RobotFault("impossible command", problem, safe_state="crouch")
+
+        inside = np.clip(target, self._lower, self._upper)
+        self.position_clips += int(np.count_nonzero(inside != target))
+        reach = speed * min(max(0.0, now - self._time), self._max_step)
+        reachable = np.clip(inside, self.target - reach, self.target + reach)
+        self.slew_clips += int(np.count_nonzero(reachable != inside))
+        self.target = reachable
+        self._time = now
+        return reachable
+
+
 class SafetyGate:
     """Limits of position, slew rate, gains and current."""
 
     def __init__(self, robot: Robot, limits: SafetyLimits):
         self._signs = robot.require_wire().joint_signs
-        self._lower = robot.lower
-        self._upper = robot.upper
         self._limits = limits
-        # A late step may make up for at most two periods: a target must not jump after a pause.
-        self._max_step = 2.0 * robot.control_dt
-        self._target: np.ndarray | None = None
+        self._targets = TargetGate(robot.lower, robot.upper, robot.control_dt)
         self._fault: RobotFault | None = None
-        self._time = 0.0
         self._crouching = False
         self.slow = False  # limit targets to ``slow_speed``: while standing up and crouching
-        self.position_clips = 0  # joint targets clipped to the joint limits
         # joint targets slowed down while not ``slow``: ramps keep to ``slow_speed`` themselves
         self.slew_clips = 0
         # with the current limit; some firmwares ignore them in a command with ``pos``
@@ -71,7 +111,13 @@ class SafetyGate:
     @property
     def target(self) -> np.ndarray | None:
         """The (joints,) target in force [rad], None while idle."""
-        return None if self._target is None else self._target.copy()
+        target = self._targets.target
+        return None if target is None else target.copy()
+
+    @property
+    def position_clips(self) -> int:
+        """Joint targets clipped to the joint limits."""
+        return self._targets.position_clips
 
     def arm(self, gains: Gains, joint_pos: np.ndarray, now: float) -> None:
         """Begin at the present (joints,) positions [rad], so that the first target is no jump."""
@@ -79,8 +125,7 @@ class SafetyGate:
         if self._fault is not None:
             raise self._fault
         self.gains = Command(**asdict(gains))
-        self._target = np.clip(joint_pos, self._lower, self._upper)
-        self._time = now
+        self._targets.begin(joint_pos, now)
 
     def limited(self, target: np.ndarray, now: float) -> Command:
         """The command for (joints,) position targets [rad], clipped to the limits.
@@ -89,24 +134,14 @@ class SafetyGate:
         """
         if self._fault is not None and not self._crouching:
             raise self._fault
-        if self._target is None:
-            raise self.latch_fault(RobotFault("not armed", "a target for a robot that is idle"))
-        target = np.asarray(target, dtype=np.float64)
-        if target.shape != self._lower.shape or not np.all(np.isfinite(target)):
-            problem = f"target {target.tolist()} is not {len(self._lower)} finite angles"
-            raise self.latch_fault(RobotFault("impossible command", problem, safe_state="crouch"))
-
-        inside = np.clip(target, self._lower, self._upper)
-        self.position_clips += int(np.count_nonzero(inside != target))
-
         speed = self._limits.slow_speed if self.slow else self._limits.target_speed
-        reach = speed * min(max(0.0, now - self._time), self._max_step)
-        reachable = np.clip(inside, self._target - reach, self._target + reach)
+        clips = self._targets.slew_clips
+        try:
+            reachable = self._targets.limited(target, now, speed)
+        except RobotFault as fault:
+            raise self.latch_fault(fault) from None
         if not self.slow:
-            self.slew_clips += int(np.count_nonzero(reachable != inside))
-
-        self._target = reachable
-        self._time = now
+            self.slew_clips += self._targets.slew_clips - clips
         return Command(pos=self._signs * reachable)
 
     def latch_fault(self, fault: RobotFault) -> RobotFault:
@@ -121,6 +156,6 @@ class SafetyGate:
 
     def idle(self) -> Command:
         """No current; always allowed."""
-        self._target = None
+        self._targets.target = None
         self._crouching = False
         return IDLE

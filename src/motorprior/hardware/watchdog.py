@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from motorprior.exceptions import RobotFault
-from motorprior.hardware.protocol import IDLE_FRAME
 
 _MAX_START = 10.0  # maximum time in which the interpreter of the process starts [s]
 # Unread heartbeats of 40 bytes fill a pipe of one page in about a second, which reveals a stopped
@@ -22,17 +21,17 @@ class Watchdog:
     """A running watchdog process, see `watchdog_process`; raises RobotFault if it does not start.
 
     It inherits ``port``, the open file of the serial port. ``timeout`` is the maximum time between
-    heartbeats [s].
+    heartbeats [s]. ``idle_frame`` are the bytes that remove the current from the motors.
     """
 
-    def __init__(self, port: int, timeout: float):
+    def __init__(self, port: int, timeout: float, idle_frame: bytes):
         heartbeat_end, self._heartbeats = os.pipe()
         if hasattr(fcntl, "F_SETPIPE_SZ"):  # Linux
             with contextlib.suppress(OSError):
                 fcntl.fcntl(self._heartbeats, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
         self._reports, report_end = os.pipe()
         script = Path(__file__).with_name("watchdog_process.py")
-        arguments = [port, heartbeat_end, report_end, timeout, IDLE_FRAME.hex()]
+        arguments = [port, heartbeat_end, report_end, timeout, idle_frame.hex()]
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(script), *map(str, arguments)],

@@ -11,6 +11,7 @@ import numpy as np
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import motor_classes
 from motorprior.robots.model_source import ModelFile
+from motorprior.robots.servos import ServoChain
 from motorprior.texts import Overview, Printable
 
 GRAVITY = 9.81  # [m/s²]
@@ -225,6 +226,7 @@ class Robot(Printable):
     control_dt: float = 0.01  # period of the policy [s]
     twin_physics_dt: float = 0.001  # MuJoCo's step with physical motors [s]
     wire: Wire | None = None  # protocol constants of the real robot; None if not supported
+    servos: ServoChain | None = None  # None if its motors are not on a servo bus, or unknown
 
     def overview(self) -> Overview:
         """For people: motors, joints and size."""
@@ -308,6 +310,15 @@ class Robot(Printable):
     def with_speed_range(self, forward: tuple[float, float]) -> "Robot":
         """The same robot with another range of commanded speeds [m/s]; raises as `require_gait`."""
         return replace(self, gait=replace(self.require_gait(), forward=forward))
+
+    def require_servos(self) -> ServoChain:
+        """The servos of the real robot; raises ConfigError if they are unknown."""
+        if self.servos is None:
+            raise ConfigError(
+                f"the servos of robot {self.name!r} are unknown",
+                remedy="add a table [servos] to its .toml file (docs/hardware.md)",
+            )
+        return self.servos
 
     def require_wire(self) -> Wire:
         """The protocol constants of the real robot; raises ConfigError if they are unknown."""
