@@ -352,7 +352,12 @@ def as_figures(robot: str, test: str, folds: Sequence[Figures]) -> dict[str, flo
 
 
 def robot_file(settings: Settings, name: str) -> Path:
-    """Copy of the example robot file, next to a copy of its model, in the run folder."""
+    """Copy of the example robot file, next to a copy of its model, in the run folder.
+
+    The name of a shipped robot, which has no example file.
+    """
+    if not (EXAMPLES / f"{name}.toml").is_file():
+        return Path(name)
     folder = settings.out / name / "robot"
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(settings.data / "robots" / f"{name}.xml", folder)

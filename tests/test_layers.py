@@ -55,7 +55,7 @@ FOLDERS = {
     "mujoco": ("simulation/", "exports/", "robots/user_model", "robots/build_model", "logs/loads"),
     "pybullet": "simulation/",
     "ray": "locomotion/executor",
-    **dict.fromkeys(["serial", "msgpack"], "hardware/"),
+    **dict.fromkeys(["serial", "msgpack", "rustypot"], "hardware/"),
     **dict.fromkeys(["pyarrow", "mcap", "mcap_ros2"], "logs/"),
     **dict.fromkeys(["matplotlib", "jinja2"], "report/"),
     **dict.fromkeys(["tyro", "rich"], "cli/"),

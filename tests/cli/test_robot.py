@@ -37,7 +37,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     }
     wire = PUPPER_V2.require_wire()
     lenient = replace(PUPPER_V2, wire=replace(wire, safety=replace(wire.safety, **late)))
-    monkeypatch.setattr(load, "SHIPPED", (lenient,))
+    monkeypatch.setattr(load, "SHIPPED", (lenient, *load.SHIPPED[1:]))
 
 
 @pytest.mark.real_time
@@ -46,7 +46,7 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(
 ):
     walk = tmp_path / "walk"
     policy = policy_file(tmp_path / "policy.safetensors")
-    robot = ("--virtual", "--robot.currents")
+    robot = ("--virtual", "--virtual-robot.currents")
     options = ("--forward", 0.1, "--seconds", 1, "--yes")
     done = motorprior("deploy", policy, *robot, *options, "--out", walk)
 
@@ -80,8 +80,9 @@ def test_a_walk_with_currents_leaves_a_log_that_trains_torque_regression(
 @pytest.mark.real_time
 def test_a_recording_in_the_air_becomes_a_log(motorprior: Callable, tmp_path: Path):
     out = tmp_path / "rec"
-    settings = ("--robot.rate", 200, "--robot.currents", "--excitation", "chirp", "--seconds", 2)
-    done = motorprior("record", "--virtual", *settings, "--yes", "--out", out)
+    virtual_robot = ("--virtual", "--virtual-robot.rate", 200, "--virtual-robot.currents")
+    motion = ("--excitation", "chirp", "--seconds", 2)
+    done = motorprior("record", *virtual_robot, *motion, "--yes", "--out", out)
 
     assert done.code == 0, done.err
     for command in (("doctor", "--virtual", "--seconds", 1), ("logs", "check", out / "run.csv")):

@@ -39,10 +39,10 @@ if __name__ == "__main__":
         "telemetry_age": 0.5,
         "watchdog": 0.5,
     }
-    (robot,) = shipped.SHIPPED
+    robot, *others = shipped.SHIPPED
     wire = robot.require_wire()
     wire = dataclasses.replace(wire, safety=dataclasses.replace(wire.safety, **late))
-    shipped.SHIPPED = (dataclasses.replace(robot, wire=wire),)
+    shipped.SHIPPED = (dataclasses.replace(robot, wire=wire), *others)
 
     if sys.argv[0] == "-c":
         exec(sys.argv[1])

@@ -190,7 +190,7 @@ def test_an_included_file_is_part_of_the_model(tmp_path: Path):
     assert load_robot(path).weight > 2.0 * arm.weight
 
 
-@pytest.mark.parametrize(("name", "joints"), [("go2", 12), ("so101", 6)])
+@pytest.mark.parametrize(("name", "joints"), [("go2", 12)])
 def test_published_models_load_and_can_be_simulated(
     shared_data: Path, tmp_path: Path, name: str, joints: int
 ):

@@ -165,7 +165,7 @@ COMMANDS = {
         "Excite and record the motors of a robot.",
         settings="motorprior.commands.record:Record",
         run="motorprior.commands.record:run_record",
-        common=("port", "virtual", "standing"),
+        common=("port", "virtual", "robot", "motor", "bar", "seconds", "standing"),
         on_robot=True,
     ),
     "doctor": Command(

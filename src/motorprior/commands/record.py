@@ -1,27 +1,67 @@
 """Excite and record the motors of a robot."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from motorprior.commands.robot_port import RobotChoice, messages, opened_port
+from motorprior.exceptions import ConfigError
 from motorprior.excitation.recording import MotionSettings
 from motorprior.hardware.settings import RunSettings, require_robot_extra
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
+
+if TYPE_CHECKING:
+    from motorprior.commands.servo_bus import OpenBus
+    from motorprior.hardware.servo_run import RecordedRobot
+
+_SERVO_AMPLITUDE = 0.5  # default of robots on a servo bus [rad]
+_SERVO_SPEED = 12.0  # default limit of targets on a servo bus [rad/s]
 
 
 @dataclass(frozen=True)
 class Record(MotionSettings, RunSettings, RobotChoice):
-    """Excite and record the motors of a robot."""
+    """Excite and record the motors of a robot, or of one servo with a pendulum."""
+
+    robot: str = DEFAULT_ROBOT
+    """Robot: name of a shipped robot, or the .toml file of your robot with a table [servos]
+    (docs/hardware.md)."""
+    motor: str | None = None
+    """One servo without robot, such as STS3215 or XL330-M288; needs --bar."""
+    bar: str | None = None
+    """Pendulum on the servo of --motor: length and mass at its end, "0.1m,0.5kg". It must hang down
+    when the recording begins."""
+    id: int = 1
+    """Id of the servo of --motor on its bus."""
+    baud_rate: int | None = None
+    """Baud rate of a servo bus [bit/s]; the usual one of the servos if not given."""
+    profile: Literal["keep", "off"] = "keep"
+    """Acceleration limit of servos during the recording: as found, or switched off. It is restored
+    afterwards."""
 
 
 def run_record(config: Record, progress: Progress = SILENT) -> None:
-    """Play an excitation and record it; errors as `hardware.runs.record`."""
+    """Play an excitation and record it; errors as `hardware.runs.record` or `record_servos`."""
+    if config.motor is not None:
+        _record_motor(config, progress)
+        return
+    robot = load_robot(config.robot)
+    if robot.servos is not None:
+        _record_servos(config, robot, progress)
+        return
+    _record_robot(config, robot, progress)
+
+
+def _record_robot(config: Record, robot: Robot, progress: Progress) -> None:
+    """Record a robot with a protocol of its own."""
     require_robot_extra()
     from motorprior.excitation.robot_targets import recorded_motion
     from motorprior.hardware.runs import record  # here: it needs the extra robot
 
-    robot = load_robot(DEFAULT_ROBOT)
     motion = recorded_motion(robot, config)
     run_settings = replace(
         config,
@@ -30,8 +70,8 @@ def run_record(config: Record, progress: Progress = SILENT) -> None:
         max_speed=motion.max_speed,
     )
 
-    is_suspended = config.robot.suspended or not config.standing
-    virtual_robot = replace(config.robot, suspended=is_suspended)
+    is_suspended = config.virtual_robot.suspended or not config.standing
+    virtual_robot = replace(config.virtual_robot, suspended=is_suspended)
     with opened_port(robot, config, virtual_robot) as port:
         record(
             robot,
@@ -42,3 +82,105 @@ def run_record(config: Record, progress: Progress = SILENT) -> None:
             max_speed=motion.max_speed,
             standing=config.standing,
         )
+
+
+def _record_servos(config: Record, robot: Robot, progress: Progress) -> None:
+    """Record a robot on a servo bus."""
+    from motorprior.commands.servo_bus import open_bus, open_virtual_bus, recorded_robot
+
+    recorded = recorded_robot(robot)
+    _require_one_source(config)
+    if config.virtual:
+        with open_virtual_bus(recorded.chain, config.virtual_robot, robot) as opened:
+            _record(config, recorded, robot, opened, progress)
+        return
+    with open_bus(recorded.chain.model, _port(config), config.baud_rate) as opened:
+        _record(config, recorded, robot, opened, progress)
+
+
+def _record_motor(config: Record, progress: Progress) -> None:
+    """Record one servo that swings a pendulum."""
+    from motorprior.commands.servo_bus import (
+        Bar,
+        open_bus,
+        open_virtual_bus,
+        recorded_motor,
+        virtual_chain,
+    )
+
+    assert config.motor is not None
+    if config.bar is None:
+        raise ConfigError(
+            "motor without bar", remedy='give its load, for example "0.1m,0.5kg"', argument="motor"
+        )
+    bar = Bar.parsed(config.bar)
+    _require_one_source(config)
+
+    def record(opened: "OpenBus") -> None:
+        assert config.motor is not None
+        bus = opened.bus
+        bus.scan([config.id])
+        bus.ids = (config.id,)
+        zero = round(float(bus.read().count[0]))
+        recorded = recorded_motor(config.motor, config.id, bar, zero)
+        _record(config, recorded, None, opened, progress)
+
+    if config.virtual:
+        chain = virtual_chain(config.motor, config.id)
+        with open_virtual_bus(chain, config.virtual_robot, None, bar) as opened:
+            record(opened)
+        return
+    with open_bus(config.motor, _port(config), config.baud_rate) as opened:
+        record(opened)
+
+
+def _record(
+    config: Record,
+    recorded: "RecordedRobot",
+    robot: Robot | None,
+    opened: "OpenBus",
+    progress: Progress,
+) -> None:
+    from motorprior.hardware.servo_link import ServoLimits
+    from motorprior.hardware.servo_run import ServoSettings, record_servos
+
+    date = datetime.now().strftime("%Y%m%d-%H%M%S")
+    settings = ServoSettings(
+        out=config.out or Path("runs") / "record" / date,
+        yes=config.yes,
+        profile=config.profile,
+        limits=ServoLimits(target_speed=config.max_speed or _SERVO_SPEED),
+    )
+    plan = _plan(config, recorded, robot)
+    show = messages(progress)
+    record_servos(recorded, opened.bus, opened.clock, plan, settings, show, opened.watch)
+
+
+def _plan(config: Record, recorded: "RecordedRobot", robot: Robot | None) -> Callable:
+    """The function that makes the parts, see `hardware.servo_run.Plan`."""
+    from motorprior.excitation.servo_motion import servo_parts
+
+    def parts(period: float, lower, upper):
+        return servo_parts(
+            recorded.joint_names,
+            lower,
+            upper,
+            None if robot is None else robot.nominal_pose,
+            period=period,
+            seconds=config.seconds,
+            amplitude=config.amplitude or _SERVO_AMPLITUDE,
+            seed=config.seed,
+        )
+
+    return parts
+
+
+def _require_one_source(config: Record) -> None:
+    if config.virtual and config.port is not None:
+        raise ConfigError(f"--port {config.port} and --virtual", remedy="give one of them")
+
+
+def _port(config: Record) -> str:
+    from motorprior.hardware.serial_link import resolve_port
+
+    return resolve_port(config.port)

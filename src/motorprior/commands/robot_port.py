@@ -23,7 +23,7 @@ class RobotChoice:
     virtual: bool = False
     """Start a virtual robot and use it; needs the full installation. For `record` the virtual robot
     is suspended, except with --standing."""
-    robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
+    virtual_robot: VirtualRobotSettings = field(default_factory=VirtualRobotSettings)
     """The virtual robot."""
 
 
@@ -46,7 +46,7 @@ def opened_port(
                 "--virtual needs a simulator, which is not installed",
                 remedy="pip install motorprior",
             )
-        with running_virtual_robot(robot.name, virtual_robot or choice.robot) as port:
+        with running_virtual_robot(robot.name, virtual_robot or choice.virtual_robot) as port:
             yield port
     else:
         yield resolve_port(choice.port)

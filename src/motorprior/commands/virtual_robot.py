@@ -52,7 +52,7 @@ def make_virtual_robot(
     from motorprior.simulation.simulated_robot import SimulatedRobot, draw_motors
 
     require_seed(settings.seed)
-    fleet = load_robot_fleet(robot, settings.fleet, "robot.fleet")
+    fleet = load_robot_fleet(robot, settings.fleet, "virtual_robot.fleet")
     motors = draw_motors(robot, fleet, settings.seed)
     simulated_robot = SimulatedRobot(robot, motors, settings.suspended, settings.seed)
     frame_period = 1000 // settings.rate  # [ms]

@@ -39,7 +39,7 @@ def servo_parts(
     names: Sequence[str],
     lower: np.ndarray,
     upper: np.ndarray,
-    center: np.ndarray,
+    nominal: np.ndarray | None,
     *,
     period: float,
     seconds: float = 120.0,
@@ -52,27 +52,31 @@ def servo_parts(
         names: names of the n joints.
         lower: (n,) lower limits [rad].
         upper: (n,) upper limits [rad].
-        center: (n,) pose about which the joints move [rad].
+        nominal: (n,) pose about which the joints move [rad]; a joint that is nearer to a limit than
+            the amplitude moves about an angle further away. None: about 0.
         period: control period [s].
         seconds: duration of all parts [s].
         amplitude: largest distance of a target from the center [rad]; less where a limit is near.
         seed: of the random signals.
 
     Raises:
-        ConfigError: a value out of range, too little time for the parts, or a joint without room.
+        ConfigError: a value out of range, too little time for the parts, or a joint without
+            room between its limits.
     """
     require_number("seconds", seconds, 1.0, 3600.0)
     require_number("amplitude", amplitude, 0.0, 3.0, positive=True)
     require_seed(seed)
-    room = np.minimum(upper - center, center - lower) - _MARGIN
+    room = 0.5 * (upper - lower) - _MARGIN
     if (room <= 0.0).any():
         joint = int(np.argmin(room))
         raise ConfigError(
-            f"joint {names[joint]!r} has no room about {center[joint]:.2f} rad, its limits are "
-            f"{lower[joint]:.2f} and {upper[joint]:.2f} rad",
-            remedy="give another center",
+            f"joint {names[joint]!r} has no room between its limits {lower[joint]:.2f} and "
+            f"{upper[joint]:.2f} rad",
+            remedy="check the position limits of its servo",
         )
     reach = np.minimum(amplitude, room)
+    pose = np.zeros(len(names)) if nominal is None else nominal
+    center = np.clip(pose, lower + _MARGIN + reach, upper - _MARGIN - reach)
 
     rng = np.random.default_rng([seed, _STREAM])
     joints = len(names)

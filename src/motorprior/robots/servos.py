@@ -14,7 +14,10 @@ class ServoChain:
     ids: tuple[int, ...]  # id on the bus of each joint's servo
     signs: tuple[int, ...]  # direction in which counts grow: 1 with the joint's angle, or -1
     zeros: tuple[int, ...]  # encoder count at joint angle 0
-    fleet: str = ""  # name of the fleet of a virtual robot's motors
+    # for a virtual robot: name of the fleet of its motors, and angles near which it rests without
+    # torque [rad] (none: the nominal pose)
+    fleet: str = ""
+    rest: tuple[float, ...] = ()
 
 
 class ServoCommand(NamedTuple):

@@ -25,6 +25,7 @@ STEP = 0.00025  # physics step [s]
 # separates the motors of virtual servos from those of benches, training and transfer studies
 _STREAM = 0x5E70
 _BLOCKING_FRICTION = 1e3  # [N·m]
+_SINKING = 3.0  # [s]
 
 
 class Pendulum(NamedTuple):
@@ -58,6 +59,16 @@ def draw_servos(fleet: Fleet, count: int, seed: int) -> OutOfFamilyMotors:
         remedy='give a fleet with family = "out_of_family"',
         argument="fleet",
     )
+
+
+def resting_pose(robot: Robot, motors: OutOfFamilyMotors) -> np.ndarray:
+    """(n,) angles at which the robot stays without torque [rad]: it sinks from its resting pose."""
+    start = robot.nominal_pose
+    if robot.servos is not None and robot.servos.rest:
+        start = np.array(robot.servos.rest)
+    servos = SimulatedServos(motors, start, robot)
+    servos.advance(round(_SINKING / STEP))
+    return servos.state().pos
 
 
 class SimulatedServos:

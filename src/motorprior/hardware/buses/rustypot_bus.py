@@ -64,16 +64,24 @@ class RustypotBus:
         port: name of the serial port.
         baud_rate: of the bus [bit/s].
         clock: the time of the bus.
+        timeout: of an answer [s].
 
     Raises:
         RobotFault: the port cannot be opened.
     """
 
-    def __init__(self, family: ServoFamily, port: str, baud_rate: int, clock: Clock):
+    def __init__(
+        self,
+        family: ServoFamily,
+        port: str,
+        baud_rate: int,
+        clock: Clock,
+        timeout: float = _TIMEOUT,
+    ):
         module = require_servos_extra()
         controller = getattr(module, family.controller)
         try:
-            self._controller = controller(port, baud_rate, _TIMEOUT)
+            self._controller = controller(port, baud_rate, timeout)
         except Exception as error:  # rustypot has no error of its own
             raise RobotFault(
                 "no port",
@@ -101,9 +109,12 @@ class RustypotBus:
 
     def scan(self, ids: Sequence[int]) -> list[ServoInfo]:
         """See `ServoBus`."""
-        answering = self._controller.scan(list(ids))
         infos = []
-        for servo, number in sorted(answering.items(), key=lambda item: list(ids).index(item[0])):
+        for servo in ids:
+            try:
+                number = self._controller.read_register(servo, "model_number", _TRIES)
+            except (RuntimeError, OSError):
+                continue
             infos.append(self._info(servo, number))
         return infos
 

@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from motorprior.exceptions import ConfigError
 from motorprior.hardware.buses.frames import (
     DYNAMIXEL_FORMAT,
     FEETECH_FORMAT,
@@ -132,6 +133,15 @@ DYNAMIXEL_XL330 = ControlTable(
     nominal_voltage=5.0,
     conditions={"voltage": 0, "temperature": 2, "encoder": 3, "current": 4, "overload": 5},
 )  # fmt: skip
+_TABLES = {"STS": FEETECH_STS, "XL330": DYNAMIXEL_XL330}
+
+
+def table_of(model: str) -> ControlTable:
+    """The control table of a servo by its name; raises ConfigError if there is none."""
+    for beginning, table in _TABLES.items():
+        if model.startswith(beginning):
+            return table
+    raise ConfigError(f"no virtual {model}", remedy="use STS3215 or XL330-M288", argument="motor")
 
 
 class VirtualServo:

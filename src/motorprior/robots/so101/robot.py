@@ -32,6 +32,7 @@ _SERVOS = ServoChain(
     signs=(1,) * _COUNT,
     zeros=(2048,) * _COUNT,
     fleet="so101_servos",
+    rest=(0.0, -1.74, 1.68, 1.2, 0.0, 0.0),  # folded
 )
 SO101 = Robot(
     name="so101",
