@@ -38,9 +38,9 @@ def test_readings_have_signs_and_units_of_the_motion(opened: Callable, make: Cal
     client = bench.client
     client.ids = bench.chain.ids
     start = client.read()
-    client.write_goals(start.count)
+    client.write_goals(start.counts)
     client.set_torque(True)
-    goal = start.count.copy()
+    goal = start.counts.copy()
     goal[0] -= 200
 
     client.write_goals(goal)
@@ -54,7 +54,7 @@ def test_readings_have_signs_and_units_of_the_motion(opened: Callable, make: Cal
     static = client.read()
 
     # within the sag of a proportional control under gravity
-    assert abs(static.count[0] - goal[0]) < 120
+    assert abs(static.counts[0] - goal[0]) < 120
     assert abs(static.speed[0]) < 0.2
     assert bench.eeprom_writes == 0
 
@@ -69,7 +69,7 @@ def test_a_negative_position_is_read_and_written(opened: Callable, make: Callabl
     servo.set("position", -300)
     bench.client.write_goals(np.array([-301.0]))
 
-    assert bench.client.read().count.tolist() == [-300]
+    assert bench.client.read().counts.tolist() == [-300]
     assert servo.get("goal_position") == -301
 
 
@@ -115,7 +115,7 @@ def test_a_lost_or_damaged_answer_is_no_answer(opened: Callable, make: Callable,
         bench.client.read()
 
     setattr(bench.virtual, fault, 0.0)
-    assert bench.client.read().count.shape == (len(bench.chain.ids),)
+    assert bench.client.read().counts.shape == (len(bench.chain.ids),)
 
 
 @pytest.mark.parametrize("make", BUSES)

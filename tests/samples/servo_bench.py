@@ -27,6 +27,12 @@ class TestBus:
     chain: ServoChain
 
     @property
+    def torque_limits(self) -> list[int]:
+        """Values written to the torque limit of the first servo, without repetitions."""
+        values = self.virtual.servos[0].history["torque_limit"]
+        return [value for index, value in enumerate(values) if values[index - 1 : index] != [value]]
+
+    @property
     def eeprom_writes(self) -> int:
         """Writes to the EEPROM of all servos."""
         return sum(servo.eeprom_writes for servo in self.virtual.servos)

@@ -121,7 +121,7 @@ def _record_motor(config: Record, progress: Progress) -> None:
         bus = opened.bus
         bus.scan([config.id])
         bus.ids = (config.id,)
-        zero = round(float(bus.read().count[0]))
+        zero = round(float(bus.read().counts[0]))
         recorded = recorded_motor(config.motor, config.id, bar, zero)
         _record(config, recorded, None, opened, progress)
 

@@ -48,8 +48,8 @@ class ServoLimits:
     tracking_error: float = 0.6  # [rad]
     tracking_time: float = 0.4  # [s]
     stuck_motion: float = 0.004  # [rad]
-    stuck_target: float = 0.25  # [rad]
-    stuck_time: float = 0.4  # [s]
+    stuck_target: float = 0.15  # [rad]
+    stuck_time: float = 0.8  # [s]
     temperature_margin: float = 10.0  # below the servo's own limit [K]
     voltage_drop: float = 0.15  # share of the voltage before the motion [-]
     voltage_time: float = 0.1  # [s]
@@ -199,7 +199,7 @@ class ServoLink:
     def pos(self) -> np.ndarray:
         """(n,) joint angles of the last reading [rad]."""
         assert self._last is not None
-        return self.joints.pos(self._last.count)
+        return self.joints.pos(self._last.counts)
 
     @property
     def target(self) -> np.ndarray:
@@ -221,7 +221,7 @@ class ServoLink:
             self._watchdog = Watchdog(self._file, self.limits.watchdog, frame)
 
         self._limit_torque(self.limits.first_torque)
-        self.bus.write_goals(self._last.count)
+        self.bus.write_goals(self._last.counts)
         self.bus.set_torque(True)
         now = self.clock.clock()
         self._gate.begin(self.pos, now)
@@ -297,7 +297,7 @@ class ServoLink:
             return None
 
         step = reading.end - self._last.end
-        motion = np.abs(reading.count - self._last.count) * _TURN / self.bus.counts
+        motion = np.abs(reading.counts - self._last.counts) * _TURN / self.bus.counts
         if np.all(motion <= self.limits.joint_speed * step + _JUMP_SLACK):
             self._implausible = 0
             self._last = reading

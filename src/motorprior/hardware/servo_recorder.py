@@ -51,7 +51,7 @@ class ServoRecorder:
         time = 0.5 * (reading.begin + reading.end)
         values = [
             *target.tolist(),
-            *joints.pos(reading.count).tolist(),
+            *joints.pos(reading.counts).tolist(),
             *joints.vel(reading.speed).tolist(),
             *reading.load.tolist(),
             *reading.current.tolist(),

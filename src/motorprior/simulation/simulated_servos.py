@@ -24,7 +24,9 @@ from motorprior.simulation.world import World
 STEP = 0.00025  # physics step [s]
 # separates the motors of virtual servos from those of benches, training and transfer studies
 _STREAM = 0x5E70
-_BLOCKING_FRICTION = 1e3  # [N·m]
+# an obstacle: friction [N·m], and its stiffness over that of friction before sliding [-]
+_BLOCKING_FRICTION = 1e3
+_BLOCKING_STIFFNESS = 100.0
 _SINKING = 3.0  # [s]
 
 
@@ -110,8 +112,17 @@ class SimulatedServos:
         self._table = self._arrays.parameters.copy()
         self._enabled = np.zeros(len(start), bool)
         self._target = self._pos.copy()
-        ones = np.ones((5, len(start)))
-        off = ServoCommand(self._pos.copy(), self._enabled, *ones, self._enabled)
+        ones = np.ones(len(start))
+        off = ServoCommand(
+            target=self._pos.copy(),
+            enabled=self._enabled,
+            gain=ones,
+            torque_share=ones,
+            speed=0.0 * ones,
+            acceleration=0.0 * ones,
+            supply=ones,
+            blocked=self._enabled,
+        )
         self.set_command(off)
         self.advance(0)  # compiles before a clock runs
 
@@ -127,6 +138,7 @@ class SimulatedServos:
         table[rows.PROFILE_SPEED] = command.speed
         table[rows.PROFILE_ACCELERATION] = command.acceleration
         table[rows.COULOMB] += _BLOCKING_FRICTION * command.blocked
+        table[rows.BRISTLE_STIFFNESS] *= np.where(command.blocked, _BLOCKING_STIFFNESS, 1.0)
         self._arrays.parameters[:] = table
 
         memory = self._arrays.memory

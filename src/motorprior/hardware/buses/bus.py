@@ -66,7 +66,7 @@ class Readings(NamedTuple):
 
     begin: float  # time before the request [s]
     end: float  # time after the last answer [s]
-    count: np.ndarray  # encoder counts
+    counts: np.ndarray  # of the encoders
     speed: np.ndarray  # [rad/s]
     load: np.ndarray  # in `ServoBus.load_unit`
     current: np.ndarray  # in `ServoBus.current_unit`

@@ -176,7 +176,7 @@ class RustypotBus:
         return Readings(
             begin=begin,
             end=end,
-            count=values["position"],
+            counts=values["position"],
             speed=self._speed_unit * values["speed"],
             load=values["load"],
             current=values["current"],

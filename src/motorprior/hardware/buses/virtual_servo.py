@@ -154,6 +154,9 @@ class VirtualServo:
         self.temperature = _AMBIENT
         self.supply = table.nominal_voltage  # [V]
         self.stale = False  # position and speed no longer change
+        self.jumps = False  # the encoder reads half a turn more
+        # values written to the torque limit since the start
+        self.history: dict[str, list[int]] = {"torque_limit": []}
         self.answers = True
         for name, value in table.defaults.items():
             self.set(name, value)
@@ -206,6 +209,9 @@ class VirtualServo:
             if is_dynamixel and self.get("torque_enable"):
                 return 7  # access error
         self.memory[address:end] = data
+        for name, values in self.history.items():
+            if self.table.registers[name][0] == address:
+                values.append(self.get(name))
         enable, _ = self.table.registers["torque_enable"]
         if address <= enable < end and self.get("status"):
             self.set("torque_enable", 0)  # a condition keeps the torque off
@@ -225,6 +231,8 @@ class VirtualServo:
         ``seconds`` passed since the last call.
         """
         table = self.table
+        if self.jumps:
+            count += COUNTS / 2
         if not self.stale:
             self.set("position", round(count))
             self.set("speed", round(speed / table.speed_unit))

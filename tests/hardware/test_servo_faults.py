@@ -1,0 +1,285 @@
+"""Every fault of the table of servos in docs/hardware.md, in simulated time."""
+
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from servo_bench import BAR, TestBus, feetech_arm, xl330_pendulum
+
+from motorprior.artifacts import read_json
+from motorprior.commands.servo_bus import recorded_motor, recorded_robot
+from motorprior.exceptions import ArtifactError, ConfigError, RobotFault
+from motorprior.excitation.servo_motion import servo_parts
+from motorprior.hardware.servo_run import RECORDING, RecordedRobot, ServoSettings, record_servos
+from motorprior.robots.servos import MotionPart
+from motorprior.robots.so101.robot import SO101
+
+
+@dataclass
+class Incident:
+    """A recording during which something happened."""
+
+    bench: TestBus
+    folder: Path
+    error: Exception | None = None
+    messages: list[str] = field(default_factory=list)
+
+    @property
+    def fault(self) -> str:
+        """Name of the fault that ended the recording."""
+        return self.error.name if isinstance(self.error, RobotFault) else repr(self.error)
+
+    @property
+    def torque_is_off(self) -> bool:
+        return not any(servo.get("torque_enable") for servo in self.bench.virtual.servos)
+
+    @property
+    def outcome(self) -> str:
+        return str(read_json(self.folder / "run.json")["outcome"])
+
+
+def pendulum_robot(bench: TestBus) -> RecordedRobot:
+    return recorded_motor(bench.chain.model, bench.chain.ids[0], BAR, bench.chain.zeros[0])
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Iterator[Callable[..., Incident]]:
+    """Function that records a pendulum; ``happens`` is called when the first part begins."""
+    with xl330_pendulum() as bench:
+
+        def run(
+            happens: Callable[[TestBus], object] = lambda _: None,
+            before: Callable[[TestBus], object] = lambda _: None,
+            profile: str = "keep",
+            plan: Callable | None = None,
+        ) -> Incident:
+            incident = Incident(bench, tmp_path / "run")
+            robot = pendulum_robot(bench)
+
+            def show(text: str) -> None:
+                incident.messages.append(text)
+                if text.startswith("1 of"):
+                    happens(bench)
+
+            def parts(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
+                return servo_parts(
+                    robot.joint_names, lower, upper, None, period=period, seconds=4.0, amplitude=0.5
+                )
+
+            settings = ServoSettings(out=incident.folder, yes=True, profile=profile)
+            before(bench)
+            try:
+                record_servos(robot, bench.client, bench.virtual, plan or parts, settings, show)
+            except (RobotFault, ArtifactError, ConfigError, ValueError) as error:
+                incident.error = error
+            return incident
+
+        yield run
+
+
+def registers(bench: TestBus) -> list[bytes]:
+    """Everything in the memory that a host can write, except the goal."""
+    memories = []
+    for servo in bench.virtual.servos:
+        memory = bytearray(servo.memory)
+        address, size = servo.table.registers["goal_position"]
+        memory[address : address + size] = bytes(size)
+        sensors = min(servo.table.registers[name][0] for name in ("position", "load", "moving"))
+        memories.append(bytes(memory[:sensors]))
+    return memories
+
+
+def test_a_recording_ends_at_rest_without_torque_and_with_its_registers(record: Callable):
+    memories = []
+
+    incident = record(before=lambda bench: memories.extend(registers(bench)), profile="off")
+
+    assert incident.error is None
+    assert incident.outcome == "time"
+    assert incident.torque_is_off
+    assert registers(incident.bench) == memories
+    assert incident.bench.eeprom_writes == 0
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
+def of_servo(change: Callable) -> Callable[[TestBus], object]:
+    return lambda bench: change(bench.virtual.servos[0])
+
+
+FAULTS = {
+    "overload": of_servo(lambda servo: servo.condition("overload", True)),
+    "temperature": of_servo(lambda servo: setattr(servo, "temperature", 65.0)),
+    "voltage": lambda bench: bench.virtual.set_supply(4.0),
+    "stuck": lambda bench: bench.virtual.block(0),
+    "silence": of_servo(lambda servo: setattr(servo, "answers", False)),
+    "encoder": of_servo(lambda servo: setattr(servo, "jumps", True)),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_ends_the_recording_without_torque(record: Callable, fault: str):
+    incident = record(FAULTS[fault])
+
+    assert incident.fault == fault
+    assert incident.outcome == fault
+    if fault != "silence":  # a servo that is gone gets no command
+        assert incident.torque_is_off
+
+
+def test_a_stale_position_is_noticed(record: Callable):
+    incident = record(of_servo(lambda servo: setattr(servo, "stale", True)))
+
+    assert incident.fault in ("stuck", "tracking")
+    assert incident.torque_is_off
+
+
+def test_a_servo_at_its_limit_returns_to_rest_before_it_is_released(record: Callable):
+    incident = record(FAULTS["temperature"])
+
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
+@pytest.mark.parametrize("share", [0.02, 0.05])
+def test_single_lost_and_damaged_answers_do_not_end_the_recording(record: Callable, share: float):
+    def disturb(bench: TestBus) -> None:
+        bench.virtual.lost = share
+        bench.virtual.damaged = share
+
+    incident = record(disturb)
+
+    assert incident.error is None
+    assert "0 lost" not in incident.messages[-1]
+
+
+def test_ctrl_c_returns_to_rest_and_switches_the_torque_off(record: Callable):
+    incident = record(lambda _: signal.raise_signal(signal.SIGINT))
+
+    assert incident.error is None
+    assert incident.outcome == "SIGINT"
+    assert incident.torque_is_off
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
+def test_a_second_ctrl_c_switches_the_torque_off_at_once(record: Callable):
+    times = []
+
+    def twice(bench: TestBus) -> None:
+        signal.raise_signal(signal.SIGINT)
+        times.append(bench.virtual.clock())
+        signal.raise_signal(signal.SIGINT)
+
+    incident = record(twice)
+
+    assert incident.fault == "stopped"
+    assert incident.torque_is_off
+    assert incident.bench.virtual.clock() - times[0] < 0.1
+
+
+def test_an_exception_returns_to_rest(record: Callable):
+    def fails(period: float, *_: np.ndarray) -> list[MotionPart]:
+        targets = np.linspace(0.0, 0.4, 100)[:, None]
+        targets[60:] = np.nan
+        return [MotionPart("bad", targets)]
+
+    incident = record(plan=fails)
+
+    assert incident.fault == "impossible command"
+    assert incident.torque_is_off
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
+def test_a_joint_that_does_not_follow_its_first_motion_gets_no_full_torque(record: Callable):
+    incident = record(before=lambda bench: bench.virtual.block(0))
+
+    assert incident.fault == "first motion"
+    assert incident.torque_is_off
+    assert not any(message.startswith("1 of") for message in incident.messages)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (of_servo(lambda servo: servo.condition("overload", True)), "overload"),
+        (of_servo(lambda servo: servo.set("torque_enable", 1)), "torque on"),
+        (of_servo(lambda servo: setattr(servo, "answers", False)), "silence"),
+    ],
+)
+def test_nothing_is_written_to_a_robot_that_is_not_ready(
+    record: Callable, change: Callable, fault: str
+):
+    memories = []
+
+    def prepare(bench: TestBus) -> None:
+        change(bench)
+        memories.extend(registers(bench))
+
+    incident = record(before=prepare)
+
+    assert incident.fault == fault
+    assert registers(incident.bench) == memories
+    assert not incident.folder.exists()
+
+
+def test_the_torque_is_low_until_the_first_motion_has_followed(record: Callable):
+    limits = []
+
+    def plan(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
+        return [MotionPart("still", np.zeros((100, 1)))]
+
+    def note(bench: TestBus) -> None:
+        limits.append(bench.virtual.servos[0].get("torque_limit"))
+
+    incident = record(plan=plan, happens=note)
+
+    assert incident.error is None
+    assert limits == [885]
+    assert incident.bench.torque_limits[:2] == [pytest.approx(0.4 * 885, abs=1), 885]
+
+
+def test_a_recording_is_not_overwritten(record: Callable, tmp_path: Path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / RECORDING).write_text("mine")
+
+    incident = record()
+
+    assert isinstance(incident.error, ArtifactError)
+    assert (tmp_path / "run" / RECORDING).read_text() == "mine"
+
+
+def test_the_same_seed_gives_the_same_recording(tmp_path: Path):
+    texts = []
+    for number in range(2):
+        with xl330_pendulum() as bench:
+            robot = pendulum_robot(bench)
+            settings = ServoSettings(out=tmp_path / str(number), yes=True)
+
+            def plan(period: float, *_: np.ndarray) -> list[MotionPart]:
+                return [MotionPart("sine", 0.3 * np.sin(np.arange(0.0, 6.0, 0.05))[:, None])]
+
+            path = record_servos(robot, bench.client, bench.virtual, plan, settings, lambda _: None)
+            texts.append(path.read_text())
+
+    assert texts[0] == texts[1]
+
+
+@pytest.mark.slow
+def test_an_arm_is_recorded_and_a_joint_that_is_held_ends_it(tmp_path: Path):
+    with feetech_arm() as bench:
+        robot = replace(recorded_robot(SO101))
+        settings = ServoSettings(out=tmp_path / "run", yes=True)
+
+        def plan(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
+            return servo_parts(
+                robot.joint_names, lower, upper, SO101.nominal_pose, period=period, seconds=40.0
+            )
+
+        def show(text: str) -> None:
+            if text.startswith("5 of"):
+                bench.virtual.block(1)
+
+        with pytest.raises(RobotFault, match="shoulder_lift"):
+            record_servos(robot, bench.client, bench.virtual, plan, settings, show)
+    assert bench.eeprom_writes == 0
