@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from motor_logs import joints_of, log_of
+from servo_recordings import write_servo_recording
 from third_party_files import csv_columns, write_bam, write_csv, write_lerobot, write_pt, write_sage
 
 from motorprior.exceptions import ConfigError, LogError
@@ -59,6 +60,7 @@ SAMPLES = {
     "arrays": write_pt,
     "recording of a robot": write_deploy_recording,
     "log of jietan/puppersim": write_puppersim,
+    "recording of servos": write_servo_recording,
 }  # ROS 2 bags need an extra: tests/logs/readers/test_ros_bag.py
 NAMELESS = ("recording of a robot", "log of jietan/puppersim")
 
