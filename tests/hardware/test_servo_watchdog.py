@@ -1,0 +1,106 @@
+"""Hosts of servos that die or hang: the watchdog process switches the torque off, in real time."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motorprior.commands.servo_bus import virtual_chain
+from motorprior.hardware.buses.virtual_bus import VirtualBus
+from motorprior.hardware.buses.virtual_servo import DYNAMIXEL_XL330
+from motorprior.robots.servos import ServoCommand, ServoState
+
+pytestmark = pytest.mark.real_time
+PATIENCE = 30.0  # [s]
+
+
+class IdealMotor:
+    """A motor that reaches its goal at once."""
+
+    step = 0.001
+
+    def __init__(self) -> None:
+        self._pos = np.zeros(1)
+
+    def set_command(self, command: ServoCommand) -> None:
+        if command.enabled[0]:
+            self._pos = command.target.copy()
+
+    def advance(self, steps: int) -> None:
+        pass
+
+    def state(self) -> ServoState:
+        return ServoState(self._pos.copy(), np.zeros(1), np.zeros(1))
+
+
+@pytest.fixture
+def bus() -> Iterator[VirtualBus]:
+    chain = virtual_chain("XL330-M288", 7)
+    with VirtualBus(DYNAMIXEL_XL330, chain, IdealMotor(), in_real_time=True) as virtual:
+        yield virtual
+
+
+@pytest.fixture
+def host(bus: VirtualBus, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The command record at the bus, moving."""
+    pytest.importorskip("rustypot")
+    motor = ("--motor", "XL330-M288", "--id", "7", "--bar", "0.1m,0.2kg", "--seconds", "60")
+    command = [sys.executable, "-m", "motorprior", "record", "--port", bus.port, *motor, "--yes"]
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path / "run")], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "1 of" in line:
+                break
+        yield process
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.kill()
+        process.wait()
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Whether a condition becomes true in time."""
+    give_up = time.monotonic() + PATIENCE
+    while time.monotonic() < give_up:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def has_torque(bus: VirtualBus) -> bool:
+    return bool(bus.servos[0].get("torque_enable"))
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_host_that_dies_or_hangs_leaves_no_torque(
+    bus: VirtualBus, host: subprocess.Popen[str], how: signal.Signals
+):
+    assert has_torque(bus)
+
+    os.kill(host.pid, how)
+
+    assert eventually(lambda: not has_torque(bus))
+    assert bus.servos[0].eeprom_writes == 0
+
+
+def test_a_pulled_cable_ends_the_recording_with_a_message(
+    bus: VirtualBus, host: subprocess.Popen[str]
+):
+    bus.unplug()
+
+    assert host.stderr is not None
+    text = host.stderr.read()
+
+    assert host.wait(PATIENCE) == 2
+    assert "robot fault 'silence'" in text
+    assert "cable" in text
