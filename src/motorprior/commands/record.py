@@ -1,10 +1,13 @@
 """Excite and record the motors of a robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+import numpy as np
 
 from motorprior.commands.robot_port import RobotChoice, messages, opened_port
 from motorprior.exceptions import ConfigError
@@ -13,6 +16,7 @@ from motorprior.hardware.settings import RunSettings, require_robot_extra
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
+from motorprior.robots.servos import MotionPart
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 if TYPE_CHECKING:
@@ -42,6 +46,9 @@ class Record(MotionSettings, RunSettings, RobotChoice):
     profile: Literal["keep", "off"] = "keep"
     """Acceleration limit of servos during the recording: as found, or switched off. It is restored
     afterwards."""
+    plan: bool = False
+    """Move nothing: check the motion for collisions in the model of a robot on a servo bus, and
+    write a film of it."""
 
 
 def run_record(config: Record, progress: Progress = SILENT) -> None:
@@ -89,6 +96,9 @@ def _record_servos(config: Record, robot: Robot, progress: Progress) -> None:
     from motorprior.commands.servo_bus import open_bus, open_virtual_bus, recorded_robot
 
     recorded = recorded_robot(robot)
+    if config.plan:
+        _show_plan(config, recorded, robot, progress)
+        return
     _require_one_source(config)
     if config.virtual:
         with open_virtual_bus(recorded.chain, config.virtual_robot, robot) as opened:
@@ -151,17 +161,19 @@ def _record(
         profile=config.profile,
         limits=ServoLimits(target_speed=config.max_speed or _SERVO_SPEED),
     )
-    plan = _plan(config, recorded, robot)
     show = messages(progress)
+    plan = _plan(config, recorded, robot, show)
     record_servos(recorded, opened.bus, opened.clock, plan, settings, show, opened.watch)
 
 
-def _plan(config: Record, recorded: "RecordedRobot", robot: Robot | None) -> Callable:
+def _plan(
+    config: Record, recorded: "RecordedRobot", robot: Robot | None, show: Callable[[str], None]
+) -> Callable[[float, np.ndarray, np.ndarray], list[MotionPart]]:
     """The function that makes the parts, see `hardware.servo_run.Plan`."""
     from motorprior.excitation.servo_motion import servo_parts
 
-    def parts(period: float, lower, upper):
-        return servo_parts(
+    def parts(period: float, lower: np.ndarray, upper: np.ndarray) -> list[MotionPart]:
+        made = servo_parts(
             recorded.joint_names,
             lower,
             upper,
@@ -171,8 +183,35 @@ def _plan(config: Record, recorded: "RecordedRobot", robot: Robot | None) -> Cal
             amplitude=config.amplitude or _SERVO_AMPLITUDE,
             seed=config.seed,
         )
+        if robot is not None:
+            _check(robot, made, period, show)
+        return made
 
     return parts
+
+
+def _check(
+    robot: Robot, parts: Sequence[MotionPart], period: float, show: Callable[[str], None]
+) -> None:
+    """Check the parts for collisions in the robot's model, where MuJoCo is installed."""
+    if find_spec("mujoco") is None:
+        show("collisions are not checked: MuJoCo is not installed")
+        return
+    from motorprior.simulation.motion_check import require_free_motion
+
+    pairs = require_free_motion(robot, parts, period)
+    show(f"no collision of {pairs} pairs of links, or links and table, in the model")
+
+
+def _show_plan(config: Record, recorded: "RecordedRobot", robot: Robot, progress: Progress) -> None:
+    """Check the motion at the robot's own control period, and write a film."""
+    from motorprior.report.motion_film import write_motion_film
+
+    period = robot.control_dt
+    parts = _plan(config, recorded, robot, progress.note)(period, robot.lower, robot.upper)
+    out = config.out or Path("runs") / "record" / "plan"
+    path = write_motion_film(out, robot, parts, period, progress)
+    progress.note(f"{len(parts)} parts, {config.seconds:g} s; film {path}")
 
 
 def _require_one_source(config: Record) -> None:

@@ -57,7 +57,7 @@ def film(
                 picture = Image.fromarray(draw(traces[row][step]))
                 time = step * robot.control_dt
                 fell = "fell" if step >= episode.steps else ""
-                _label(picture, title, f"{time:.2f} s    {distances[row][step]:z.2f} m    {fell}")
+                labelled(picture, title, f"{time:.2f} s    {distances[row][step]:z.2f} m    {fell}")
                 whole.paste(picture, (0, row * HEIGHT))
             yield whole
 
@@ -190,7 +190,7 @@ def stick_figure(robot: Robot) -> Callable[[np.ndarray], np.ndarray]:
     return draw
 
 
-def _label(picture: Image.Image, title: str, note: str) -> None:
+def labelled(picture: Image.Image, title: str, note: str) -> None:
     """Write two lines at the top of a picture; long ones get a smaller font."""
     path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     pen = ImageDraw.Draw(picture)

@@ -61,10 +61,11 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     def draw(qpos: np.ndarray) -> np.ndarray:
         data.qpos[:] = qpos
         mujoco.mj_forward(model, data)
-        camera.lookat[:] = qpos[0], qpos[1], 0.75 * robot.standing_height
+        x, y = (0.0, 0.0) if robot.base == "fixed" else qpos[:2].tolist()
+        camera.lookat[:] = x, y, 0.75 * robot.standing_height
         mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
-        _add_floor_lines(scene, float(qpos[0]), float(qpos[1]), robot)
+        _add_floor_lines(scene, x, y, robot)
         mujoco.mjr_render(view, scene, context)
         mujoco.mjr_readPixels(picture, None, view, context)
         return picture[::-1].copy()
@@ -74,6 +75,11 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     finally:
         context.free()
         window.free()
+
+
+def model_size(robot: Robot) -> float:
+    """Size of the robot's model [m]."""
+    return float(build_model(robot).stat.extent)
 
 
 def _look_at(robot: Robot, camera: Any) -> None:

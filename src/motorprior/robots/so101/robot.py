@@ -41,7 +41,14 @@ SO101 = Robot(
     base="fixed",
     model=ModelFile.of(_FOLDER / "so101.xml"),
     num_links=7,
-    nominal=(0.0,) * _COUNT,
+    nominal=(
+        0.0,
+        -0.6,
+        0.0,
+        0.0,
+        0.0,
+        0.8,
+    ),  # raised: half a radian about it, it is free of the table
     weight=round(GRAVITY * 0.632006, 9),
     reference_torque=2.68,  # 0.8 of the torque limit
     load_inertia=(4.8e-6, 0.025),  # from the model, about the joints
