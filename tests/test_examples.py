@@ -9,6 +9,7 @@ from unittest import mock
 import pytest
 
 import motorprior as mp
+from motorprior.commands.record import Record, run_record
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -53,6 +54,21 @@ def test_a_policy_is_trained_on_a_prior(prior: Path, tmp_path: Path, capsys):
 
     assert mp.Policy.load(out).robot == "pupper_v2"
     assert len([line for line in capsys.readouterr().out.splitlines() if "upright" in line]) == 4
+
+
+@pytest.mark.slow
+def test_a_virtual_arm_is_recorded_and_becomes_an_mjcf(tmp_path: Path, capsys):
+    pytest.importorskip("rustypot", reason="pip install 'motorprior[servos]'")
+    recording = tmp_path / "recording"
+    run_record(Record(robot="so101", virtual=True, yes=True, seconds=40.0, out=recording))
+
+    run("so101.py", recording / "run.servolog", "--out", tmp_path / "example")
+    out = capsys.readouterr().out
+
+    error = re.search(r"so101_000\.xml: \[(.*)\] rad from a target after 1 s", out)
+    assert error is not None, out
+    # the joints sag under gravity
+    assert max(abs(float(value)) for value in error[1].split()) < 0.2
 
 
 def test_every_example_is_run_here():

@@ -1,5 +1,6 @@
 """Every fault of the table of servos in docs/hardware.md, in simulated time."""
 
+import resource
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -176,6 +177,24 @@ def test_a_second_ctrl_c_switches_the_torque_off_at_once(record: Callable):
     assert incident.fault == "stopped"
     assert incident.torque_is_off
     assert incident.bench.virtual.clock() - times[0] < 0.1
+
+
+def test_a_full_disk_returns_to_rest(record: Callable):
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    def fill_disk(bench: TestBus) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, limit[1]))
+
+    try:
+        incident = record(fill_disk)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, handler)
+
+    assert isinstance(incident.error, ArtifactError)
+    assert incident.torque_is_off
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
 def test_an_exception_returns_to_rest(record: Callable):

@@ -190,6 +190,40 @@ def test_an_included_file_is_part_of_the_model(tmp_path: Path):
     assert load_robot(path).weight > 2.0 * arm.weight
 
 
+SERVOS = """
+[servos]
+model = "STS3215"
+ids = [4, 2]
+signs = [1, -1]
+zeros = [2048, 1000]
+"""
+
+
+def test_an_arm_names_its_servos(tmp_path: Path):
+    chain = load_robot(written(tmp_path, ARM_TOML + SERVOS, "arm", ARM)).require_servos()
+
+    assert (chain.model, chain.ids) == ("STS3215", (4, 2))
+    assert (chain.signs, chain.zeros) == ((1, -1), (2048, 1000))
+
+    with pytest.raises(ConfigError, match=r"\[servos\]"):
+        load_robot(written(tmp_path, ARM_TOML, "arm", ARM)).require_servos()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[4, 2]", "[4]", "ids has 1"),
+        ("[4, 2]", "[4, 4]", "one id"),
+        ("[1, -1]", "[1, 0]", "signs"),
+        ("[2048, 1000]", "[0.5, 1]", "zeros"),
+        ('model = "STS3215"', "", "model"),
+    ],
+)
+def test_a_wrong_table_of_servos_is_refused(tmp_path: Path, old: str, new: str, words: str):
+    with pytest.raises(ArtifactError, match=words):
+        load_robot(written(tmp_path, ARM_TOML + SERVOS.replace(old, new), "arm", ARM))
+
+
 @pytest.mark.parametrize(("name", "joints"), [("go2", 12)])
 def test_published_models_load_and_can_be_simulated(
     shared_data: Path, tmp_path: Path, name: str, joints: int

@@ -34,6 +34,7 @@ class ServoRecorder:
         self.rows = 0
         self._header = header
         self._file: FileIO | None = None
+        self._failed = False
 
     def write(
         self,
@@ -48,6 +49,8 @@ class ServoRecorder:
 
         Raises ArtifactError if the disk is full.
         """
+        if self._failed:
+            return
         time = 0.5 * (reading.begin + reading.end)
         values = [
             *target.tolist(),
@@ -65,6 +68,8 @@ class ServoRecorder:
                 self._file = self._created(joints.names)
             self._append(row)
         except OSError as error:
+            # raised only once, so that the robot can return to rest
+            self._failed = True
             raise ArtifactError(
                 f"cannot write ({error.strerror})",
                 where=self.path,

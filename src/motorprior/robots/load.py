@@ -12,6 +12,7 @@ from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_o
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import ModelFile
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
+from motorprior.robots.servos import ServoChain
 from motorprior.robots.shipped import SHIPPED
 from motorprior.schema import Schema
 
@@ -50,6 +51,8 @@ def _pair(meaning: str, minimum: Field, maximum: Field) -> Field:
     return Field(f"[min, max] {meaning}", accepts)
 
 
+_INTEGERS = many(Field("an integer", lambda value: type(value) is int), 1)
+_SIGNS = many(Field("1 or -1", lambda value: type(value) is int and value in (1, -1)), 1)
 _PER_JOINT = {
     "nominal_pose": _per_joint_field(number(-1e9, 1e9)),
     "kp": _per_joint_field(_POSITIVE),
@@ -63,7 +66,7 @@ _OPTIONAL = {
     "joint_classes": _per_joint_field(_FILLED_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_DEFAULT_CLOCKS, number(1e-5, 1.0)),
-    **dict.fromkeys(("legs", "gait"), TABLE),
+    **dict.fromkeys(("legs", "gait", "servos"), TABLE),
 }
 _NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
 _REQUIRED = {
@@ -76,6 +79,19 @@ _REQUIRED = {
 _ROBOT = Schema(_REQUIRED | _OPTIONAL, _SEE, frozenset(_OPTIONAL))
 _PHASE = Field("a number in [0, 1)", lambda value: is_number(value, 0.0, 1.0) and value < 1.0)
 _LEG = Schema({"joints": many(TEXT, 3), "foot": _FILLED_TEXT, "phase": _PHASE}, _SEE)
+_SERVOS = Schema(
+    {
+        "model": _FILLED_TEXT,
+        "ids": _INTEGERS,
+        "signs": _SIGNS,
+        "zeros": _INTEGERS,
+        "fleet": _FILLED_TEXT,
+        "rest": many(number(-100.0, 100.0), 1),
+    },
+    "see docs/hardware.md",
+    optional=frozenset({"fleet", "rest"}),
+    name="servos",
+)
 _GAIT = Schema(
     {
         "frequency": number(0.2, 10.0),
@@ -174,6 +190,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         suspended_height=2.0 * height,
         reference_torque=float(table.get("reference_torque", 0.8 * median_limit)),
         foot_friction=float(table.get("foot_friction", 0.6)),
+        servos=_servos(table.get("servos"), len(names), path),
         **_clocks(table, where),
     )
 
@@ -255,6 +272,26 @@ def _gait(table: Any, legs: tuple[Leg, ...], pose: tuple[float, ...], path: Path
     for key, value in table.items():
         gait = replace(gait, **{key: _floats(value)})
     return gait
+
+
+def _servos(table: Any, count: int, path: Path) -> ServoChain | None:
+    if table is None:
+        return None
+    _SERVOS.check(table, path)
+    chain = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in table.items()
+    }
+    for key in ("ids", "signs", "zeros", "rest"):
+        values = chain.get(key, (0,) * count)
+        if len(values) != count:
+            raise ArtifactError(
+                f"{key} has {len(values)} values",
+                where=f"{path}[servos]",
+                remedy=f"give {count}, in the order of the joints",
+            )
+    if len(set(chain["ids"])) < count:
+        raise ArtifactError("two servos have one id", where=f"{path}[servos]", remedy="correct ids")
+    return ServoChain(**chain)
 
 
 def _floats(value: Any) -> Any:
