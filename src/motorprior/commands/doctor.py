@@ -6,13 +6,18 @@ from motorprior.commands.robot_port import RobotChoice, messages, opened_port
 from motorprior.hardware.settings import require_robot_extra
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
+from motorprior.robots.robot import Robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True)
 class Doctor(RobotChoice):
-    """Check a robot's telemetry; sends nothing without --idle."""
+    """Check a robot's telemetry, or the servos on its bus; writes nothing without --idle."""
 
+    robot: str = DEFAULT_ROBOT
+    """Robot: name of a shipped robot, or the .toml file of your robot with a table [servos]."""
+    baud_rate: int | None = None
+    """Baud rate of a servo bus [bit/s]; the usual one of the servos if not given."""
     seconds: float = 3.0
     """Duration of the check [s]."""
     idle: bool = False
@@ -21,10 +26,23 @@ class Doctor(RobotChoice):
 
 
 def run_doctor(config: Doctor, progress: Progress = SILENT) -> None:
-    """Print every finding; errors as `hardware.runs.diagnose`."""
+    """Print every finding; errors as `hardware.runs.diagnose` or `diagnose_servos`."""
+    robot = load_robot(config.robot)
+    if robot.servos is not None:
+        _check_servos(config, robot, progress)
+        return
     require_robot_extra()
     from motorprior.hardware.runs import diagnose  # here: it needs the extra robot
 
-    robot = load_robot(DEFAULT_ROBOT)
     with opened_port(robot, config) as port:
         diagnose(robot, port, config.seconds, config.idle, messages(progress))
+
+
+def _check_servos(config: Doctor, robot: Robot, progress: Progress) -> None:
+    from motorprior.commands.servo_bus import opened_bus, recorded_robot
+    from motorprior.hardware.servo_run import diagnose_servos
+
+    recorded = recorded_robot(robot)
+    with opened_bus(recorded.chain, config, config.baud_rate, robot) as opened:
+        show = messages(progress)
+        diagnose_servos(recorded, opened.bus, opened.clock, config.seconds, config.idle, show)

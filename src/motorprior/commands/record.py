@@ -92,56 +92,34 @@ def _record_robot(config: Record, robot: Robot, progress: Progress) -> None:
 
 
 def _record_servos(config: Record, robot: Robot, progress: Progress) -> None:
-    """Record a robot on a servo bus."""
-    from motorprior.commands.servo_bus import open_bus, open_virtual_bus, recorded_robot
+    """Record a robot on a servo bus, or show the plan."""
+    from motorprior.commands.servo_bus import opened_bus, recorded_robot
 
     recorded = recorded_robot(robot)
     if config.plan:
         _show_plan(config, recorded, robot, progress)
         return
-    _require_one_source(config)
-    if config.virtual:
-        with open_virtual_bus(recorded.chain, config.virtual_robot, robot) as opened:
-            _record(config, recorded, robot, opened, progress)
-        return
-    with open_bus(recorded.chain.model, _port(config), config.baud_rate) as opened:
+    with opened_bus(recorded.chain, config, config.baud_rate, robot) as opened:
         _record(config, recorded, robot, opened, progress)
 
 
 def _record_motor(config: Record, progress: Progress) -> None:
-    """Record one servo that swings a pendulum."""
-    from motorprior.commands.servo_bus import (
-        Bar,
-        open_bus,
-        open_virtual_bus,
-        recorded_motor,
-        virtual_chain,
-    )
+    """Record one servo that swings a pendulum; it hangs down now."""
+    from motorprior.commands.servo_bus import Bar, opened_bus, recorded_motor, virtual_chain
+    from motorprior.hardware.servo_link import scanned
 
     assert config.motor is not None
     if config.bar is None:
         raise ConfigError(
-            "motor without bar", remedy='give its load, for example "0.1m,0.5kg"', argument="motor"
+            "no bar for the motor", remedy='give its load, such as "0.1m,0.5kg"', argument="bar"
         )
     bar = Bar.parsed(config.bar)
-    _require_one_source(config)
-
-    def record(opened: "OpenBus") -> None:
-        assert config.motor is not None
-        bus = opened.bus
-        bus.scan([config.id])
-        bus.ids = (config.id,)
-        zero = round(float(bus.read().counts[0]))
+    chain = virtual_chain(config.motor, config.id)
+    with opened_bus(chain, config, config.baud_rate, None, bar) as opened:
+        scanned(opened.bus, chain)
+        zero = round(float(opened.bus.read().counts[0]))
         recorded = recorded_motor(config.motor, config.id, bar, zero)
         _record(config, recorded, None, opened, progress)
-
-    if config.virtual:
-        chain = virtual_chain(config.motor, config.id)
-        with open_virtual_bus(chain, config.virtual_robot, None, bar) as opened:
-            record(opened)
-        return
-    with open_bus(config.motor, _port(config), config.baud_rate) as opened:
-        record(opened)
 
 
 def _record(
@@ -212,14 +190,3 @@ def _show_plan(config: Record, recorded: "RecordedRobot", robot: Robot, progress
     out = config.out or Path("runs") / "record" / "plan"
     path = write_motion_film(out, robot, parts, period, progress)
     progress.note(f"{len(parts)} parts, {config.seconds:g} s; film {path}")
-
-
-def _require_one_source(config: Record) -> None:
-    if config.virtual and config.port is not None:
-        raise ConfigError(f"--port {config.port} and --virtual", remedy="give one of them")
-
-
-def _port(config: Record) -> str:
-    from motorprior.hardware.serial_link import resolve_port
-
-    return resolve_port(config.port)

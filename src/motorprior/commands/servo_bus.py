@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motorprior.commands.robot_port import RobotChoice
 from motorprior.commands.virtual_robot import VirtualRobotSettings
 from motorprior.exceptions import ConfigError
 from motorprior.hardware.buses.bus import Clock, MonotonicClock
@@ -95,6 +96,34 @@ def recorded_motor(model: str, servo: int, bar: Bar, zero: int) -> RecordedRobot
         posture="fixed",
         pendulum={"length": bar.length, "mass": bar.mass, "bar_mass": bar.bar_mass},
     )
+
+
+@contextmanager
+def opened_bus(
+    chain: ServoChain,
+    choice: RobotChoice,
+    baud_rate: int | None,
+    robot: Robot | None,
+    bar: Bar | None = None,
+) -> Iterator[OpenBus]:
+    """The bus at a port, or a virtual one of a robot or of a motor with a bar.
+
+    Raises ConfigError if both port and virtual robot are given, or if the port is not unique.
+    """
+    if choice.virtual and choice.port is not None:
+        raise ConfigError(f"--port {choice.port} and --virtual", remedy="give one of them")
+    if choice.virtual:
+        with open_virtual_bus(chain, choice.virtual_robot, robot, bar) as opened:
+            yield opened
+        return
+    with open_bus(chain.model, _port(choice.port), baud_rate) as opened:
+        yield opened
+
+
+def _port(port: str | None) -> str:
+    from motorprior.hardware.serial_link import resolve_port  # here: it needs pyserial
+
+    return resolve_port(port)
 
 
 @contextmanager

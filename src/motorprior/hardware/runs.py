@@ -4,7 +4,6 @@ The commands deploy, record and doctor call them.
 """
 
 import math
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -16,7 +15,7 @@ import numpy as np
 
 from motorprior.artifacts import write_json
 from motorprior.bounds import require_number
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError
 from motorprior.hardware import motions, teleop
 from motorprior.hardware.control_loop import clock_figures
 from motorprior.hardware.robot_link import Recorder, RobotLink
@@ -175,12 +174,7 @@ def _session(
 
     run.json is written when the robot is armed, and again when it is idle, see `_RunFile`.
     """
-    if not settings.yes and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError(
-            "no terminal to confirm at",
-            remedy="give yes to arm without confirmation",
-            argument="yes",
-        )
+    teleop.require_confirmation(settings.yes)
     date = datetime.now().strftime("%Y%m%d-%H%M%S")
     out = settings.out or Path("runs") / origin["command"] / date
     recorder = Recorder(robot, out / _RECORDING)

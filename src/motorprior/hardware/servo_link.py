@@ -106,6 +106,21 @@ def scanned(bus: ServoBus, chain: ServoChain) -> list[ServoInfo]:
     Raises RobotFault if one does not answer, has torque or reports a condition.
     """
     infos = bus.scan(chain.ids)
+    require_ready(infos, chain)
+    bus.ids = tuple(chain.ids)
+    for info in infos:
+        if info.torque_on:
+            raise RobotFault(
+                "torque on",
+                f"servo {info.id} holds its position",
+                remedy="put the robot where it rests by itself, and switch its power off and on, "
+                "or use motorprior doctor --idle",
+            )
+    return infos
+
+
+def require_ready(infos: Sequence[ServoInfo], chain: ServoChain) -> None:
+    """Raise RobotFault if a servo of a chain does not answer or reports a condition."""
     missing = sorted(set(chain.ids) - {info.id for info in infos})
     if missing:
         raise RobotFault(
@@ -113,21 +128,13 @@ def scanned(bus: ServoBus, chain: ServoChain) -> list[ServoInfo]:
             f"no answer from servo {', '.join(map(str, missing))}",
             remedy="check power, cable, ids and --baud-rate",
         )
-    bus.ids = tuple(chain.ids)
     for info in infos:
-        if info.torque_on:
-            raise RobotFault(
-                "torque on",
-                f"servo {info.id} holds its position",
-                remedy="put the robot where it rests by itself, and switch its power off and on",
-            )
         if info.conditions:
             raise RobotFault(
                 info.conditions[0],
                 f"servo {info.id} reports {', '.join(info.conditions)}",
                 remedy="remove the cause, and switch the power off and on",
             )
-    return infos
 
 
 class ServoLink:

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from motorprior.artifacts import write_json
+from motorprior.bounds import require_number
 from motorprior.exceptions import ArtifactError, ConfigError, RobotFault
-from motorprior.hardware.buses.bus import Clock, MonotonicClock, ServoBus, ServoInfo
+from motorprior.hardware.buses.bus import Clock, MonotonicClock, NoAnswer, ServoBus, ServoInfo
 from motorprior.hardware.control_loop import real_time
 from motorprior.hardware.servo_link import (
     ChainJoints,
@@ -26,17 +27,20 @@ from motorprior.hardware.servo_link import (
     ServoLink,
     differences,
     require_one_model,
+    require_ready,
     scanned,
 )
 from motorprior.hardware.servo_recorder import ServoRecorder
 from motorprior.hardware.session import fault_of, stop_on_signals
-from motorprior.hardware.teleop import Print, confirm_arming
+from motorprior.hardware.teleop import Print, confirm_arming, require_confirmation
 from motorprior.logs.readers.deploy_recording import Mode
 from motorprior.logs.readers.servo_recording import ENDING, VERSION
 from motorprior.robots.servos import MotionPart, ServoChain
 
 RECORDING = f"run{ENDING}"
 _HOW_TO_STOP = "Ctrl-C returns to the present pose and switches the torque off; twice: off at once"
+_SLOW_BUS = 100.0  # [Hz]
+_READ_PERIOD = 0.02  # of a diagnosis [s]
 _MIN_RAMP = 0.3  # [s]
 _SETTLING = 0.3  # time in which a first motion must have followed [s]
 # makes the parts of a recording from the control period [s] and the joints' limits [rad]
@@ -102,6 +106,7 @@ def record_servos(
             remedy="give keep or off",
             argument="profile",
         )
+    require_confirmation(settings.yes)
     infos = scanned(bus, robot.chain)
     require_one_model(infos)
     for line in scan_report(infos):
@@ -123,6 +128,43 @@ def record_servos(
     return recorder.path
 
 
+def diagnose_servos(
+    robot: RecordedRobot, bus: ServoBus, clock: Clock, seconds: float, idle: bool, show: Print
+) -> None:
+    """Show what the servos state, and how their joints move by hand during ``seconds`` [s].
+
+    Writes nothing; with ``idle`` it switches the torque off first. Raises RobotFault if a servo
+    does not answer or reports a condition.
+    """
+    require_number("seconds", seconds, 1.0, 3600.0)
+    if idle:
+        bus.ids = robot.chain.ids
+        bus.set_torque(False)
+    infos = bus.scan(robot.chain.ids)
+    for line in scan_report(infos):
+        show(line)
+    require_ready(infos, robot.chain)
+
+    bus.ids = robot.chain.ids
+    joints = ChainJoints(robot.joint_names, robot.lower, robot.upper, robot.chain, bus.counts)
+    angles = []
+    end = clock.clock() + seconds
+    while clock.clock() < end:
+        with contextlib.suppress(NoAnswer):
+            angles.append(joints.pos(bus.read().counts))
+        clock.wait_until(clock.clock() + _READ_PERIOD)
+    if not angles:
+        raise RobotFault(
+            "silence", f"no complete answer in {seconds:g} s", remedy="check the cable"
+        )
+    for index, name in enumerate(joints.names):
+        column = np.array(angles)[:, index]
+        show(
+            f"{name}: {column[-1]:+.3f} rad, was {column.min():+.3f} to {column.max():+.3f}; "
+            f"limits {joints.lower[index]:+.2f} to {joints.upper[index]:+.2f}"
+        )
+
+
 @dataclass
 class _Run:
     """A recording from scan to release."""
@@ -139,6 +181,11 @@ class _Run:
             f"bus: {link.rate_of_bus:.0f} readings of all servos per second; "
             f"recording at {1.0 / link.period:.0f} Hz"
         )
+        if link.rate_of_bus < _SLOW_BUS:
+            self.show(
+                "the bus is slow: set the latency timer of an FTDI converter to 1 ms "
+                "(docs/hardware.md), or raise the servos' baud rate"
+            )
         parts = plan(link.period, link.joints.lower, link.joints.upper)
         seconds = link.period * sum(len(part.targets) for part in parts)
         self.show(f"{len(parts)} parts, {seconds:.0f} s")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TextIO
 
-from motorprior.exceptions import RobotFault
+from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.robots.robot import Gait
 
 Print = Callable[[str], None]
@@ -143,6 +143,16 @@ def teleop(gait: Gait, forward: float | None, yaw_rate: float) -> Iterator[Teleo
         if forward is None:
             forward = autonomous_speed(gait) if keyboard is None and gamepad is None else 0.0
         yield Teleop(keyboard, gamepad, gait, (forward, yaw_rate))
+
+
+def require_confirmation(yes: bool) -> None:
+    """Raise ConfigError unless ``yes``, or a terminal at which arming can be confirmed."""
+    if not yes and (sys.stdin is None or not sys.stdin.isatty()):
+        raise ConfigError(
+            "no terminal to confirm at",
+            remedy="give yes to arm without confirmation",
+            argument="yes",
+        )
 
 
 def confirm_arming(stop: Sequence[str], yes: bool, how_to_stop: str, show: Print) -> None:

@@ -11,7 +11,8 @@ from motorprior.exceptions import ConfigError, RobotFault
 from motorprior.hardware.buses.bus import Clock, NoAnswer, Readings, ServoInfo
 from motorprior.hardware.buses.frames import DynamixelFormat, FeetechFormat
 
-_TIMEOUT = 0.02  # of an answer [s]
+# of an answer [s]; a USB converter may hold bytes back for 16 ms
+_TIMEOUT = 0.03
 _TRIES = 3  # of an instruction that must not get lost
 _TURN = 2.0 * np.pi
 

@@ -1,0 +1,67 @@
+"""`record` and `doctor` on virtual servo buses, and bad input."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from motorprior.logs.load_log import load_log
+
+pytest.importorskip("rustypot", reason="pip install 'motorprior[servos]'")
+
+
+def test_a_recorded_servo_becomes_a_log_with_its_load_and_registers(
+    motorprior: Callable, tmp_path: Path
+):
+    motor = ("--motor", "XL330-M288", "--bar", "0.1m,0.25kg", "--seconds", 4)
+    done = motorprior("record", "--virtual", *motor, "--yes", "--out", tmp_path / "run")
+
+    assert done.code == 0, done.err
+    assert "XL330M288" in done.err
+
+    recording = tmp_path / "run" / "run.servolog"
+    log = load_log(recording)
+
+    assert log.duration == pytest.approx(4.0, abs=0.1)
+    assert log.gains is not None
+    assert log.gains[0].tolist() == [400.0]
+    assert log.firmware["profile_acceleration"] == 0.0
+    assert log.load_inertia is not None
+
+    for command in (("logs", "check", recording), ("logs", "import", recording)):
+        out = ("--out", tmp_path / "log") if "import" in command else ()
+        done = motorprior(*command, *out)
+        assert done.code == 0, done.err
+
+
+def test_the_doctor_states_servos_and_joint_angles(motorprior: Callable):
+    done = motorprior("doctor", "--virtual", "--robot", "so101", "--seconds", 1)
+
+    assert done.code == 0, done.err
+    assert done.err.count("STS3215") == 6
+    assert "elbow_flex: +1." in done.err
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("record --motor STS3215 --virtual --yes", "--bar"),
+        ("record --motor STS3215 --bar 0.1m --virtual --yes", "bar '0.1m'"),
+        ("record --motor STS3215 --bar 0m,1kg --virtual --yes", "bar '0m,1kg'"),
+        ("record --motor STS9999 --bar 0.1m,1kg --virtual --yes", "STS9999"),
+        ("record --robot so101 --virtual --port /dev/x --yes", "--port /dev/x and --virtual"),
+        ("record --robot so101 --port /dev/ttyNONE --yes", "cannot open /dev/ttyNONE"),
+        ("record --robot so101 --virtual --yes --seconds 5", "seconds 5 is too short"),
+        ("record --robot so101 --virtual --yes --amplitude 1.5", "comes closer than 5 mm"),
+        ("record --robot so101 --virtual", "no terminal to confirm at"),
+        ("record --robot so101 --plan --amplitude 1.5", "comes closer than 5 mm"),
+    ],
+)
+def test_bad_input_is_one_line(motorprior: Callable, tmp_path: Path, command: str, words: str):
+    out = ("--out", tmp_path / "run") if "record" in command else ()
+    done = motorprior(*command.split(), *out)
+
+    assert done.code == 2
+    assert words in done.err
+    assert "Traceback" not in done.err
+    assert not (tmp_path / "run" / "run.servolog").exists()
