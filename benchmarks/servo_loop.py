@@ -20,6 +20,7 @@ import numpy as np
 
 import motorprior as mp
 from motorprior import robots
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.exports.replay import constants
 from motorprior.simulation.simulated_servos import draw_servos
 
@@ -73,7 +74,9 @@ def intervals(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, np.ndarray]:
     gains = log.gains if prior.model.gain_unit else None
     draws: dict[str, list[np.ndarray]] = {key: [] for key in COMPARED}
     for seed in range(SAMPLES):
-        values = constants(prior.sample(log.joint_names, seed, gains), STEP)
+        motors = prior.sample(log.joint_names, seed, gains)
+        assert isinstance(motors, GreyBoxActuator)
+        values = constants(motors, STEP)
         values["damping"] = values["kd"] + values["viscous_damping"]
         for key in COMPARED:
             draws[key].append(values[key])

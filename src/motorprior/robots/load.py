@@ -278,20 +278,24 @@ def _servos(table: Any, count: int, path: Path) -> ServoChain | None:
     if table is None:
         return None
     _SERVOS.check(table, path)
-    chain = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in table.items()
-    }
     for key in ("ids", "signs", "zeros", "rest"):
-        values = chain.get(key, (0,) * count)
+        values = table.get(key, [0] * count)
         if len(values) != count:
             raise ArtifactError(
                 f"{key} has {len(values)} values",
                 where=f"{path}[servos]",
                 remedy=f"give {count}, in the order of the joints",
             )
-    if len(set(chain["ids"])) < count:
+    if len(set(table["ids"])) < count:
         raise ArtifactError("two servos have one id", where=f"{path}[servos]", remedy="correct ids")
-    return ServoChain(**chain)
+    return ServoChain(
+        model=table["model"],
+        ids=tuple(table["ids"]),
+        signs=tuple(table["signs"]),
+        zeros=tuple(table["zeros"]),
+        fleet=table.get("fleet", ""),
+        rest=tuple(map(float, table.get("rest", ()))),
+    )
 
 
 def _floats(value: Any) -> Any:
