@@ -7,7 +7,7 @@ import runpy
 import sys
 
 TYRO = {"tyro", "docstring_parser", "typeguard", "typing_extensions"}
-INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "motorprior", *TYRO}
+INSTALLED = {"numpy", "safetensors", "serial", "msgpack", "rustypot", "motorprior", *TYRO}
 find_spec = importlib.util.find_spec
 
 

@@ -56,9 +56,12 @@ def record(tmp_path: Path) -> Iterator[Callable[..., Incident]]:
             before: Callable[[TestBus], object] = lambda _: None,
             profile: str = "keep",
             plan: Callable | None = None,
+            lower: float | None = None,
         ) -> Incident:
             incident = Incident(bench, tmp_path / "run")
             robot = pendulum_robot(bench)
+            if lower is not None:
+                robot = replace(robot, lower=np.array([lower]))
 
             def show(text: str) -> None:
                 incident.messages.append(text)
@@ -240,6 +243,39 @@ def test_nothing_is_written_to_a_robot_that_is_not_ready(
     assert incident.fault == fault
     assert registers(incident.bench) == memories
     assert not incident.folder.exists()
+
+
+def test_a_moving_robot_gets_no_torque(record: Callable):
+    def drop(bench: TestBus) -> None:
+        client = bench.client
+        client.ids = bench.chain.ids
+        client.write_goals(client.read().counts + 600)
+        client.set_torque(True)
+        bench.virtual.wait_until(bench.virtual.clock() + 1.0)
+        client.set_torque(False)
+
+    incident = record(before=drop)
+
+    assert incident.fault == "moving"
+    assert incident.torque_is_off
+
+
+def test_a_robot_outside_its_limits_gets_no_torque(record: Callable):
+    incident = record(lower=0.3)
+
+    assert incident.fault == "position"
+    assert incident.torque_is_off
+    assert incident.bench.torque_limits == []
+
+
+def test_nothing_is_written_without_a_motion_to_play(record: Callable):
+    def refused(period: float, *_: np.ndarray) -> list[MotionPart]:
+        raise ConfigError("collision")
+
+    incident = record(plan=refused)
+
+    assert isinstance(incident.error, ConfigError)
+    assert incident.bench.torque_limits == []
 
 
 def test_the_torque_is_low_until_the_first_motion_has_followed(record: Callable):

@@ -48,10 +48,12 @@ def bus() -> Iterator[VirtualBus]:
 
 @pytest.fixture
 def host(bus: VirtualBus, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """The command record at the bus, moving."""
+    """The command record at the bus, moving, in the environment of the robot's computer."""
     pytest.importorskip("rustypot")
     motor = ("--motor", "XL330-M288", "--id", "7", "--bar", "0.1m,0.2kg", "--seconds", "60")
-    command = [sys.executable, "-m", "motorprior", "record", "--port", bus.port, *motor, "--yes"]
+    bare = str(Path(__file__).with_name("bare_environment.py"))
+    record = ("motorprior.__main__", "record", "--port", bus.port, *motor, "--yes")
+    command = [sys.executable, bare, *record]
     process = subprocess.Popen(
         [*command, "--out", str(tmp_path / "run")], stderr=subprocess.PIPE, text=True
     )

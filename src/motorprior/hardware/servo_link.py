@@ -174,6 +174,7 @@ class ServoLink:
         if watch is not None:
             # opened before the bus is armed; the watchdog inherits it
             self._file = os.open(watch, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self._has_written = False  # to a register of a servo
         self._gate = TargetGate(joints.lower, joints.upper, self.period)
         self._tracking = TrackingFaults(joints.names, limits, limits.lag)
         self._slow_host = SlowHost(limits, self.period)
@@ -258,6 +259,7 @@ class ServoLink:
 
     def _limit_torque(self, share: float) -> None:
         """Limit the torque to a share of the limits found in the registers."""
+        self._has_written = True
         self.bus.set_torque_limit(share * np.array([info.torque_limit for info in self.infos]))
 
     def allow_full_torque(self) -> None:
@@ -374,14 +376,19 @@ class ServoLink:
                 self.clock.wait_until(self.clock.clock() + 0.02)
 
     def release(self) -> None:
-        """Switch the torque off and restore the registers; never fails."""
+        """Switch the torque off and restore the registers; never fails.
+
+        Nothing is written if nothing was written before.
+        """
         sent = False
-        with contextlib.suppress(Exception):
-            self.bus.set_torque(False)
-            sent = True
-        with contextlib.suppress(Exception):
-            self._limit_torque(1.0)
-            self.set_profile([info.profile_acceleration for info in self.infos])
+        if self._has_written:
+            with contextlib.suppress(Exception):
+                self.bus.set_torque(False)
+                sent = True
+            with contextlib.suppress(Exception):
+                self._limit_torque(1.0)
+                self.set_profile([info.profile_acceleration for info in self.infos])
+            self._has_written = False
         if self._watchdog is not None:
             self._watchdog.end(idle_sent=sent)
             self._watchdog = None
@@ -391,6 +398,7 @@ class ServoLink:
 
     def set_profile(self, acceleration: Sequence[float]) -> None:
         """Set (n,) accelerations of the servos' profiles [rad/s²], 0: off, until `release`."""
+        self._has_written = True
         speed = np.array([info.profile_speed for info in self.infos])
         self.bus.set_profile(speed, np.array(acceleration, dtype=np.float64))
 
