@@ -367,6 +367,8 @@ class ServoLink:
 
     def sink(self) -> None:
         """Lower the torque limit and wait, so that the robot does not drop; never fails."""
+        if not self._has_written:
+            return
         with contextlib.suppress(Exception):
             self._limit_torque(self.limits.sinking_torque)
             end = self.clock.clock() + self.limits.sinking_time
