@@ -69,7 +69,7 @@ HAND_MADE = ("sinusoid", "rollout")  # kinds that are not learned
 HELD_OUT_STREAM = 67
 TROT = 2.5  # [s]
 # environment of the transfer -> name of its figure
-TESTED = {"fleet": "upright", "hard": "upright_hard"}
+TESTED = {"fleet": "upright", "hard_out_of_family": "upright_hard"}
 LOSSES = ("paper", "paper_wide", "rollout")  # recipes; the last two have the same clock and data
 
 

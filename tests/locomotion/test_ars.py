@@ -54,6 +54,29 @@ def test_a_search_climbs_a_quadratic_to_its_top_also_when_resumed():
         np.testing.assert_array_equal(resumed.state()[name], array)
 
 
+def test_the_first_average_is_the_first_parameters_and_a_constant_search_is_its_average():
+    config = ArsConfig(num_directions=2, num_top_directions=2, step_size=0.1, delta_std=0.5)
+    search = Ars(config, 5, 2)
+
+    iterate(search)
+    np.testing.assert_allclose(search.average, search.parameters, rtol=1e-12)
+
+    first = search.parameters
+    for _ in range(200):  # equal returns: the parameters stay
+        search.tell(np.ones((2, 2)), [])
+    np.testing.assert_allclose(search.average, first, rtol=1e-12)
+
+
+def test_the_average_follows_a_moving_search_closely_at_first():
+    search = Ars(ArsConfig(step_size=0.05, delta_std=0.05, seed=1), 5, 2)
+
+    for _ in range(10):
+        iterate(search)
+
+    behind = np.linalg.norm(search.parameters - search.average)
+    assert behind < 0.35 * np.linalg.norm(search.parameters)
+
+
 def test_merged_statistics_equal_numpy_over_everything():
     rng = np.random.default_rng(0)
     samples = [rng.normal(50.0, 3.0, (n, 4)) for n in (7, 0, 1, 120)]

@@ -124,6 +124,8 @@ def test_foot_lift_is_the_median_of_the_maximum_clearance_of_swings():
     hopping = gliding(height=lifts[hop] * np.maximum(0.0, -np.cos(2.0 * np.pi * phase / 35)))
 
     assert foot_lifts(hopping) == pytest.approx([20.0] * 4, abs=0.2)
+    measured_time = (STEPS - 100) * DT  # after the first second
+    assert measured(hopping)["step_frequency"] == pytest.approx(3 / measured_time)
     assert foot_lifts(gliding(height=0.0)) == pytest.approx([0.0] * 4, abs=0.2)
 
 

@@ -8,7 +8,6 @@ from motorprior.studies.statistics import (
     compare_scores,
     estimate,
     holm,
-    interquartile_means,
     means,
     permutation_p,
 )
@@ -35,19 +34,10 @@ def studies(count: int, benches: int = 4, seeds: int = 4, draws: int = 16):
         yield scores
 
 
-def test_the_interquartile_mean_is_the_mean_of_the_middle_half_of_the_finite_scores():
-    assert interquartile_means(np.array([100.0, 3.0, 1.0, 4.0, 2.0, -100.0, 5.0, 6.0])) == np.mean(
-        [2, 3, 4, 5]
-    )
-    assert interquartile_means(np.array([1.0, 2.0, 9.0])) == 4.0  # nothing to leave out
-
-    with_gaps = np.array([np.nan, 3.0, 1.0, np.nan, 2.0, 5.0, 4.0])
-    assert interquartile_means(with_gaps) == 3.0
-    assert means(with_gaps) == 3.0
-    assert np.isnan(interquartile_means(np.full(3, np.nan)))
-
-    rows = interquartile_means(np.array([[1.0, np.nan, 3.0, np.nan], [1.0, 1.0, 2.0, 40.0]]))
-    np.testing.assert_allclose(rows, [2.0, 1.5])
+def test_means_are_over_the_finite_scores():
+    assert means(np.array([np.nan, 3.0, 1.0, np.nan, 2.0])) == 2.0
+    assert np.isnan(means(np.full(3, np.nan)))
+    np.testing.assert_allclose(means(np.array([[1.0, np.nan, 3.0], [1.0, 1.0, 40.0]])), [2.0, 14.0])
 
 
 def test_intervals_have_their_nominal_coverage():
@@ -75,6 +65,15 @@ def test_the_interval_of_a_single_bench_is_over_its_samples():
     middle = robots.mean() + 0.5
     bounds = [middle - half_width, middle + half_width]
     assert [interval.low, interval.high] == pytest.approx(bounds, rel=1e-3)
+
+
+def test_a_single_bench_has_a_difference_but_no_p():
+    scores = np.random.default_rng(2).standard_normal((1, 3, 8))
+
+    comparison = compare_scores(scores + 1.0, scores)
+
+    assert comparison.difference.value == pytest.approx(1.0)
+    assert np.isnan(comparison.p)
 
 
 def test_the_corrected_family_wise_error_is_at_its_level():

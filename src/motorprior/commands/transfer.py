@@ -51,7 +51,7 @@ class TransferCommand(Transfer, Study):
     policies: tuple[Path, ...] = ()
     study: bool = False
     """Train policies on each model of a bench's motors, and evaluate them in their training
-    simulation and in four environments: three to four hours on two cores; a rerun resumes. Study
+    simulation and in five environments: three to four hours on two cores; a rerun resumes. Study
     options require it."""
 
 

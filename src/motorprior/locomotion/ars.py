@@ -13,7 +13,9 @@ from motorprior.bounds import require_count, require_number
 from motorprior.compiled import njit
 from motorprior.exceptions import SimulationFault
 
-AVERAGING = 0.1  # weight of the newest parameters in their running average
+AVERAGING = 0.1  # smallest weight of the newest parameters in their running average
+# η: the first averages forget early parameters, which walk badly, faster than AVERAGING does
+AVERAGING_DECAY = 3.0
 CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is not scaled
 
 
@@ -41,9 +43,7 @@ class Ars:
     def __init__(self, config: ArsConfig, num_parameters: int, observation_size: int):
         self.config = config
         self.parameters = np.zeros(num_parameters)  # M
-        # average A of the parameters: A += AVERAGING (M - A) after every update (Polyak, Juditsky
-        # 1992)
-        self.average = self.parameters
+        self.average = self.parameters  # running average A of the parameters, see `tell`
         self.iteration = 0  # number of updates so far
         # statistics by which observations are normalised during an iteration
         self.observations = RunningStats.empty(observation_size)
@@ -65,12 +65,16 @@ class Ars:
         return self.parameters + sign * (self.config.delta_std * self.direction(direction))
 
     def tell(self, returns: np.ndarray, observations: "Sequence[RunningStats]") -> None:
-        """Update the parameters: M += α / (b σ_R) · Σ (r⁺ - r⁻) δ.
+        """Update the parameters, M += α / (b σ_R) · Σ (r⁺ - r⁻) δ, and their average A.
 
         The sum is over the b directions with the largest max(r⁺, r⁻). ``returns`` (num_directions,
         2) are r⁺ and r⁻; σ_R is the standard deviation of the 2b returns of these directions. If
         they are all equal, M stays. The statistics of the episodes' ``observations`` are merged in
         their order. Raises SimulationFault if a return is not finite.
+
+        A += w (M - A), w = max(AVERAGING, (η + 1) / (n + η)) in update n = 1, 2, …: the
+        polynomial-decay average of Shamir and Zhang 2013 (ICML, "Stochastic gradient descent for
+        non-smooth optimization"), later an exponential average.
         """
         if not np.all(np.isfinite(returns)):
             raise SimulationFault(f"a return in iteration {self.iteration} is not finite")
@@ -84,7 +88,8 @@ class Ars:
             for index in top:
                 total += (returns[index, 0] - returns[index, 1]) * self.direction(int(index))
             self.parameters = self.parameters + scale * total
-        self.average = self.average + AVERAGING * (self.parameters - self.average)
+        weight = max(AVERAGING, (AVERAGING_DECAY + 1.0) / (self.iteration + 1.0 + AVERAGING_DECAY))
+        self.average = self.average + weight * (self.parameters - self.average)
 
         for episode_stats in observations:
             self.observations = self.observations.merge(episode_stats)

@@ -1,4 +1,4 @@
-"""Sections of the demo's page: results on held-out robots, and their robustness."""
+"""Sections of the demo's page: results on held-out robots, their robustness, and their steps."""
 
 from collections.abc import Mapping
 
@@ -8,57 +8,113 @@ from matplotlib.figure import Figure
 
 from motorprior.report.page import Picture, Section, picture
 from motorprior.report.plots_style import TEXT, model_label, new_figure, panels, set_labels
-from motorprior.report.transfer_page import METRICS, conditions_in, estimate_table, forest_plot
+from motorprior.report.transfer_page import (
+    METRICS,
+    STEPS,
+    conditions_in,
+    estimate_table,
+    forest_plot,
+)
 from motorprior.studies.compare import FRICTIONS, PUSHES
 from motorprior.studies.statistics import IN_TRAINING, SAMPLED_PRIOR, StudyStatistics
 from motorprior.studies.transfer_models import LOG_SECONDS
 
-BASELINES = ("ideal_pd", "friction_pd", "random_pd", "paper")
-# environments of the demo, and what is new to a policy in them
+BASELINES = ("ideal_pd", "friction_pd", "paper")
+# environments of the demo, and what they are
 _EXPLAINED = {
-    "fleet": "other robots of the same fleet",
-    "hard": "other motors, floor, load, delays and pushes",
+    "fleet": "other robots of the same fleet, with sensor noise",
+    "hard": (
+        "the same robots with an unknown floor and load, slopes, late and lost readings, and pushes"
+    ),
 }
-# a baseline whose time upright is less by no more is called as good as the prior [-]
-_EQUAL_UPRIGHT = 0.02
+_CONDITIONS = {
+    "ideal_pd": "an ideal PD with gains and torque limit fitted to the bench",
+    "friction_pd": "a PD with armature, delay and Coulomb friction fitted to the bench",
+    "paper": (
+        "the paper's network, on its own bench of sinusoids; one short training, since its "
+        "policies do not walk in their own simulation"
+    ),
+    "sampled_prior": "samples of the motor prior, other motors in every episode",
+    "adapted_prior": (
+        f"the motor prior after {LOG_SECONDS:g} s of log of the robot that the policy walks on"
+    ),
+}
 
 
 def results_section(summary: StudyStatistics, speed: float, film: Picture) -> Section:
-    """Question, result and uncertainty; the film; time upright and speed."""
+    """Result, question, definitions and uncertainty; the film; time upright and speed."""
     environments = "; ".join(f"{env}: {text}" for env, text in _EXPLAINED.items())
     question = (
-        "Policies are trained in simulation on models of a robot's motors, and then walk robots "
-        f"that they have never seen, commanded {speed:g} m/s: {environments}."
+        "Policies are trained in simulation on models of a robot's motors, and then walk held-out "
+        f"virtual robots, commanded {speed:g} m/s. Environments: {environments}."
+    )
+    definitions = [f"{model_label(name)}: {text}" for name, text in _CONDITIONS.items()]
+    conditions = f"Trained on: {'; '.join(definitions)}."
+    walks = (
+        "Walk k of every policy has the same robot, floor and pushes; policies of the adapted "
+        "prior walk on their own robot only."
     )
     num_policies = max(policies.shape[1] for policies in summary.upright.values())
     uncertainty = (
         f"95 % intervals over the robots, of at most {num_policies} policies per condition, all "
-        "for one bench of motors. Intervals exclude variation between trainings and benches; those "
-        "of the study include it (docs/transfer.md)."
+        "for one bench of motors. They exclude the variation between trainings and benches, which "
+        "the study includes (docs/transfer.md)."
     )
-    drawn = picture(forest_plot(summary), "Time upright; hollow: in the training simulation.")
+    caption = (
+        "Time upright: mean with 95 % interval; small dots: the policies; hollow: mean in the "
+        "simulation of the policies' own training."
+    )
+    drawn = picture(forest_plot(summary), caption)
     tables = tuple(estimate_table(summary, metric) for metric in METRICS)
-    texts = (headline(summary), question, _gaps(summary), uncertainty)
+    texts = (headline(summary), question, conditions, walks, _gaps(summary), uncertainty)
     return Section("Results", texts, (drawn, film), tables)
 
 
 def headline(summary: StudyStatistics) -> str:
-    """Time upright on held-out robots.
+    """Which training condition is ahead, or that two are equal; then the times upright.
 
-    The text starts with a baseline that is as good as the prior, if there is one.
+    The sampled prior is compared with the best baseline, see `leads`.
     """
     best = max(BASELINES, key=lambda condition: _upright(summary, condition).sum())
     best_label = model_label(best)
-    enough = _upright(summary, SAMPLED_PRIOR) - _EQUAL_UPRIGHT
-    first = ""
-    if np.all(_upright(summary, best) > enough):
-        first = f"Here a simpler model is as good as the learned prior: the {best_label}. "
-    return (
-        f"{first}Time upright on held-out robots: {_percent(summary, SAMPLED_PRIOR)} after "
-        f"training on samples of the prior; {_percent(summary, 'adapted_prior')} on the prior "
-        f"adapted to {LOG_SECONDS:g} s of log of the robot; {_percent(summary, 'ideal_pd')} on "
-        f"an ideal PD; {_percent(summary, best)} on the best baseline, the {best_label}."
+    prior_label = model_label(SAMPLED_PRIOR)
+    lead = {env: leads(summary, env, best) for env in _EXPLAINED}
+    ahead = [env for env, sign in lead.items() if sign > 0]
+    behind = [env for env, sign in lead.items() if sign < 0]
+
+    if ahead and not behind:
+        result = f"The {prior_label} is ahead of the best baseline, the {best_label}"
+        result += f", in {' and '.join(ahead)}."
+    elif behind and not ahead:
+        result = f"The best baseline, the {best_label}, is ahead of the {prior_label}"
+        result += f" in {' and '.join(behind)}."
+    else:
+        result = (
+            f"The {prior_label} and the best baseline, the {best_label}, are equal in this run."
+        )
+
+    times = "; ".join(
+        f"{model_label(condition)} {_percent(summary, condition)}"
+        for condition in conditions_in(summary)
     )
+    return f"{result} Time upright on held-out robots: {times}."
+
+
+def leads(summary: StudyStatistics, env: str, baseline: str) -> int:
+    """1 if the sampled prior is ahead of a baseline in an environment, -1 if it is behind, else 0.
+
+    It is ahead if the 95 % interval of the difference of the times upright, over robots, excludes
+    0, and if all its policies are upright longer than all policies of the baseline. Behind is the
+    reverse.
+    """
+    difference = summary.differences[env, baseline, "upright"].difference  # baseline minus prior
+    of_prior = summary.upright[env, SAMPLED_PRIOR]
+    of_baseline = summary.upright[env, baseline]
+    if difference.high < 0.0 and of_prior.min() > of_baseline.max():
+        return 1
+    if difference.low > 0.0 and of_baseline.min() > of_prior.max():
+        return -1
+    return 0
 
 
 def _upright(summary: StudyStatistics, condition: str) -> np.ndarray:
@@ -82,9 +138,46 @@ def _gaps(summary: StudyStatistics) -> str:
         held_out = summary.estimates["fleet", condition, "upright"].value
         gaps.append(f"{model_label(condition)} {100 * (in_training - held_out):+.0f}")
     return (
-        "Transfer gap, own simulation minus fleet, in percentage points upright: "
+        "Transfer gap, time upright in the own simulation minus in fleet, in percentage points: "
         f"{', '.join(gaps)}."
     )
+
+
+def steps_section(summary: StudyStatistics) -> Section:
+    """Step frequency and foot lift, and what the paper observed."""
+    claim = (
+        "The paper observed that the policy of the learned actuator takes steps of lower frequency "
+        "and lifts the legs higher than the policy of the ideal PD."
+    )
+    result = (
+        f"Here, on held-out robots of the fleet, the {model_label(SAMPLED_PRIOR)} has "
+        f"{_compared(summary, 'step_frequency', 'Hz', '.2f')}, and "
+        f"{_compared(summary, 'foot_lift_mm', 'mm', '.1f')}."
+    )
+    tables = tuple(estimate_table(summary, metric) for metric in STEPS)
+    return Section("Steps", (claim, result), tables=tables)
+
+
+def _compared(summary: StudyStatistics, metric: str, unit: str, number_format: str) -> str:
+    """A metric of the sampled prior compared with the ideal PD in the fleet, by their intervals."""
+    name = {"step_frequency": "step frequency", "foot_lift_mm": "foot lift"}[metric]
+    missing = [
+        condition
+        for condition in (SAMPLED_PRIOR, "ideal_pd")
+        if ("fleet", condition, metric) not in summary.estimates
+    ]
+    if missing:
+        return f"no {name} to compare: no walk of {model_label(missing[0])} is long enough"
+
+    prior = summary.estimates["fleet", SAMPLED_PRIOR, metric]
+    baseline = summary.estimates["fleet", "ideal_pd", metric]
+    comparison = f"a {name} not distinguishable from"
+    if prior.low > baseline.high:
+        comparison = f"a higher {name} than"
+    elif prior.high < baseline.low:
+        comparison = f"a lower {name} than"
+    values = f"{prior.value:{number_format}} and {baseline.value:{number_format}} {unit}"
+    return f"{comparison} the {model_label('ideal_pd')} ({values})"
 
 
 def robustness(maps: Mapping[str, np.ndarray]) -> Section:
@@ -93,8 +186,25 @@ def robustness(maps: Mapping[str, np.ndarray]) -> Section:
         "Held-out robots of the fleet with stronger pushes and other floors than in any training, "
         "walks of 5 s."
     )
+    comparisons = []
+    for condition, upright in maps.items():
+        if condition != SAMPLED_PRIOR:
+            comparisons.append(_map_comparison(maps[SAMPLED_PRIOR], condition, upright))
     caption = "Time upright [%], over all policies."
-    return Section("Robustness on held-out robots", (text,), (picture(_heat_maps(maps), caption),))
+    drawn = picture(_heat_maps(maps), caption)
+    return Section("Robustness on held-out robots", (text, *comparisons), (drawn,))
+
+
+def _map_comparison(of_prior: np.ndarray, baseline: str, of_baseline: np.ndarray) -> str:
+    """Who is ahead in how many cells of the maps."""
+    difference = of_prior - of_baseline
+    ahead = int(np.sum(difference > 0.0))
+    behind = int(np.sum(difference < 0.0))
+    return (
+        f"Of {difference.size} cells, the {model_label(SAMPLED_PRIOR)} is ahead of the "
+        f"{model_label(baseline)} in {ahead} and behind in {behind}; mean difference "
+        f"{100.0 * difference.mean():+.0f} percentage points."
+    )
 
 
 def _heat_maps(maps: Mapping[str, np.ndarray]) -> Figure:

@@ -34,6 +34,11 @@ METRICS = {
     "upright": _Format("time upright [%]", 100.0, ".0f"),
     "speed": _Format("speed [m/s]", 1.0, ".2f"),
 }
+# how the robots step, see `gait_quality.walk_metrics`
+STEPS = {
+    "step_frequency": _Format("steps of each leg per second [Hz]", 1.0, ".2f"),
+    "foot_lift_mm": _Format("foot lift [mm]", 1.0, ".1f"),
+}
 
 
 def transfer_page(summary: StudyStatistics, settings: Mapping[str, Any], command: str) -> str:
@@ -52,7 +57,8 @@ def study_sections(summary: StudyStatistics) -> list[Section]:
 def own_simulations(summary: StudyStatistics) -> Section:
     """Time upright of every policy in the simulation of its training.
 
-    The table has a row per training condition and a cell per bench.
+    The table has a row per training condition and a cell per bench; policies below CONVERGED are
+    marked.
     """
     rows = []
     not_converged = []
@@ -61,11 +67,13 @@ def own_simulations(summary: StudyStatistics) -> Section:
             policies = summary.upright.get((env, condition))  # (benches, policies)
             if policies is None:
                 continue
-            name = condition if env == IN_TRAINING else f"{condition}, out-of-family motors"
+            name = model_label(condition)
+            if env == IN_TRAINING_OUT_OF_FAMILY:
+                name = f"{name}, out-of-family motors"
             cells = []
             for policies_of_bench in policies:
-                cells.append(" ".join(f"{100.0 * value:.0f}" for value in policies_of_bench))
-            rows.append((name, *cells))
+                cells.append(" ".join(_marked(value) for value in policies_of_bench))
+            rows.append((condition if env == IN_TRAINING else name, *cells))
 
             count = int(np.sum(policies < CONVERGED))
             if count:
@@ -74,16 +82,21 @@ def own_simulations(summary: StudyStatistics) -> Section:
     columns = ("trained on", *(f"bench {bench}" for bench in summary.benches))
     caption = "time upright of every policy in the simulation of its training [%]"
     text = (
-        "A policy that falls in the simulation of its training has not converged, or its motors "
-        "cannot walk so fast."
+        "The simulation of a training has the motors of its condition, sensor noise and pushes. A "
+        "policy that falls there has not converged, or its motors cannot walk so fast."
     )
     policies_below = "; ".join(not_converged) or "no policy"
-    counts = f"Upright for less than {100 * CONVERGED:.0f} %: {policies_below}."
+    counts = f"Upright for less than {100 * CONVERGED:.0f} % (marked *): {policies_below}."
     return Section(
         "In the simulation of the training",
         (text, counts),
         tables=(Table(columns, rows, caption),),
     )
+
+
+def _marked(upright: float) -> str:
+    """Time upright of a policy [%], with a mark if it is below CONVERGED."""
+    return f"{100.0 * upright:.0f}" + ("*" if upright < CONVERGED else "")
 
 
 def _held_out_robots(summary: StudyStatistics) -> Section:
@@ -93,8 +106,8 @@ def _held_out_robots(summary: StudyStatistics) -> Section:
         "benches with 95 % intervals."
     )
     caption = (
-        "Time upright: mean over benches with 95 % interval; points: the benches; hollow: in the "
-        "training simulation."
+        "Time upright: mean over benches with 95 % interval; small dots: the policies; hollow: in "
+        "the training simulation of the condition."
     )
     drawn = picture(forest_plot(summary), caption)
     tables = tuple(estimate_table(summary, metric) for metric in METRICS)
@@ -102,7 +115,10 @@ def _held_out_robots(summary: StudyStatistics) -> Section:
 
 
 def _differences(summary: StudyStatistics) -> Section:
-    text = "Permutation tests within benches; p corrected by Holm for all differences."
+    text = (
+        "p: permutation tests within benches, corrected by Holm for all differences. A single "
+        "bench has no p."
+    )
     tables = tuple(difference_table(summary, metric) for metric in METRICS)
     return Section("Differences from the sampled prior", (text,), tables=tables)
 
@@ -116,7 +132,7 @@ def conditions_in(summary: StudyStatistics) -> list[str]:
 
 def estimate_table(summary: StudyStatistics, metric: str) -> Table:
     """A row per training condition, a cell per environment: the mean over benches, its interval."""
-    title, factor, number_format = METRICS[metric]
+    title, factor, number_format = (METRICS | STEPS)[metric]
     cells = {}
     for (env, condition, name), estimate in summary.estimates.items():
         if name == metric:
@@ -134,8 +150,9 @@ def difference_table(summary: StudyStatistics, metric: str) -> Table:
     for (env, condition, name), comparison in summary.differences.items():
         if name == metric:
             difference = with_interval(comparison.difference, factor, f"+{number_format}")
-            cells[env, condition] = f"{difference} p={comparison.p:.2g}"
-    caption = f"{title}: difference from the sampled prior [95 % interval], and p"
+            is_tested = np.isfinite(comparison.p)
+            cells[env, condition] = difference + (f" p={comparison.p:.2g}" if is_tested else "")
+    caption = f"{title}: difference from the sampled prior [95 % interval]"
     table = _table(summary, ENVIRONMENTS, cells, caption)
     rows = [row for row in table.rows if any(row[1:])]
     return Table(table.columns, rows, caption)
@@ -194,8 +211,8 @@ def _draw_environment(
 
     for row, condition in enumerate(conditions):
         color = model_color(condition)
-        benches = summary.by_bench.get((env, condition, "upright"), np.empty(0))
-        axes.plot(benches, np.full(len(benches), row + 0.2), ".", markersize=3, color=color)
+        policies = summary.upright.get((env, condition), np.empty(0)).ravel()
+        axes.plot(policies, np.full(len(policies), row + 0.2), ".", markersize=3, color=color)
 
         in_training = upright.get((training_env, condition))
         if in_training is None:  # the policies are the same for both populations

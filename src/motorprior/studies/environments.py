@@ -4,12 +4,13 @@ The *twin* is a held-out virtual robot: unseen motors of a fleet, 1 kHz physics,
 test environments of a study are twins, too, with numbered robots: a robot's motors depend on its
 fleet's name, the study's seed and its number alone.
 
-    fleet          motors of the bench's fleet, with one offset of all its motors per robot
-    out_of_family  out-of-family motors: other friction, hardening gear, torque-speed line with sag,
-                   heat, ripple
-    hard           out-of-family motors; floor, load, slope, delays, dropped readings and pushes as
-                   in HARD
-    pybullet       the bench's fleet in the other engine: other contacts, other integration
+    fleet               motors of the bench's fleet, with one offset of all its motors per robot
+    hard                the same motors; floor, load, slope, delays, dropped readings and pushes as
+                        in HARD
+    out_of_family       out-of-family motors: other friction, hardening gear, torque-speed line
+                        with sag, heat, ripple
+    hard_out_of_family  out-of-family motors with the disturbances of `hard`
+    pybullet            the bench's fleet in the other engine: other contacts, other integration
 
 All have at least the sensor noise of NOISY.
 """
@@ -72,8 +73,9 @@ class Environment:
 
 ENVIRONMENTS = {
     "fleet": Environment(IN_FAMILY, "mujoco", NOISY),
+    "hard": Environment(IN_FAMILY, "mujoco", HARD),
     "out_of_family": Environment(OUT_OF_FAMILY, "mujoco", NOISY),
-    "hard": Environment(OUT_OF_FAMILY, "mujoco", HARD),
+    "hard_out_of_family": Environment(OUT_OF_FAMILY, "mujoco", HARD),
     "pybullet": Environment(IN_FAMILY, "pybullet", NOISY),
 }
 

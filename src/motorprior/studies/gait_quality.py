@@ -29,13 +29,21 @@ UNITS = {
     "heading_deg_per_m": "°/m",
     "lateral_share": "1",
     "foot_lift_mm": "mm",
+    "step_frequency": "Hz",
     "slip": "m/m",
     "body_rate": "rad/s",
     "cost_of_transport": "1",
     "drift": "m",
 }
 # metrics of `gait_quality` that a study has, too
-_OF_STUDY = ("heading_deg_per_m", "lateral_share", "slip", "cost_of_transport", "body_rate")
+_OF_STUDY = (
+    "heading_deg_per_m",
+    "lateral_share",
+    "slip",
+    "cost_of_transport",
+    "body_rate",
+    "step_frequency",
+)
 
 
 def completed(episode: Episode, steps: int) -> bool:
@@ -63,7 +71,8 @@ def gait_quality(
     [m/s]; speed_error: |speed - command| / |command|; heading_deg_per_m: final |heading - commanded
     heading| over the distance [°/m]; lateral_share: final lateral distance from the commanded path
     at the walk's own speed, over the distance; foot_lift_mm/LEG: median over the swings of the
-    maximum clearance of the foot [mm], of swings above 2 mm; slip: distance that a foot's lowest
+    maximum clearance of the foot [mm], of swings above 2 mm; step_frequency: number of these swings
+    per leg over the time [Hz]; slip: distance that a foot's lowest
     point slides within 0.5 mm of the ground, mean over the feet, over the distance [m/m];
     body_rate: RMS of the angular rate about the body's x and y axes [rad/s]; cost_of_transport:
     mean of Σ |torque · joint velocity| over weight · |speed|.
@@ -110,8 +119,12 @@ def gait_quality(
     metrics["lateral_share"] = abs(lateral) / distance
 
     clearance, sliding = foot_motion(robot, qpos, qvel)
+    num_swings = 0
     for leg, clearance_of_leg in zip(robot.legs, clearance.T, strict=True):
-        metrics[f"foot_lift_mm/{leg.name}"] = 1e3 * _lift(clearance_of_leg)
+        lifts = _lifts(clearance_of_leg)
+        num_swings += len(lifts)
+        metrics[f"foot_lift_mm/{leg.name}"] = 1e3 * float(np.median(lifts or [0.0]))
+    metrics["step_frequency"] = num_swings / (len(robot.legs) * dt * len(qpos))
     sliding_on_ground = np.sum(sliding * (clearance < CONTACT_HEIGHT), axis=0)
     metrics["slip"] = float(np.mean(sliding_on_ground)) * dt / distance
 
@@ -198,8 +211,8 @@ def _lateral_distance(position: np.ndarray, goal: np.ndarray, step: float) -> fl
     return float(math.cos(goal[-1]) * off[1] - math.sin(goal[-1]) * off[0])
 
 
-def _lift(clearance: np.ndarray) -> float:
-    """Median over complete swings of their maximum clearance [m]; 0 without a swing.
+def _lifts(clearance: np.ndarray) -> list[float]:
+    """Maximum clearance [m] of every complete swing.
 
     ``clearance`` (F,) is the height of a foot above the ground [m]. Swings below LIFTED do
     not count.
@@ -210,8 +223,8 @@ def _lift(clearance: np.ndarray) -> float:
     for phase in np.split(clearance, edges + 1)[1:-1]:
         is_swing = phase[0] >= CONTACT_HEIGHT
         if is_swing and phase.max() > LIFTED:
-            heights.append(phase.max())
-    return float(np.median(heights or [0.0]))
+            heights.append(float(phase.max()))
+    return heights
 
 
 def quality_results(quality: Mapping[str, float], model: str, motors: str) -> Results:

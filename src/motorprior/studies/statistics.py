@@ -12,7 +12,7 @@ the interval is about the mean over walks; it excludes the variation between tra
 
 import csv
 import io
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
@@ -31,7 +31,7 @@ COMPARED = ("speed", "upright")  # metrics that are compared
 IN_TRAINING = "own"
 IN_TRAINING_OUT_OF_FAMILY = "own_out_of_family"
 ALL_ENVIRONMENTS = (IN_TRAINING, IN_TRAINING_OUT_OF_FAMILY, *ENVIRONMENTS)
-CONVERGED = 0.9  # smallest mean time upright of a policy that walks in its own simulation [-]
+CONVERGED = 0.95  # smallest mean time upright of a policy that walks in its own simulation [-]
 
 LEVEL = 0.95  # confidence level of intervals
 PERMUTATIONS = 20_000  # random assignments of a test
@@ -39,8 +39,6 @@ _SEED = 0x57A7
 
 _KEYS = {"bench": int, "environment": str, "condition": str, "seed": int, "walk": int}
 WalkRow: TypeAlias = dict[str, Any]  # _KEYS and metrics, NaN if undefined
-# function from (..., scores) to the (...) statistics of the finite scores, NaN if there are none
-Statistic = Callable[[np.ndarray], np.ndarray]
 ConditionKey: TypeAlias = tuple[str, str]  # environment, training condition
 MetricKey: TypeAlias = tuple[str, str, str]  # environment, training condition, metric
 Key = TypeVar("Key", bound=Hashable)
@@ -111,68 +109,38 @@ def scores(walks: Sequence[WalkRow], metric: str) -> np.ndarray:
 # Statistics of scores.
 
 
-def interquartile_means(scores: np.ndarray) -> np.ndarray:
-    """(...) interquartile means of (..., scores).
-
-    The n/4 lowest and the n/4 highest of n finite scores are left out. n/4 is rounded down, as in
-    `scipy.stats.trim_mean`.
-    """
-    ordered = np.sort(scores, axis=-1)  # NaN last
-    count = np.isfinite(ordered).sum(axis=-1, keepdims=True)
-    num_left_out = count // 4  # at each end
-    rank = np.arange(scores.shape[-1])
-    is_middle = (rank >= num_left_out) & (rank < count - num_left_out)
-    return _masked_mean(ordered, is_middle)
-
-
 def means(scores: np.ndarray) -> np.ndarray:
-    """(...) means of the finite values among (..., scores)."""
-    return _masked_mean(scores, np.isfinite(scores))
-
-
-def _masked_mean(scores: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """(...) means of (..., scores) where the mask is true; NaN if the mask is nowhere true."""
-    count = mask.sum(axis=-1)
-    total = np.where(mask, scores, 0.0).sum(axis=-1)
+    """(...) means of the finite values among (..., scores); NaN if there are none."""
+    is_finite = np.isfinite(scores)
+    count = is_finite.sum(axis=-1)
+    total = np.where(is_finite, scores, 0.0).sum(axis=-1)
     return total / np.where(count > 0, count, np.nan)
 
 
-def statistic_of(metric: str) -> Statistic:
-    """Mean of the time upright; interquartile mean of other metrics.
+def estimate(scores: np.ndarray) -> Estimate:
+    """Mean over benches of the mean of all walks of a bench, with its interval.
 
-    An interquartile mean of the time upright would hide falls.
+    With a single bench: mean over the walk numbers of the mean of all policies' walks with this
+    number.
     """
-    return means if metric == "upright" else interquartile_means
+    return _interval(_independent_values(scores))
 
 
-def estimate(scores: np.ndarray, statistic: Statistic = interquartile_means) -> Estimate:
-    """Mean over benches, with its interval, of the statistic of all walks of a bench.
-
-    With a single bench: mean over the walk numbers of the statistic of all policies' walks with
-    this number.
-    """
-    return _interval(_independent_values(scores, statistic))
-
-
-def compare_scores(
-    first: np.ndarray, second: np.ndarray, statistic: Statistic = interquartile_means
-) -> Comparison:
+def compare_scores(first: np.ndarray, second: np.ndarray) -> Comparison:
     """Compare the scores of two training conditions in one environment, on the same benches."""
-    differences = _independent_values(first, statistic) - _independent_values(second, statistic)
-    p = permutation_p(statistic(first), statistic(second))
+    differences = _independent_values(first) - _independent_values(second)
+    p = permutation_p(means(first), means(second)) if len(first) > 1 else float("nan")
     return Comparison(_interval(differences), p)
 
 
-def _independent_values(scores: np.ndarray, statistic: Statistic) -> np.ndarray:
-    """(benches,) statistic of each bench; for a single bench, (walks,) of each walk number.
+def _independent_values(scores: np.ndarray) -> np.ndarray:
+    """(benches,) mean of each bench; for a single bench, (walks,) means of each walk number.
 
     An interval is computed from the variation between these values.
     """
     if len(scores) > 1:
-        scores_of_bench = scores.reshape(len(scores), -1)
-        return statistic(scores_of_bench)
-    scores_of_walk = scores[0].T  # (walks, policies)
-    return statistic(scores_of_walk)
+        return means(scores.reshape(len(scores), -1))
+    return means(scores[0].T)  # over the policies
 
 
 def _interval(values: np.ndarray) -> Estimate:
@@ -237,11 +205,11 @@ class StudyStatistics:
     """Statistics of a table of walks, by (environment, condition, metric)."""
 
     benches: tuple[int, ...]  # seeds of the benches
-    # mean over benches of `statistic_of` the metric, with its 95 % interval
-    estimates: dict[MetricKey, Estimate]
-    by_bench: dict[MetricKey, np.ndarray]  # (benches,) statistics of the COMPARED metrics
+    estimates: dict[MetricKey, Estimate]  # mean over benches, with its 95 % interval
+    by_bench: dict[MetricKey, np.ndarray]  # (benches,) means of the COMPARED metrics
     upright: dict[ConditionKey, np.ndarray]  # (benches, policies) mean time upright
-    # comparison of a condition with the sampled prior; p is corrected for all these comparisons
+    # comparison of a condition with the sampled prior; p is corrected for all these comparisons,
+    # and NaN for a single bench
     differences: dict[MetricKey, Comparison]
 
     def as_results(self) -> Results:
@@ -250,7 +218,8 @@ class StudyStatistics:
         ENVIRONMENT/CONDITION/METRIC, with /low and /high, is an estimate. Names of the statistics
         of one bench begin with bench_SEED/. ENVIRONMENT/CONDITION/policies_upright is the share of
         policies that are upright for at least CONVERGED of the time.
-        ENVIRONMENT/CONDITION/METRIC_p_against_sampled_prior is the p of a comparison.
+        ENVIRONMENT/CONDITION/METRIC_p_against_sampled_prior is the p of a comparison; a single
+        bench has none.
         """
         rows = []
         for (env, condition, metric), interval in self.estimates.items():
@@ -272,7 +241,8 @@ class StudyStatistics:
 
         for (env, condition, metric), comparison in self.differences.items():
             name = f"{env}/{condition}/{metric}_p_against_{SAMPLED_PRIOR}"
-            rows.append(Result(name, "1", comparison.p))
+            if np.isfinite(comparison.p):
+                rows.append(Result(name, "1", comparison.p))
         return Results(rows)
 
 
@@ -290,16 +260,14 @@ def summarise(walks: Sequence[WalkRow]) -> StudyStatistics:
 
         for metric in COMPARED:
             values = scores(cell, metric)
-            scores_of_bench = values.reshape(len(values), -1)
-            statistic = statistic_of(metric)
-            by_bench[env, condition, metric] = statistic(scores_of_bench)
+            by_bench[env, condition, metric] = means(values.reshape(len(values), -1))
         upright[env, condition] = means(scores(cell, "upright"))
 
         walks_of_prior = cells.get((env, SAMPLED_PRIOR))
         if env in ENVIRONMENTS and condition != SAMPLED_PRIOR and walks_of_prior is not None:
             for metric in COMPARED:
                 differences[env, condition, metric] = compare_scores(
-                    scores(cell, metric), scores(walks_of_prior, metric), statistic_of(metric)
+                    scores(cell, metric), scores(walks_of_prior, metric)
                 )
 
     benches = tuple(sorted({walk["bench"] for walk in walks}))
@@ -317,7 +285,7 @@ def _cells(walks: Iterable[WalkRow]) -> dict[ConditionKey, list[WalkRow]]:
 
 
 def _estimate_of(walks: Sequence[WalkRow], metric: str) -> Estimate:
-    result = estimate(scores(walks, metric), statistic_of(metric))
+    result = estimate(scores(walks, metric))
     if metric == "upright":  # a share
         return replace(result, low=max(0.0, result.low), high=min(1.0, result.high))
     return result
@@ -325,5 +293,12 @@ def _estimate_of(walks: Sequence[WalkRow], metric: str) -> Estimate:
 
 def _corrected(differences: Mapping[MetricKey, Comparison]) -> dict[MetricKey, Comparison]:
     """The comparisons, with p corrected for the number of comparisons."""
-    p_values = holm({key: comparison.p for key, comparison in differences.items()})
-    return {key: replace(comparison, p=p_values[key]) for key, comparison in differences.items()}
+    p_values = {}
+    for key, comparison in differences.items():
+        if np.isfinite(comparison.p):
+            p_values[key] = comparison.p
+    corrected = holm(p_values)
+    return {
+        key: replace(comparison, p=corrected.get(key, float("nan")))
+        for key, comparison in differences.items()
+    }

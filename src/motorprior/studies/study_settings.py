@@ -82,6 +82,7 @@ def condition_of(name: str) -> Condition:
 _COUNTS = ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers")
 _OPTIONAL_COUNTS = ("oracle_seeds", "robots", "patience")
 _MAX_PD_RANGE = 0.9
+SHORT_ITERATIONS = 20  # largest number of iterations of the conditions `Study.short`
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,8 @@ class Study:
     """Fleet of the motors on the bench and in the environment `fleet`; the robot's fleet if not
     given."""
     out_of_family: str = "foreign_direct"
-    """Fleet of the out-of-family motors, in the environments `out_of_family` and `hard`."""
+    """Fleet of the out-of-family motors, in the environments `out_of_family` and
+    `hard_out_of_family`."""
     conditions: tuple[str, ...] = STANDARD
     """Training conditions: names of docs/transfer.md, or other motors, as for `walk --motors`."""
     environments: tuple[str, ...] = tuple(ENVIRONMENTS)
@@ -107,6 +109,9 @@ class Study:
     oracle_seeds: int | None = None
     """Policies of the oracle per bench, which take longer, as their physics step is shorter;
     `seeds` if not given."""
+    short: tuple[str, ...] = ()
+    """Training conditions with one policy per bench, trained for at most 20 iterations: enough to
+    show that policies of a condition do not walk in their own simulation."""
     walks: int = 32
     """Walks of each policy per environment."""
     robots: int | None = None
@@ -176,6 +181,8 @@ class Study:
 
     def seeds_of(self, condition: str) -> range:
         """Seeds of the policies of a training condition."""
+        if condition in self.short:
+            return range(1)
         if condition == "oracle" and self.oracle_seeds:
             return range(self.oracle_seeds)
         return range(self.seeds)

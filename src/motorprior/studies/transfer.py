@@ -5,7 +5,7 @@
    environment uses.
 3. Adapt the prior and a PD to ten seconds of log of each robot (`transfer_models`).
 4. Train a policy per bench, training condition and seed; evaluate it in its training simulation and
-   in four environments.
+   in five environments.
 
 `statistics` summarises the walks, and `report.transfer_page` shows them.
 """
@@ -53,6 +53,7 @@ from motorprior.studies.statistics import (
 )
 from motorprior.studies.study_settings import (
     CONDITIONS,
+    SHORT_ITERATIONS,
     TRAINING,
     VALIDATION,
     Study,
@@ -165,7 +166,7 @@ def _selection_runs(
             name=f"{condition_name}_{value:g}",
             seed=seed,
             motors=motors_of_condition(with_value, condition_name, VALIDATION, seed),
-            environments=(OUT_OF_FAMILY, "hard"),
+            environments=(OUT_OF_FAMILY, "hard_out_of_family"),
             robot_number=seed if CONDITIONS[condition_name].adapted else None,
         )
         runs.append(run)
@@ -244,6 +245,8 @@ def _policy_run(
     iterations = bench.iterations
     if condition.iterations is not None:
         iterations = min(condition.iterations, iterations)
+    if name in bench.short:
+        iterations = min(SHORT_ITERATIONS, iterations)
     number = bench.robot_number(seed)
     return PolicyRun(
         replace(bench, iterations=iterations),
