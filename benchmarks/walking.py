@@ -12,33 +12,50 @@ figures.json contains
                                            slope, delayed sensors and pushes)
     untrained_PLACE/QUANTITY               the same for the untrained gait
     PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward and stand (COMMANDS)
+    learning/SEARCH/cpu_seconds, /steps        processor time and control steps of a training until
+                                           its policy walks, see `learning`; medians over seeds,
+                                           and /seed_SEED. SEARCH is before or after (SEARCHES)
+    learning/ratio/cpu_seconds, /steps         after over before
 
-Finished benches, priors and policies are reused. Half an hour on two cores.
+Finished benches, priors and policies are reused. Half an hour on two cores; with --draws 0 the
+figures of learning only.
 """
 
 import math
+import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import motorprior as mp
 from figures import PROGRESS, run_benchmark
 from motorprior.actuator.fleet import load_robot_fleet
+from motorprior.locomotion.ars import AVERAGING, ArsConfig
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import PolicyArrays
+from motorprior.locomotion.policy_search import PolicySearch
 from motorprior.locomotion.policy_shape import PolicyShape
 from motorprior.priors.fit_prior import PRIOR_FILE
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
-from motorprior.simulation.scene import Episode, Scene, WalkConfig
+from motorprior.simulation.scene import Episode, Scene, WalkConfig, simulator_of
+from motorprior.simulation.training import WalkSettings
 from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, held_out_scene
-from motorprior.studies.gait_quality import WARM_UP, completed, gait_quality, headings
+from motorprior.studies.gait_quality import (
+    WARM_UP,
+    completed,
+    gait_quality,
+    headings,
+    share_upright,
+)
 
 PLACES = ("sampled", "twin", "hard")
 TURNS = "commanded/"  # prefix of the names of these quantities
@@ -48,6 +65,10 @@ COMMANDS = (
     (1.0, 0.0), (1.0, 1.0), (1.0, -1.0),
 )  # fmt: skip
 Rows = Iterator[tuple[str, str, float]]  # quantity, command and mean over the samples
+LEARNING_WALKS = 16  # walks of a policy in `learning`
+MIN_UPRIGHT = 0.95  # time upright of a policy that walks [-]
+MIN_SPEED_SHARE = 0.9  # its speed over the commanded speed
+EPISODES_PER_CHECK = 32  # training episodes between two evaluations in `learning`
 
 
 @dataclass(frozen=True)
@@ -65,9 +86,24 @@ class Settings:
     seeds: int = 5  # policies
     iterations: int = 150  # iterations of a training
     episode_steps: int = 1000  # control steps of a training episode
-    draws: int = 24  # walks per environment and speed
+    draws: int = 24  # walks per environment and speed; 0: only the time to learn is measured
     seconds: float = 20.0  # duration of a walk [s]
     workers: int = 2  # threads
+
+
+class Search(NamedTuple):
+    """A search whose time to learn is measured."""
+
+    config: ArsConfig
+    # weight of the newest parameters in their average, constant; None: as `Ars.tell`
+    averaging: float | None
+
+
+SEARCHES = {
+    # earlier settings, for comparison
+    "before": Search(ArsConfig(16, 8, step_size=0.02, delta_std=0.03), AVERAGING),
+    "after": Search(ArsConfig(), None),
+}
 
 
 @dataclass(frozen=True)
@@ -147,6 +183,88 @@ class Environments:
             yield f"{TURNS}yaw_rate", name, float(np.mean(yaw_rates))
 
 
+def learning(settings: Settings, robot: mp.Robot, prior: mp.MotorPrior) -> dict[str, float]:
+    """Processor time [s] and control steps of trainings until their policy walks.
+
+    A policy walks if its LEARNING_WALKS walks, on samples of the prior in the training's
+    randomization, at the robot's fastest speed straight ahead, have at least MIN_UPRIGHT of the
+    time upright and MIN_SPEED_SHARE of the speed. It is evaluated after every EPISODES_PER_CHECK
+    episodes; the evaluations do not count. A training that never walks counts whole.
+    """
+    values: defaultdict[str, list[float]] = defaultdict(list)
+    for seed, (name, search) in product(range(settings.seeds), SEARCHES.items()):
+        seconds, steps = seconds_to_walk(settings, robot, prior, search, seed)
+        PROGRESS.note(f"{name}, seed {seed}: walks after {seconds:.1f} s, {steps} control steps")
+        values[f"{name}/cpu_seconds"].append(seconds)
+        values[f"{name}/steps"].append(steps)
+
+    figures = {}
+    for name, of_seeds in values.items():
+        figures[f"learning/{name}"] = float(np.median(of_seeds))
+        for seed, value in enumerate(of_seeds):
+            figures[f"learning/{name}/seed_{seed}"] = value
+    for quantity in ("cpu_seconds", "steps"):
+        ratio = figures[f"learning/after/{quantity}"] / figures[f"learning/before/{quantity}"]
+        figures[f"learning/ratio/{quantity}"] = ratio
+    return figures
+
+
+def seconds_to_walk(
+    settings: Settings, robot: mp.Robot, prior: mp.MotorPrior, search: Search, seed: int
+) -> tuple[float, int]:
+    """Processor time [s] and control steps of one training until its policy walks."""
+    training = WalkSettings(episode_steps=settings.episode_steps)
+    robot = training.commands.extend_range(robot)
+    motors = simulated_motors(prior, robot)
+    scene = Scene(robot, motors.draw, training, motors.physics_dt)
+    forward = robot.require_gait().forward[1]
+    straight = replace(training, commands=Commands.steady(forward))
+    test_scene = replace(scene, walk=straight)
+
+    shape = PolicyShape.of(robot, training.hidden_units, training.symmetric)
+    policy_search = PolicySearch(replace(search.config, seed=seed), shape)
+    executor = CountingExecutor(scene)
+    average = policy_search.ars.parameters
+    cpu_seconds = 0.0
+    episodes = 0
+    for _ in range(settings.iterations):
+        begin = time.process_time()
+        policy_search.advance(executor)
+        cpu_seconds += time.process_time() - begin
+        ars = policy_search.ars
+        if search.averaging is None:
+            average = ars.average
+        else:
+            average = average + search.averaging * (ars.parameters - average)
+
+        episodes += 2 * search.config.num_directions
+        if episodes % EPISODES_PER_CHECK == 0:
+            policy = shape.policy(average, ars.observations)
+            walks = run_walks(test_scene, policy, range(LEARNING_WALKS))
+            duration = training.episode_steps * robot.control_dt
+            speed = float(np.mean([walk.displacement[0] for walk in walks])) / duration
+            upright = float(
+                np.mean([share_upright(walk, training.episode_steps) for walk in walks])
+            )
+            if upright >= MIN_UPRIGHT and speed >= MIN_SPEED_SHARE * forward:
+                break
+    return cpu_seconds, executor.steps
+
+
+class CountingExecutor:
+    """Runs episodes one after the other, and counts their control steps."""
+
+    def __init__(self, scene: Scene):
+        self._simulator = simulator_of(scene)
+        self.steps = 0
+
+    def map(self, function: Callable[..., Any], shared: Any, tasks: Sequence[Any]) -> list[Any]:
+        """See `ThreadExecutor.map`."""
+        episodes = [function(self._simulator, shared, task) for task in tasks]
+        self.steps += sum(episode.steps for episode in episodes)
+        return episodes
+
+
 def compute(settings: Settings) -> dict[str, float]:
     """All figures; the figures straight ahead also over speeds, for all seeds and for each."""
     robot = mp.load_robot(settings.robot)
@@ -160,6 +278,10 @@ def compute(settings: Settings) -> dict[str, float]:
         progress=PROGRESS,
     )
     prior = mp.fit_prior(log, settings.preset, out=folder, progress=PROGRESS)
+    figures = learning(settings, robot, prior)
+    if settings.draws == 0:
+        return figures
+
     fleet = load_robot_fleet(robot, settings.fleet)
     steps = round(settings.seconds / robot.control_dt)
     environments = Environments(settings, robot, fleet, prior, steps)
@@ -192,7 +314,9 @@ def compute(settings: Settings) -> dict[str, float]:
         for place in PLACES:
             add(place, environments.straight(place, policy), seed)
             add(place, environments.commanded(place, policy), seed)
-    return {name: float(np.mean(values)) for name, values in values_by_name.items()}
+    for name, values in values_by_name.items():
+        figures[name] = float(np.mean(values))
+    return figures
 
 
 if __name__ == "__main__":

@@ -76,6 +76,12 @@ SMALL_RUNS = {
     ),
     "simulated_arms": SmallRun("--out {out} --arms 1 --seconds 4 --preset quick"),
     "speed": SmallRun("--prior pupper_v2 --steps 5 --rounds 1", files=()),
+    "spread_between_units": SmallRun(
+        "--out {out} --spreads 0 4 --no-battery --benches 1 --policies 1 --pd-range 0.1 "
+        "--prior-share 0.5 --motors 12 --bench-steps 1500 --adam-steps 30 --iterations 1 "
+        "--walks 2 --seconds 2.5",
+        files=("figures.json", "table.md", "spread.png"),
+    ),
     "unit_spread": SmallRun("go2", files=()),
     "walking": SmallRun(
         "--out {out} --motors 4 --bench-steps 1000 --preset pace --speeds 0.3 --seeds 1 "

@@ -2,6 +2,7 @@
 
 import shutil
 from collections import defaultdict
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -24,7 +25,7 @@ from motorprior.studies.statistics import (
     read_walks,
     scores,
 )
-from motorprior.studies.study_settings import CONDITIONS, PDS, Study
+from motorprior.studies.study_settings import CONDITIONS, PDS, SHORT_ITERATIONS, Study
 from motorprior.studies.transfer import CHOICES, WALKS, policy_runs_of
 from motorprior.studies.transfer_models import FIT
 
@@ -137,8 +138,28 @@ def test_a_short_training_has_fewer_iterations_and_the_sampled_priors_motors(tmp
     full, short = policy_runs_of(study, 0)
 
     assert full.bench.iterations == 120
-    assert short.bench.iterations == 40
+    assert short.bench.iterations == 70
     assert full.motors == short.motors
+
+
+def test_a_short_condition_has_one_policy_of_few_iterations(tmp_path: Path):
+    study = Study(tmp_path, conditions=("sampled_prior", "oracle"), short=("sampled_prior",))
+
+    assert len(study.seeds_of("sampled_prior")) == 1
+    assert len(study.seeds_of("oracle")) == study.seeds
+    run = policy_runs_of(replace(study, environments=("fleet",)), 0)[0]
+    assert run.name == "sampled_prior"
+    assert run.bench.iterations == SHORT_ITERATIONS
+
+
+def test_an_adapted_condition_is_trained_for_the_populations_of_its_environments(tmp_path: Path):
+    study = Study(tmp_path, conditions=("oracle",))
+
+    both = policy_runs_of(study, 0)
+    in_family = policy_runs_of(replace(study, environments=("fleet", "hard")), 0)
+
+    assert {run.population for run in both} == {"fleet", "out_of_family"}
+    assert [run.population for run in in_family] == ["fleet"]
 
 
 @pytest.mark.parametrize(

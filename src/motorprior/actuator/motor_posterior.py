@@ -63,8 +63,9 @@ class MotorPosterior(Printable):
         gains: np.ndarray | None = None,
         limit_follows_gain: bool = False,
         prior_share: float = 0.0,
+        latent_spread: float = 1.0,
     ) -> GreyBoxActuator | NetworkActuator:
-        """Sample motors, z ~ N(mean, covariance + prior_share²·I).
+        """Sample motors, z ~ N(mean, latent_spread²·(covariance + prior_share²·I)).
 
         The posterior of several motors gives one sample of each. The posterior of a single motor
         gives any number of samples of this motor.
@@ -79,6 +80,7 @@ class MotorPosterior(Printable):
                 torque constant reduces both. Grey boxes only.
             prior_share: additional standard deviation of z, as a share of the prior's standard
                 deviation, which is 1 [-].
+            latent_spread: factor on the standard deviation of z [-]; 0 gives the mean motors.
 
         Raises:
             ConfigError: the posterior has several motors, but not ``joints`` motors; or an argument
@@ -92,11 +94,13 @@ class MotorPosterior(Printable):
                 remedy=f"adapt to one motor, or to all {count} in the order of the robot",
             )
         require_number("prior_share", prior_share)
+        require_number("latent_spread", latent_spread)
         num_latents = self.mean.shape[1]
         covariance = self.covariance + prior_share**2 * np.eye(num_latents)
         cholesky_factors = np.linalg.cholesky(covariance)
         noise = generator_of(seed).standard_normal((count, num_latents))
-        z = self.mean + np.einsum("mij,mj->mi", cholesky_factors, noise)
+        deviation = np.einsum("mij,mj->mi", cholesky_factors, noise)
+        z = self.mean + latent_spread * deviation
 
         if self.gains is None:
             gains = None

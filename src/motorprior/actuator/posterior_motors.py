@@ -18,6 +18,7 @@ def posterior_motors(
     prior: str,
     limit_follows_gain: bool = False,
     prior_share: float = 0.0,
+    latent_spread: float = 1.0,
     of_robot: str = "",
 ) -> EpisodeMotors:
     """Samples of the posterior of one motor, or of all motors of the robot.
@@ -30,6 +31,7 @@ def posterior_motors(
             give less torque per ampere, if the log does not reach the limit.
         prior_share: share of the prior's standard deviation of z, in addition to the posterior's
             [-].
+        latent_spread: factor on the standard deviation of z [-]; 0 gives the mean motors.
         of_robot: the robot or bench of the prior, if this robot has the same motors.
 
     Raises:
@@ -42,7 +44,7 @@ def posterior_motors(
         # the digest in the file is that of the prior before `MotorPrior.for_robot`
         posterior = MotorPosterior.load(file, MotorPrior.load(prior))
         posterior = replace(posterior, prior=prior_of_robot)
-        return motors_of_posterior(robot, posterior, limit_follows_gain, prior_share)
+        return motors_of_posterior(robot, posterior, limit_follows_gain, prior_share, latent_spread)
     except ConfigError as error:
         raise ConfigError(error.problem, where=file, remedy=error.remedy) from error
 
@@ -52,6 +54,7 @@ def motors_of_posterior(
     posterior: MotorPosterior,
     limit_follows_gain: bool = False,
     prior_share: float = 0.0,
+    latent_spread: float = 1.0,
 ) -> EpisodeMotors:
     """Samples of a posterior, in the order of the robot's joints; options as `posterior_motors`.
 
@@ -60,8 +63,9 @@ def motors_of_posterior(
     posterior.prior.require(robot.name, robot.physics_dt)
     gains = robot_gains(posterior.prior, robot)
     num_joints = robot.num_joints
+    options = (limit_follows_gain, prior_share, latent_spread)
     # raises its errors now, not in the first episode
-    posterior.sample(num_joints, 0, gains, limit_follows_gain, prior_share)
+    posterior.sample(num_joints, 0, gains, *options)
 
     names = posterior.joint_names
     if len(names) > 1 and names != bench_names(len(names)):
@@ -73,7 +77,7 @@ def motors_of_posterior(
             )
         posterior = posterior.take([names.index(name) for name in robot.joint_names])
     return EpisodeMotors(
-        lambda rng: posterior.sample(num_joints, rng, gains, limit_follows_gain, prior_share),
+        lambda rng: posterior.sample(num_joints, rng, gains, *options),
         f"{posterior.prior.preset}, adapted",
         posterior.prior,
     )

@@ -69,12 +69,12 @@ class Demo:
     """Samples per motor and excitation."""
     adam_steps: int | None = None
     """Adam steps of the paper's network; the number of its preset if not given."""
-    iterations: int = 60
+    iterations: int = 100
     """Largest number of ARS iterations per policy; a training ends earlier on a plateau."""
-    directions: int = 14
+    directions: int = 8
     """Directions per iteration of ARS."""
     seeds: int = 2
-    """Policies per training condition; the paper's recipe has 1, trained for at most 20 iterations.
+    """Policies per training condition; the paper's recipe has 1, trained for at most 40 iterations.
     Each adapted policy has another robot."""
     walks: int = 24
     """Walks of each policy per environment."""

@@ -12,7 +12,7 @@ from motorprior.locomotion.executor import Executor
 from motorprior.locomotion.policy import PolicyArrays
 from motorprior.locomotion.policy_shape import PolicyShape
 
-EVALUATION_EVERY = 10  # iterations between evaluations
+EVALUATION_EVERY = 20  # iterations between evaluations
 EVALUATION_EPISODES = 16
 # numbers in place of an iteration in seeds: of evaluation episodes, and of initial hidden weights
 EVALUATION = 2**32 - 1

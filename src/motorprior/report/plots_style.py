@@ -38,6 +38,7 @@ _STYLES = {
     "central_motor": _Style("#7fb2f0", "prior's central motor", dashes=(1.2, 1.2)),
     "prior": _Style("#1d56c4"),
     "sampled_prior": _Style("#1d56c4", "sampled prior"),
+    "adapted_motors": _Style("#b39ddb", "adapted motors' mean", dashes=(1.2, 1.2)),
     "adapted_prior": _Style("#6a3fb5", "adapted prior", dashes=(5, 1.5)),
     "robust_prior": _Style("#0c86a8", "prior + randomised body", dashes=(4, 1.2, 1, 1.2)),
     "adapted": _Style("#6a3fb5"),

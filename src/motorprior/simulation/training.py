@@ -61,7 +61,7 @@ class WalkSettings(WalkConfig):
     iterations: int = 200
     """ARS iterations."""
     patience: int | None = None
-    """The training ends once the mean training return of 10 iterations has not reached a new
+    """The training ends once the mean training return of 20 iterations has not reached a new
     maximum this many times in a row. If not given, it never ends early."""
     validation: str | None = None
     """Fleet, a name or a .toml file. Policies are evaluated on its motors to choose the best one;

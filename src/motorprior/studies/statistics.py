@@ -123,14 +123,14 @@ def estimate(scores: np.ndarray) -> Estimate:
     With a single bench: mean over the walk numbers of the mean of all policies' walks with this
     number.
     """
-    return _interval(_independent_values(scores))
+    return mean_interval(_independent_values(scores))
 
 
 def compare_scores(first: np.ndarray, second: np.ndarray) -> Comparison:
     """Compare the scores of two training conditions in one environment, on the same benches."""
     differences = _independent_values(first) - _independent_values(second)
     p = permutation_p(means(first), means(second)) if len(first) > 1 else float("nan")
-    return Comparison(_interval(differences), p)
+    return Comparison(mean_interval(differences), p)
 
 
 def _independent_values(scores: np.ndarray) -> np.ndarray:
@@ -143,8 +143,8 @@ def _independent_values(scores: np.ndarray) -> np.ndarray:
     return means(scores[0].T)  # over the policies
 
 
-def _interval(values: np.ndarray) -> Estimate:
-    """Mean ± t·s/√n of n values (Student 1908), t with n - 1 degrees of freedom."""
+def mean_interval(values: np.ndarray) -> Estimate:
+    """Mean ± t·s/√n of the n finite values (Student 1908), t with n - 1 degrees of freedom."""
     values = values[np.isfinite(values)]
     count = len(values)
     if count < 2:

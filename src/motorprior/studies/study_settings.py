@@ -71,7 +71,11 @@ STANDARD = tuple(CONDITIONS)
 CONDITIONS |= {
     f"frozen_{group}": Condition(prior="rollout", options={"frozen": group}) for group in FROZEN
 }
-CONDITIONS["short_training"] = Condition(prior="rollout", iterations=40)
+# the mean motors of the adapted prior's posterior, without its spread
+CONDITIONS["adapted_motors"] = Condition(
+    prior="rollout", adapted=True, options={"latent_spread": 0.0}
+)
+CONDITIONS["short_training"] = Condition(prior="rollout", iterations=70)
 
 
 def condition_of(name: str) -> Condition:
@@ -82,7 +86,7 @@ def condition_of(name: str) -> Condition:
 _COUNTS = ("benches", "seeds", "walks", "iterations", "directions", "bench_steps", "workers")
 _OPTIONAL_COUNTS = ("oracle_seeds", "robots", "patience")
 _MAX_PD_RANGE = 0.9
-SHORT_ITERATIONS = 20  # largest number of iterations of the conditions `Study.short`
+SHORT_ITERATIONS = 40  # largest number of iterations of the conditions `Study.short`
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ class Study:
     """Policies of the oracle per bench, which take longer, as their physics step is shorter;
     `seeds` if not given."""
     short: tuple[str, ...] = ()
-    """Training conditions with one policy per bench, trained for at most 20 iterations: enough to
+    """Training conditions with one policy per bench, trained for at most 40 iterations: enough to
     show that policies of a condition do not walk in their own simulation."""
     walks: int = 32
     """Walks of each policy per environment."""
@@ -122,13 +126,13 @@ class Study:
     speed: float | None = None
     """Commanded forward speed in training and evaluation [m/s]; 1.5 times the robot's usual maximum
     if not given. At lower speeds the untrained gait walks with any motors."""
-    iterations: int = 120
+    iterations: int = 200
     """Largest number of ARS iterations per policy."""
     patience: int | None = 3
-    """A training ends once the mean training return of 10 iterations has not reached a new maximum
+    """A training ends once the mean training return of 20 iterations has not reached a new maximum
     this many times in a row; None never ends it early."""
-    directions: int = 14
-    """ARS directions per iteration; the better half of them is used."""
+    directions: int = 8
+    """ARS directions per iteration."""
     validation: str | None = None
     """Validation fleet: a name or a .toml file. The best policy of a search, the range of the
     randomised PD and the share of the adapted prior are selected on its motors. No test environment

@@ -30,7 +30,7 @@ from motorprior.priors.fit_prior import PRIOR_FILE, fit_prior
 from motorprior.progress import SILENT, Progress, in_parallel
 from motorprior.robots.load import load_robot
 from motorprior.stage import description, is_finished, working
-from motorprior.studies.environments import IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
+from motorprior.studies.environments import ENVIRONMENTS, IN_FAMILY, OUT_OF_FAMILY, motors_of_robot
 from motorprior.studies.study_settings import CONDITIONS, PDS, VALIDATION, Study, condition_of
 
 FIT = "fit.json"  # constants and error of a PD
@@ -127,10 +127,12 @@ def robots_of(bench: Study) -> list[tuple[Study, str, int]]:
     """The robots (bench, population, number) that policies of a bench are adapted to."""
     if not any(condition.adapted for condition in bench.fitted):
         return []
+    populations = {ENVIRONMENTS[name].population for name in bench.environments}
     robots = []
     for number in sorted({bench.robot_number(seed) for seed in range(bench.seeds)}):
         for population in (IN_FAMILY, OUT_OF_FAMILY):
-            robots.append((bench, population, number))
+            if population in populations:
+                robots.append((bench, population, number))
     return robots
 
 
@@ -145,7 +147,7 @@ def _adapt(bench: Study, population: str, number: int, progress: Progress) -> No
     robot = load_robot(bench.robot)
     fleet_name = bench.fleet_of(population)
     folder = _robot_folder(bench, population, number)
-    adapts_prior = "adapted_prior" in bench.conditions
+    adapts_prior = any(condition.adapted and condition.prior for condition in bench.fitted)
     prior_files = [prior_path(bench, "rollout")] if adapts_prior else []
 
     settings = {"study": bench.seed, "robot": number, "seconds": LOG_SECONDS}
@@ -206,5 +208,6 @@ def motors_of_condition(bench: Study, name: str, population: str, number: int) -
     prior = prior_path(bench, condition.prior)
     if condition.adapted:
         posterior = robot_folder / POSTERIOR_FILE
-        return motor_text("posterior", file=posterior, prior=prior, prior_share=bench.prior_share)
+        options = condition.options or {"prior_share": bench.prior_share}
+        return motor_text("posterior", file=posterior, prior=prior, **options)
     return motor_text("prior", file=prior, **condition.options)
