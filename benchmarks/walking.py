@@ -13,7 +13,7 @@ figures.json contains
     untrained_PLACE/QUANTITY               the same for the untrained gait
     PLACE/commanded/QUANTITY/commands …        commands to turn, walk backward and stand (COMMANDS)
     learning/SEARCH/cpu_seconds, /steps        processor time and control steps of a training until
-                                           its policy walks, see `learning`; medians over seeds,
+                                           its policy walks, see `learning`; means over seeds,
                                            and /seed_SEED. SEARCH is before or after (SEARCHES)
     learning/ratio/cpu_seconds, /steps         after over before
 
@@ -36,7 +36,7 @@ import numpy as np
 import motorprior as mp
 from figures import PROGRESS, run_benchmark
 from motorprior.actuator.fleet import load_robot_fleet
-from motorprior.locomotion.ars import AVERAGING, ArsConfig
+from motorprior.locomotion.ars import AVERAGING
 from motorprior.locomotion.command import Commands
 from motorprior.locomotion.executor import ThreadExecutor
 from motorprior.locomotion.policy import PolicyArrays
@@ -46,7 +46,6 @@ from motorprior.priors.fit_prior import PRIOR_FILE
 from motorprior.robots.shipped import DEFAULT_ROBOT
 from motorprior.simulation.motors import simulated_motors
 from motorprior.simulation.scene import Episode, Scene, WalkConfig, simulator_of
-from motorprior.simulation.training import WalkSettings
 from motorprior.studies.compare import run_walks
 from motorprior.studies.environments import HARD, NOISY, held_out_scene
 from motorprior.studies.gait_quality import (
@@ -56,6 +55,8 @@ from motorprior.studies.gait_quality import (
     headings,
     share_upright,
 )
+from motorprior.studies.study_settings import Study
+from motorprior.studies.transfer import training_settings
 
 PLACES = ("sampled", "twin", "hard")
 TURNS = "commanded/"  # prefix of the names of these quantities
@@ -67,8 +68,8 @@ COMMANDS = (
 Rows = Iterator[tuple[str, str, float]]  # quantity, command and mean over the samples
 LEARNING_WALKS = 16  # walks of a policy in `learning`
 MIN_UPRIGHT = 0.95  # time upright of a policy that walks [-]
-MIN_SPEED_SHARE = 0.9  # its speed over the commanded speed
-EPISODES_PER_CHECK = 32  # training episodes between two evaluations in `learning`
+MIN_SPEED_SHARE = 0.9  # its speed over the robot's fastest speed [-]
+EPISODES_PER_CHECK = 50  # least number of training episodes between two evaluations in `learning`
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Settings:
     seeds: int = 5  # policies
     iterations: int = 150  # iterations of a training
     episode_steps: int = 1000  # control steps of a training episode
-    draws: int = 24  # walks per environment and speed; 0: only the time to learn is measured
+    draws: int = 24  # walks per environment and speed; 0: only the time to learn
     seconds: float = 20.0  # duration of a walk [s]
     workers: int = 2  # threads
 
@@ -94,15 +95,16 @@ class Settings:
 class Search(NamedTuple):
     """A search whose time to learn is measured."""
 
-    config: ArsConfig
+    num_directions: int
+    num_top_directions: int
+    step_size: float
     # weight of the newest parameters in their average, constant; None: as `Ars.tell`
     averaging: float | None
 
 
 SEARCHES = {
-    # earlier settings, for comparison
-    "before": Search(ArsConfig(16, 8, step_size=0.02, delta_std=0.03), AVERAGING),
-    "after": Search(ArsConfig(), None),
+    "before": Search(14, 7, 0.03, AVERAGING),  # earlier settings of the study, for comparison
+    "after": Search(8, 8, 0.02, None),
 }
 
 
@@ -186,10 +188,11 @@ class Environments:
 def learning(settings: Settings, robot: mp.Robot, prior: mp.MotorPrior) -> dict[str, float]:
     """Processor time [s] and control steps of trainings until their policy walks.
 
-    A policy walks if its LEARNING_WALKS walks, on samples of the prior in the training's
-    randomization, at the robot's fastest speed straight ahead, have at least MIN_UPRIGHT of the
-    time upright and MIN_SPEED_SHARE of the speed. It is evaluated after every EPISODES_PER_CHECK
-    episodes; the evaluations do not count. A training that never walks counts whole.
+    Trainings are those of the transfer study on samples of the prior, commanded 1.5 times the
+    robot's fastest speed, at which the untrained gait falls. A policy walks if its LEARNING_WALKS
+    walks in the training simulation are upright for MIN_UPRIGHT of the time, at MIN_SPEED_SHARE of
+    the robot's fastest speed. It is evaluated after every EPISODES_PER_CHECK or more episodes; the
+    evaluations do not count. A training that never walks counts whole.
     """
     values: defaultdict[str, list[float]] = defaultdict(list)
     for seed, (name, search) in product(range(settings.seeds), SEARCHES.items()):
@@ -200,7 +203,7 @@ def learning(settings: Settings, robot: mp.Robot, prior: mp.MotorPrior) -> dict[
 
     figures = {}
     for name, of_seeds in values.items():
-        figures[f"learning/{name}"] = float(np.median(of_seeds))
+        figures[f"learning/{name}"] = float(np.mean(of_seeds))
         for seed, value in enumerate(of_seeds):
             figures[f"learning/{name}/seed_{seed}"] = value
     for quantity in ("cpu_seconds", "steps"):
@@ -213,40 +216,43 @@ def seconds_to_walk(
     settings: Settings, robot: mp.Robot, prior: mp.MotorPrior, search: Search, seed: int
 ) -> tuple[float, int]:
     """Processor time [s] and control steps of one training until its policy walks."""
-    training = WalkSettings(episode_steps=settings.episode_steps)
+    _, fastest = robot.require_gait().forward
+    training = training_settings(Study(settings.out, robot=settings.robot), seed)
     robot = training.commands.extend_range(robot)
     motors = simulated_motors(prior, robot)
     scene = Scene(robot, motors.draw, training, motors.physics_dt)
-    forward = robot.require_gait().forward[1]
-    straight = replace(training, commands=Commands.steady(forward))
-    test_scene = replace(scene, walk=straight)
 
     shape = PolicyShape.of(robot, training.hidden_units, training.symmetric)
-    policy_search = PolicySearch(replace(search.config, seed=seed), shape)
+    config = replace(
+        training.search,
+        num_directions=search.num_directions,
+        num_top_directions=search.num_top_directions,
+        step_size=search.step_size,
+    )
+    policy_search = PolicySearch(config, shape)
+    ars = policy_search.ars
     executor = CountingExecutor(scene)
-    average = policy_search.ars.parameters
+    run_walks(scene, shape.untrained(), [0])  # compiles the episode
+    average = ars.parameters
     cpu_seconds = 0.0
-    episodes = 0
+    unchecked = 0  # episodes since the last evaluation
     for _ in range(settings.iterations):
         begin = time.process_time()
         policy_search.advance(executor)
         cpu_seconds += time.process_time() - begin
-        ars = policy_search.ars
         if search.averaging is None:
             average = ars.average
         else:
             average = average + search.averaging * (ars.parameters - average)
 
-        episodes += 2 * search.config.num_directions
-        if episodes % EPISODES_PER_CHECK == 0:
-            policy = shape.policy(average, ars.observations)
-            walks = run_walks(test_scene, policy, range(LEARNING_WALKS))
+        unchecked += 2 * search.num_directions
+        if unchecked >= EPISODES_PER_CHECK:
+            unchecked = 0
+            walks = run_walks(scene, shape.policy(average, ars.observations), range(LEARNING_WALKS))
             duration = training.episode_steps * robot.control_dt
             speed = float(np.mean([walk.displacement[0] for walk in walks])) / duration
-            upright = float(
-                np.mean([share_upright(walk, training.episode_steps) for walk in walks])
-            )
-            if upright >= MIN_UPRIGHT and speed >= MIN_SPEED_SHARE * forward:
+            upright = np.mean([share_upright(walk, training.episode_steps) for walk in walks])
+            if upright >= MIN_UPRIGHT and speed >= MIN_SPEED_SHARE * fastest:
                 break
     return cpu_seconds, executor.steps
 

@@ -333,9 +333,10 @@ def _walks_of(
     return walks
 
 
-def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
-    """Train a policy unless it is finished; returns its file."""
-    bench = run.bench
+def training_settings(
+    bench: Study, seed: int, randomization: Randomization = TRAINING
+) -> WalkSettings:
+    """Settings of the training of a policy with this seed on a bench."""
     # A robot that stands still at a commanded speed has a small positive reward. With the
     # default, a robot that walks badly has a negative reward; one that falls at once has almost
     # none, so the search would learn to fall.
@@ -345,24 +346,28 @@ def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
         bench.directions,
         ArsConfig.step_size,
         _DELTA_STD,
-        SEEDS_APART * bench.seed + run.seed,
+        SEEDS_APART * bench.seed + seed,
     )
-    settings = WalkSettings(
-        randomization=run.randomization,
+    return WalkSettings(
+        randomization=randomization,
         commands=bench.commands,
         task=TaskWeights(alive=alive),
         episode_steps=_EPISODE_STEPS,
         iterations=bench.iterations,
         patience=bench.patience,
         search=search,
-        validation=bench.validation_fleet(robot),
+        validation=bench.validation_fleet(load_robot(bench.robot)),
     )
 
+
+def _train(robot: Robot, run: PolicyRun, progress: Progress) -> Path:
+    """Train a policy unless it is finished; returns its file."""
+    bench = run.bench
     out = bench.out / "policies" / run.folder
     train_policy(
         robot,
         run.motors,
-        settings,
+        training_settings(bench, run.seed, run.randomization),
         out=out,
         workers=bench.episodes_at_a_time,
         executor=bench.executor,
