@@ -69,7 +69,7 @@ class Demo:
     """Samples per motor and excitation."""
     adam_steps: int | None = None
     """Adam steps of the paper's network; the number of its preset if not given."""
-    iterations: int = 100
+    iterations: int = 70
     """Largest number of ARS iterations per policy; a training ends earlier on a plateau."""
     directions: int = 8
     """Directions per iteration of ARS."""
