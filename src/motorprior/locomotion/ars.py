@@ -23,7 +23,7 @@ CONSTANT_STD = 1e-6  # an observation that varies less counts as constant and is
 class ArsConfig:
     """Settings of the search."""
 
-    num_directions: int = 8  # N, directions tried per iteration, each with both signs
+    num_directions: int = 16  # N, directions tried per iteration, each with both signs
     num_top_directions: int = 8  # b, best directions that the update uses, at most N
     step_size: float = 0.02  # α, step size of the update
     delta_std: float = 0.03  # ν, standard deviation of the perturbation of each parameter
