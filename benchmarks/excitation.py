@@ -54,7 +54,7 @@ from motorprior.robots.load import load_robot
 from motorprior.robots.robot import Robot
 from motorprior.simulation.playback import replay
 from motorprior.simulation.world import World
-from motorprior.studies.statistics import Estimate, estimate, means, summarise
+from motorprior.studies.statistics import Estimate, estimate, summarise
 from motorprior.studies.study_settings import Study
 from motorprior.studies.transfer import study_walks
 from virtual_fleets.robot_fidelity import robot_fidelity, trot_targets
@@ -307,8 +307,7 @@ def cells_of(settings: Settings, loss: str, kind: str, seconds: float) -> dict[s
         for quantity, value in cell(settings, loss, kind, seed, seconds).items():
             values.setdefault(quantity, []).append(value)
     return {
-        quantity: estimate(np.array(values[quantity])[:, None, None], means)
-        for quantity in sorted(values)
+        quantity: estimate(np.array(values[quantity])[:, None, None]) for quantity in sorted(values)
     }
 
 

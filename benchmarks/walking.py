@@ -24,12 +24,12 @@ figures of learning only.
 import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -231,15 +231,17 @@ def seconds_to_walk(
     )
     policy_search = PolicySearch(config, shape)
     ars = policy_search.ars
-    executor = CountingExecutor(scene)
+    executor = ThreadExecutor(partial(simulator_of, scene), workers=1)
     run_walks(scene, shape.untrained(), [0])  # compiles the episode
     average = ars.parameters
     cpu_seconds = 0.0
+    steps = 0
     unchecked = 0  # episodes since the last evaluation
     for _ in range(settings.iterations):
         begin = time.process_time()
-        policy_search.advance(executor)
+        point = policy_search.advance(executor)
         cpu_seconds += time.process_time() - begin
+        steps += round(2 * search.num_directions * point["mean_steps"])
         if search.averaging is None:
             average = ars.average
         else:
@@ -254,21 +256,8 @@ def seconds_to_walk(
             upright = np.mean([share_upright(walk, training.episode_steps) for walk in walks])
             if upright >= MIN_UPRIGHT and speed >= MIN_SPEED_SHARE * fastest:
                 break
-    return cpu_seconds, executor.steps
-
-
-class CountingExecutor:
-    """Runs episodes one after the other, and counts their control steps."""
-
-    def __init__(self, scene: Scene):
-        self._simulator = simulator_of(scene)
-        self.steps = 0
-
-    def map(self, function: Callable[..., Any], shared: Any, tasks: Sequence[Any]) -> list[Any]:
-        """See `ThreadExecutor.map`."""
-        episodes = [function(self._simulator, shared, task) for task in tasks]
-        self.steps += sum(episode.steps for episode in episodes)
-        return episodes
+    executor.close()
+    return cpu_seconds, steps
 
 
 def compute(settings: Settings) -> dict[str, float]:
