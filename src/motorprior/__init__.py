@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from motorprior.actuator.command_profile import CommandProfile as CommandProfile
     from motorprior.actuator.fleet import Fleet as Fleet
+    from motorprior.actuator.fleet import generic_fleet as generic_fleet
     from motorprior.actuator.fleet import load_fleet as load_fleet
     from motorprior.actuator.ideal_pd import IdealPd as IdealPd
     from motorprior.actuator.motor_posterior import MotorPosterior as MotorPosterior
@@ -65,6 +66,7 @@ _MODULES = {
     "PhysicalActuator": "motorprior.actuator.physical",
     "record_bench": "motorprior.bench.bench_folder",
     "Fleet": "motorprior.actuator.fleet",
+    "generic_fleet": "motorprior.actuator.fleet",
     "load_fleet": "motorprior.actuator.fleet",
     "make_env": "motorprior.environments",
     "ArtifactError": "motorprior.exceptions",

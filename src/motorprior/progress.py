@@ -1,5 +1,6 @@
 """Progress and notes of stages, and stages in parallel."""
 
+import math
 import os
 import sys
 import time
@@ -11,6 +12,8 @@ from dataclasses import dataclass
 from typing import Literal, TextIO, TypeVar
 
 T = TypeVar("T")
+SECONDS_PER_LINE = 10.0  # time between two lines of a unit of work [s]
+LINES_OF_SPEED = 12  # lines from which the time left is estimated
 ReportProgress = Callable[[int, str], None]  # (finished parts since the last call, text)
 
 
@@ -28,7 +31,7 @@ class Note:
 
 
 class Task:
-    """A unit of work that reports its finished parts every ten seconds."""
+    """A unit of work that reports its finished parts, and the time left, every ten seconds."""
 
     def __init__(self, print_line: Callable[[str], None], name: str, total: int):
         self._print_line = print_line
@@ -36,13 +39,36 @@ class Task:
         self._total = total
         self._done = 0
         self._printed = time.monotonic()
+        # (time [s], finished parts) of the last lines; the first line of a continued run has parts
+        # that were loaded in no time
+        self._lines: list[tuple[float, int]] = []
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Add ``count`` finished parts; ``note`` is printed next to the progress."""
         self._done += count
-        if time.monotonic() - self._printed > 10.0:
-            self._printed = time.monotonic()
-            self._print_line(f"  {self._name}: {self._done}/{self._total} {note}".rstrip())
+        now = time.monotonic()
+        if now - self._printed > SECONDS_PER_LINE:
+            self._printed = now
+            line = f"  {self._name}: {self._done}/{self._total}{self._time_left(now)} {note}"
+            self._print_line(line.rstrip())
+
+    def _time_left(self, now: float) -> str:
+        """The time left at the speed of the last lines; empty while it is unknown."""
+        self._lines = [*self._lines[-LINES_OF_SPEED:], (now, self._done)]
+        first_time, first_done = self._lines[0]
+        if self._done <= first_done or self._done >= self._total:
+            return ""
+        seconds = (self._total - self._done) * (now - first_time) / (self._done - first_done)
+        return f", about {duration_text(seconds)} left"
+
+
+def duration_text(seconds: float) -> str:
+    """For example "40 s", "7 min", "1.5 h"."""
+    if seconds < 60.0:
+        return f"{10 * math.ceil(seconds / 10)} s"
+    if seconds < 3600.0:
+        return f"{math.ceil(seconds / 60)} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 class Progress:

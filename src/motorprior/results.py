@@ -9,7 +9,7 @@ import numpy as np
 from motorprior.artifacts import read_json, write_json
 from motorprior.exceptions import ArtifactError
 from motorprior.stage import FIGURES, RESULTS
-from motorprior.texts import text_table
+from motorprior.texts import html_table, text_table
 
 # suffix of a figure's name by statistic; other statistics, such as the median, have no suffix
 _ENDINGS = {"mean": "_mean", "p05": "_p05", "p95": "_p95", "low": "/low", "high": "/high"}
@@ -42,6 +42,13 @@ class Results(tuple[Result, ...]):
         return Results((*self, *other))
 
     def __str__(self) -> str:
+        return text_table(*self._table())
+
+    def _repr_html_(self) -> str:  # of notebooks
+        return html_table(*self._table())
+
+    def _table(self) -> tuple[list[str], list[list[str]]]:
+        """Names of the columns with any value, and the cells."""
         columns = []
         for name in Result.__dataclass_fields__:
             if any(getattr(row, name) is not None for row in self):
@@ -49,7 +56,7 @@ class Results(tuple[Result, ...]):
         cells = []
         for row in self:
             cells.append([_cell(getattr(row, name)) for name in columns])
-        return text_table(columns, cells)
+        return columns, cells
 
     def where(self, **columns: Any) -> "Results":
         """Rows whose columns have these values.

@@ -24,6 +24,16 @@ def text_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([line(cells[0]), rule, *map(line, cells[1:])])
 
 
+def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The table for notebooks and pages."""
+
+    def line(tag: str, row: Sequence[str]) -> str:
+        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
+
+    lines = [line("td", row) for row in rows]
+    return "\n".join(["<table>", line("th", columns), *lines, "</table>"])
+
+
 @dataclass(frozen=True)
 class Overview:
     """Summary of an object."""
@@ -50,7 +60,14 @@ class Overview:
         return "\n".join(lines)
 
 
-class Printable:
+class ShownInNotebooks:
+    """Notebooks show its ``str``, in letters of one width."""
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
+
+
+class Printable(ShownInNotebooks):
     """Prints as its `overview`; its ``repr`` is the short form."""
 
     def overview(self) -> Overview:
@@ -62,6 +79,3 @@ class Printable:
 
     def __str__(self) -> str:
         return str(self.overview())
-
-    def _repr_html_(self) -> str:  # of notebooks
-        return f"<pre>{html.escape(str(self))}</pre>"

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from motor_logs import log_of
-from weighed_arm import write_arm
+from weighed_arm import arm_table, slow_motion, write_arm
 
 from motorprior.actuator.fleet import load_fleet
 from motorprior.artifacts import read_json
 from motorprior.bench.recording import BENCH_SCHEDULES, record
-from motorprior.commands.demo import Demo, with_walking_robot
+from motorprior.commands.demo import Demo, is_about_logs, run_demo
 from motorprior.commands.quick_report import QuickReport, loads_of, read_logs_of, run_quick_report
 from motorprior.evaluation.errors import FREE_RUN_RMSE, WHOLE_RUN_RMSE
 from motorprior.logs.motor_log import POSTURES
@@ -108,10 +108,29 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(
     assert (source.name == "model") == (set(postures) == {"suspended"})
 
 
-def test_the_shipped_robot_walks_in_place_of_one_that_cannot(logs: Path, tmp_path: Path):
-    arm = write_arm(tmp_path)
-    demo = Demo(robot=arm, logs=logs)
+def test_a_demo_on_logs_of_an_arm_ends_after_their_motors(logs: Path, tmp_path: Path):
+    out = tmp_path / "demo"
+    demo = Demo(out, logs=logs, robot=write_arm(tmp_path), suspended=False)
 
-    assert with_walking_robot(demo) == replace(demo, robot=Demo().robot)
-    assert with_walking_robot(Demo(robot=arm)).robot == arm, "without logs it is refused as it is"
-    assert with_walking_robot(Demo(logs=logs)) == Demo(logs=logs)
+    assert is_about_logs(demo)
+    assert is_about_logs(Demo(logs=logs)), "the shipped robot has other joints"
+    assert not is_about_logs(Demo(robot=demo.robot)), "without logs it is refused as it is"
+
+    results = run_demo(demo)
+    text = (out / "report.html").read_text("utf-8")
+
+    assert results.where(quantity=WHOLE_RUN_RMSE)
+    assert "armature" in text, "the constants stand on the page"
+    assert not (out / "policies").exists()
+
+
+def test_a_fixed_base_may_be_called_suspended_in_every_command(tmp_path: Path):
+    robot = write_arm(tmp_path)
+    table, columns = arm_table(slow_motion(robot), tmp_path)
+    config = QuickReport(table, tmp_path / "out", columns, robot=robot)
+    sources = []
+    for suspended in (False, True):
+        stated = replace(config, suspended=suspended)
+        sources.append(loads_of(stated, read_logs_of(stated)).name)
+
+    assert sources == ["model", "model"]

@@ -122,3 +122,36 @@ def test_loads_come_from_the_log_or_else_from_the_model_or_are_unknown(tmp_path:
 
     with pytest.raises(mp.ConfigError, match="load_inertia"):
         load_source(loaded, arm, True, "x")
+
+
+def test_a_recording_with_errors_is_refused_unless_they_are_allowed(tmp_path: Path):
+    robot = write_arm(tmp_path)
+    moving = slow_motion(robot).rows(slice(0, 3000))
+    table, columns = arm_table(replace(moving, joint_pos=-moving.joint_pos), tmp_path)
+    errors = mp.check_log(mp.read_log(table, columns=columns)).errors
+
+    assert errors
+
+    with pytest.raises(mp.LogError, match="against its command"):
+        mp.load_log(table, columns=columns, robot=robot)
+
+    with pytest.warns(UserWarning, match="against its command"):
+        log = mp.load_log(table, columns=columns, robot=robot, allow_errors=True)
+
+    assert log.num_joints == moving.num_joints
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda path: mp.fit_prior(path),
+        lambda path: mp.fit_prior([path]),
+        lambda path: mp.adapt(mp.from_pretrained("so101"), path),
+        lambda path: mp.validate(mp.from_pretrained("so101"), path),
+        lambda path: mp.check_log(path),
+    ],
+)
+@pytest.mark.parametrize("path", ["a.csv", Path("a.csv")])
+def test_a_path_in_place_of_a_log_is_an_error_that_names_the_function_to_read_it(use, path):
+    with pytest.raises(mp.ConfigError, match=r"'a\.csv' is not a motor log.*load_log"):
+        use(path)

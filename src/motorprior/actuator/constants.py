@@ -1,6 +1,5 @@
 """Tables of motor constants: unit, median, range between motors, whether the logs identify them."""
 
-import html
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,11 +10,12 @@ from motorprior.actuator.geared_motor_step import with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
-from motorprior.texts import text_table
+from motorprior.texts import html_table, text_table
 
 if TYPE_CHECKING:
     from motorprior.actuator.latent import LatentNetwork
 
+MAX_COLUMNS = 12  # motors with a column each in `html_of_motors`
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 # suffix of the names of constants that are multiples of a logged gain
 PER_LOGGED_GAIN = "_per_logged"
@@ -102,7 +102,20 @@ class Constants:
         return text_table(self.columns, self.cells)
 
     def _repr_html_(self) -> str:  # of notebooks
-        return f"<pre>{html.escape(str(self))}</pre>"
+        return html_table(self.columns, self.cells)
+
+
+def html_of_motors(values: Mapping[str, np.ndarray]) -> str:
+    """Table of constants (n,) by name: a column per motor; of many motors, of their quantiles."""
+    count = len(next(iter(values.values())))
+    columns = [str(motor) for motor in range(count)]
+    if count > MAX_COLUMNS:
+        columns = ["median", "5 %", "95 %"]
+        values = {name: np.quantile(row, (0.5, 0.05, 0.95)) for name, row in values.items()}
+    rows = []
+    for name, row in values.items():
+        rows.append([name, UNITS[name], *(f"{value:.3g}" for value in row)])
+    return html_table(("constant", "unit", *columns), rows)
 
 
 def named_constants(

@@ -13,6 +13,7 @@ import numpy as np
 from motorprior.actuator.constants import COLUMNS, NUM_SAMPLES, Constants
 from motorprior.actuator.distribution import Distribution, distributions_of
 from motorprior.actuator.families import FAMILIES, GEARED, TrueMotors
+from motorprior.actuator.generic_fleet import generic_parameters
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_toml, write_text
 from motorprior.bounds import TEXT, generator_of, one_of, require, require_count
@@ -113,6 +114,18 @@ def load_fleet(name_or_path: str | Path) -> Fleet:
     return Fleet(**texts, parameters=parameters, family=family.name)
 
 
+def generic_fleet(robot: Robot) -> Fleet:
+    """A wide fleet for a robot of whose motors only gains and torque limits are known.
+
+    Armature, friction and gear scale with the gain, see `generic_fleet.generic_parameters`. Raises
+    ConfigError if such motors cannot be simulated.
+    """
+    parameters = generic_parameters(robot)
+    center = {name: np.array([parameter.center]) for name, parameter in parameters.items()}
+    GEARED.require_stable(center, f"the generic fleet of {robot.name}")
+    return Fleet("generic", robot.motor, robot.name, parameters)
+
+
 def fleet_path(name_or_path: str | Path) -> Path:
     """The file of a fleet; raises `ArtifactError` if there is none."""
     shipped = {name: file for robot in SHIPPED for name, file in robot.fleets}
@@ -161,13 +174,16 @@ def load_robot_fleet(
 
     Args:
         robot: of the motors.
-        fleet: a fleet, or its name or path; the one shipped for the robot if None.
+        fleet: a fleet, or its name or path; if None, the one shipped for the robot, or else its
+            `generic_fleet`.
         argument: name of the argument that errors state.
 
     Raises:
         ArtifactError: see `load_fleet`.
-        ConfigError: a fleet of another robot, or None and no fleet is shipped for the robot.
+        ConfigError: a fleet of another robot.
     """
+    if fleet is None and not robot.fleets:
+        return generic_fleet(robot)
     if fleet is None:
         fleet = robot.default_fleet
     if not isinstance(fleet, Fleet):
@@ -201,5 +217,10 @@ def nominal_pd(fleet: Fleet, num_motors: int) -> IdealPd:
 
 
 def fleet_files(robot: Robot, fleet: str | None) -> list[Path]:
-    """The file of a fleet, by name or path; the robot's own if None."""
+    """The file of a fleet, by name or path; the robot's own if None.
+
+    There is none for the generic fleet, which follows from the files of the robot.
+    """
+    if fleet is None and not robot.fleets:
+        return []
     return [fleet_path(robot.default_fleet if fleet is None else fleet)]

@@ -150,6 +150,13 @@ class GreyBoxActuator:
     def __repr__(self) -> str:
         return f"{self.num_motors} grey-box motors, see constants()"
 
+    def _repr_html_(self) -> str:  # of notebooks
+        from motorprior.actuator.constants import html_of_motors  # here: it imports this module
+
+        if self.model.gain_unit and self.gains is None:  # no constants without gains
+            return f"<p>{self!r}</p>"
+        return f"<p>{self!r}</p>\n{html_of_motors(self.constants())}"
+
     @property
     def kind(self) -> ActuatorKind:
         """GREY_BOX."""

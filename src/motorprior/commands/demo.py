@@ -1,7 +1,7 @@
 """The paper's experiment in minutes, from motor logs to a page on policies on held-out robots."""
 
 import time
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ import numpy as np
 from motorprior import stage
 from motorprior.actuator.fleet import load_robot_fleet
 from motorprior.artifacts import write_text
-from motorprior.commands.quick_report import QuickReport, run_quick_report
+from motorprior.commands.quick_report import QuickReport, logs_are_of, run_quick_report
 from motorprior.evaluation.errors import WHOLE_RUN_RMSE
 from motorprior.exceptions import ConfigError
 from motorprior.progress import SILENT, Progress
@@ -82,7 +82,8 @@ class Demo:
     """Independent stages that run at the same time; the result does not depend on it."""
     robot: str = DEFAULT_ROBOT
     """Robot: name of a shipped robot, or the .toml file of your robot (docs/your-robot.md). If logs
-    are given and this robot cannot walk or has no fleet, the shipped robot walks in its place."""
+    are given and this robot has other joints or cannot walk, the demo ends after the report on the
+    motors in the logs."""
 
 
 def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Results:
@@ -98,17 +99,24 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     _require_logs(config)
     started = time.monotonic()
     out = config.out
-    walking_demo = with_walking_robot(config)
-    study = study_of(walking_demo)
+    command = command or repr(config)
+    if is_about_logs(config):
+        return _demo_of_logs(config, _DemoPage(config, {}, command), progress)
+
+    study = study_of(config)
     study.require_valid()
-    page = _DemoPage(config, study.commanded, command or repr(config))
+    page = _DemoPage(config, {"speed": study.commanded}, command)
     results = Results()
 
     with stage.locked(out):
         for name in (stage.RESULTS, stage.FIGURES):  # results of other settings
             (out / name).unlink(missing_ok=True)
         if config.logs is not None:
-            results += _report_on_logs(config, walking_demo.robot, page, progress)
+            results += _report_on_logs(config, page, progress)
+            progress.note(
+                f"Report on your motors: {page.write([])}. The next stages use a virtual "
+                f"{config.robot}; stop here if you do not need them"
+            )
 
         bench_study = study.of_benches()[0]  # the demo has one bench
         record_benches(bench_study, progress)
@@ -151,7 +159,7 @@ class _DemoPage:
     """The report of the demo, which is written again when there are more sections."""
 
     config: Demo
-    speed: float  # commanded speed of the study [m/s]
+    study_settings: dict[str, float]  # shown next to the options; empty without a study
     command: str
     sections_on_logs: "list[Section]" = field(default_factory=list)
 
@@ -159,42 +167,55 @@ class _DemoPage:
         """Write the page: the sections on the logs, then ``sections``; returns its path."""
         from motorprior.report.page import page  # here: it imports matplotlib
 
-        title = "motorprior: do policies walk on robots they have never seen?"
-        settings = asdict(self.config) | {"speed": self.speed}
+        title = "motorprior: your motors"
+        if self.study_settings:
+            title = "motorprior: do policies walk on robots they have never seen?"
+        settings = asdict(self.config) | self.study_settings
         all_sections = [*self.sections_on_logs, *sections]
         path = self.config.out / stage.PAGE
         write_text(path, page(title, all_sections, settings, self.command, complete))
         return path
 
 
-def _report_on_logs(
-    config: Demo, walking_robot: str, page: _DemoPage, progress: Progress
-) -> Results:
-    """Compare models of the motors in the user's logs, and write the page with the comparison."""
-    from motorprior.report.sections import models_of_logs  # here: it imports matplotlib
-
-    assert config.logs is not None
-    folder = config.out / "real_motors"
-    settings = QuickReport(
-        config.logs, folder, config.columns, config.suspended, config.seed, config.robot
-    )
-    results = run_quick_report(settings, progress)
-    page.sections_on_logs.append(models_of_logs(folder, "Your motors", WHOLE_RUN_RMSE))
-    progress.note(
-        f"Report on your motors: {page.write([])}. The next stages use a virtual {walking_robot}; "
-        "stop here if you do not need them"
-    )
+def _demo_of_logs(config: Demo, page: _DemoPage, progress: Progress) -> Results:
+    """The demo that ends after the models of the user's motors, with a page about them."""
+    with stage.locked(config.out):
+        results = _report_on_logs(config, page, progress)
+        write_results(config.out, results)
+        progress.note(f"Report on your motors: {page.write([], complete=True)}")
     return results
 
 
-def with_walking_robot(config: Demo) -> Demo:
-    """The demo; with logs of a robot that cannot walk or has no fleet, the shipped robot walks."""
+def _report_on_logs(config: Demo, page: _DemoPage, progress: Progress) -> Results:
+    """Compare models of the motors in the user's logs, and add the comparison to the page."""
+    from motorprior.report.sections import models_of_logs  # here: it imports matplotlib
+
+    settings = _quick_report(config)
+    results = run_quick_report(settings, progress)
+    page.sections_on_logs.append(models_of_logs(settings.out, "Your motors", WHOLE_RUN_RMSE))
+    return results
+
+
+def _quick_report(config: Demo) -> QuickReport:
+    """Settings of the report on the user's logs."""
+    assert config.logs is not None
+    folder = config.out / "real_motors"
+    return QuickReport(
+        config.logs, folder, config.columns, config.suspended, config.seed, config.robot
+    )
+
+
+def is_about_logs(config: Demo) -> bool:
+    """Whether the demo ends after the models of the user's motors.
+
+    It does if their robot cannot walk here: the logs are of other joints than the robot's, or the
+    robot has no legs.
+    """
+    if config.logs is None:
+        return False
     robot = load_robot(config.robot)
-    has_fleet = config.fleet is not None or bool(robot.fleets)
     can_walk = bool(robot.legs) and robot.base == "free"
-    if config.logs is None or (can_walk and has_fleet):
-        return config
-    return replace(config, robot=DEFAULT_ROBOT, fleet=None)
+    return not (can_walk and logs_are_of(robot, _quick_report(config)))
 
 
 def study_of(config: Demo) -> Study:

@@ -95,7 +95,12 @@ def run_excite(config: Excite, progress: Progress = SILENT) -> LearnedExcitation
 
 def _with_loads(config: Excite, robot: Robot | None, path: Path, progress: Progress) -> MotorLog:
     log = load_log(
-        path, columns=config.columns, robot=robot, suspended=config.suspended, progress=progress
+        path,
+        columns=config.columns,
+        robot=robot,
+        suspended=config.suspended,
+        progress=progress,
+        allow_errors=True,  # they are printed as warnings
     )
     if log.external_torque is not None:
         return log

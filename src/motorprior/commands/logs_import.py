@@ -106,6 +106,7 @@ def _loaded(path: Path, config: LogsImport, progress: Progress) -> MotorLog:
         suspended=config.suspended,
         settings=settings,
         progress=progress,
+        allow_errors=True,  # they are printed as warnings
     )
 
 

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from motorprior.evaluation.splits import evenly_spread
-from motorprior.exceptions import ConfigError, LogError
+from motorprior.exceptions import LogError
 from motorprior.logs.loads import LoadSource, load_source
 from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.prepare_log import LOADS_TOPIC, PERIOD, LogSettings, prepare_log
@@ -25,7 +25,7 @@ class QuickReport:
     logs: Path  # a log, or a folder of logs of the same joints, in any format of docs/logs.md
     out: Path  # folder for figures.json and traces.png
     columns: str | None = None  # column map of tables: a shipped one by name, or a .toml file
-    # the robot has a free base and was suspended in the air with its body level
+    # the robot was suspended in the air with its body level; a fixed base needs no such statement
     suspended: bool = False
     seed: int = 0  # random seed of fits and samples
     # name or .toml file of the robot of the logs; not used for logs with other joints
@@ -49,11 +49,6 @@ def run_quick_report(config: QuickReport, progress: Progress = SILENT) -> Result
 
 def read_logs_of(config: QuickReport) -> LogFolder:
     """The logs; those with a column map have the joints of the map unless a robot is given."""
-    robot = load_robot(config.robot)
-    if config.suspended and robot.base == "fixed":
-        problem = f"the base of {robot.name!r} is fixed"
-        raise ConfigError(problem, remedy="omit suspended", argument="suspended")
-
     folder = read_log_folder(config.logs, _robot_of_reader(config), config.columns)
     first_joints = next(iter(folder.logs.values())).joint_names
     for name, log in folder.logs.items():
@@ -62,6 +57,11 @@ def read_logs_of(config: QuickReport) -> LogFolder:
             problem = f"log {name} has joints {joints}; others {', '.join(first_joints)}"
             raise LogError(problem, where=config.logs, remedy="give logs of the same joints")
     return folder
+
+
+def logs_are_of(robot: Robot, config: QuickReport) -> bool:
+    """Whether the logs are of the robot's joints; raises errors as `read_logs_of`."""
+    return _robot_of(read_logs_of(config), robot) is not None
 
 
 def _robot_of_reader(config: QuickReport) -> Robot | None:

@@ -178,7 +178,8 @@ def _replayed_motor(
 
     targets = trial.position_target[:, motor]
     data.qpos[:] = targets[0]
-    _fill_delay_lines(model, data, targets[0])
+    for actuator in range(len(model.actuator_history)):
+        fill_delay_line(model, data, actuator, targets[0])
 
     joint = data.joint("joint")
     angles = np.zeros(len(targets))
@@ -192,9 +193,11 @@ def _replayed_motor(
     return angles
 
 
-def _fill_delay_lines(model: mujoco.MjModel, data: mujoco.MjData, target: float) -> None:
-    """Fill the delay lines with a control that has never changed."""
-    for actuator, samples in enumerate(model.actuator_history[:, 0].tolist()):
-        if samples:
-            times = model.opt.timestep * np.arange(-samples, 0.0)
-            mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, target))
+def fill_delay_line(
+    model: mujoco.MjModel, data: mujoco.MjData, actuator: int, target: float
+) -> None:
+    """Fill the delay line of an actuator, if it has one, with a control that has never changed."""
+    samples = int(model.actuator_history[actuator, 0])
+    if samples:
+        times = model.opt.timestep * np.arange(-samples, 0.0)
+        mujoco.mj_initCtrlHistory(model, data, actuator, times, np.full(samples, target))

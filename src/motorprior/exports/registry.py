@@ -1,11 +1,13 @@
 """Write motors of a prior or posterior in any format."""
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.actuator.optional_terms import constants_of
@@ -17,16 +19,21 @@ from motorprior.exports.cards import CARD
 from motorprior.exports.exporter import Exporter, Request, described_loss, sampled
 from motorprior.exports.mjcf import MJCF
 from motorprior.exports.mjcf_detailed import DETAILED
-from motorprior.exports.mjcf_document import Mjcf
+from motorprior.exports.mjcf_document import Mjcf, number
+from motorprior.exports.model_run import SECONDS, ModelRun, run_model
 from motorprior.exports.replay import MAX_STEP, constants, log_trial, losses
 from motorprior.exports.table import TABLE
 from motorprior.logs.motor_log import MotorLog
+from motorprior.texts import ShownInNotebooks
 
+# factors on a model's timestep at which an export that diverges is tried again
+SHORTER_STEPS = (0.5, 0.25, 0.125)
+MAX_LOSS = 0.02  # a loss that is larger is pointed out [rad]
 EXPORTERS = {exporter.name: exporter for exporter in (BAM, CARD, MJCF, DETAILED, TABLE)}
 
 
 @dataclass(frozen=True)
-class Exported:
+class Exported(ShownInNotebooks):
     """Files of `export`, and what the format changes."""
 
     files: tuple[Path, ...]
@@ -38,6 +45,9 @@ class Exported:
     gains: tuple[float, ...] | None
     # share of motors that mjcf-detailed wrote as plain joints, too stiff for the timestep [-]
     plain: float = 0.0
+    # RMSE [rad] by joint on the user's model, over all variants of it, see `run_model`; empty for
+    # formats without a model
+    model_losses: dict[str, float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
@@ -52,6 +62,8 @@ class Exported:
                 f"{100 * self.plain:.0f} % are plain joints: too stiff for the model's timestep, "
                 "see format mjcf"
             )
+        if self.model_losses:
+            lines.append(_described_model_losses(self.model_losses))
         if self.losses:  # a card loses nothing
             lines.append(described_loss(self.losses, self.not_expressed))
         return "\n".join(lines)
@@ -71,7 +83,9 @@ def export(
 ) -> Exported:
     """Write ``motors`` samples per joint for another simulator, and measure the format's error.
 
-    The error is measured in a replay in closed loop, see `replay`.
+    The error is measured in a replay in closed loop, see `replay`. A model with exported motors is
+    also run at its own timestep, next to the learned motors (`run_model`); an export that diverges
+    there is refused.
 
     Args:
         source: prior or posterior with physical constants.
@@ -87,7 +101,8 @@ def export(
         log: log of the J joints, with loads; the format's error on its motion is measured, too.
 
     Raises:
-        ConfigError: an unknown format or joint, no model, or a prior without physical constants.
+        ConfigError: an unknown format or joint, no model, a prior without physical constants, or
+            motors that diverge at the model's timestep; states the timestep that they need.
         ArtifactError: the model cannot be read, or ``out`` cannot be written.
         LogError: a log without loads.
     """
@@ -124,10 +139,87 @@ def export(
     by_robot = {name: array.reshape(motors, -1) for name, array in values.items()}
     request = Request(source, joints, seed, by_robot, Path(out), document, errors, not_expressed)
     files = tuple(exporter.write(request))
+    model_losses = {}
+    if document is not None:
+        model_losses = _losses_on_model(exporter, request, actuator, files)
     median_gains = None
     if actuator.gains is not None:
         median_gains = tuple(np.median(actuator.gains, axis=1).tolist())
-    return Exported(files, errors, not_expressed, median_gains, plain_share)
+    return Exported(files, errors, not_expressed, median_gains, plain_share, model_losses)
+
+
+def _losses_on_model(
+    exporter: Exporter, request: Request, actuator: GreyBoxActuator, files: tuple[Path, ...]
+) -> dict[str, float]:
+    """RMSE [rad] by joint over all variants of the user's model.
+
+    Deletes the variants and raises ConfigError if one of them diverges.
+    """
+    runs = _runs_on_model(request, actuator, files)
+    diverged = [run.diverged_at for run in runs if run.diverged_at is not None]
+    if not diverged:
+        losses = {}
+        for name in request.joint_names:
+            losses[name] = float(np.sqrt(np.mean([run.losses[name] ** 2 for run in runs])))
+        return losses
+
+    timestep = runs[0].timestep
+    remedy = _remedy_for_divergence(exporter, request, actuator)
+    for path in files[: len(runs)]:
+        path.unlink()
+    problem = (
+        f"motors of format {exporter.name} diverge on the model after {min(diverged):.2g} s, at "
+        f"its timestep of {timestep:g} s"
+    )
+    raise ConfigError(problem, remedy=remedy, argument="format")
+
+
+def _remedy_for_divergence(exporter: Exporter, request: Request, actuator: GreyBoxActuator) -> str:
+    """The longest of some shorter timesteps at which the motors follow, or another format."""
+    assert request.model is not None
+    original = request.model
+    for factor in SHORTER_STEPS:
+        compiled = copy.copy(original.compiled)
+        compiled.opt.timestep *= factor
+        document = original.document.cloneNode(True)
+        shorter = replace(original, document=document, compiled=compiled)
+        shorter.section("option").setAttribute("timestep", number(compiled.opt.timestep))
+        runs = _runs_on_model(
+            request, actuator, tuple(exporter.write(replace(request, model=shorter)))
+        )
+        if all(run.diverged_at is None for run in runs):
+            loss = max(max(run.losses.values()) for run in runs)
+            return (
+                f'set timestep="{compiled.opt.timestep:g}" in the <option> of the model, where '
+                f"they follow the learned motors within {1e3 * loss:.1f} mrad, or choose format "
+                "mjcf"
+            )
+    return "choose format mjcf, or drive the model by DrivenJoints"
+
+
+def _runs_on_model(
+    request: Request, actuator: GreyBoxActuator, files: tuple[Path, ...]
+) -> list[ModelRun]:
+    """A run of every variant, next to its own learned motors."""
+    assert request.model is not None and request.model.path is not None
+    count = len(request.joint_names)
+    runs = []
+    for robot, path in enumerate(files[: len(request.constants["kp"])]):
+        columns = slice(robot * count, (robot + 1) * count)
+        gains = None if actuator.gains is None else actuator.gains[:, columns]
+        motors = replace(actuator, z=actuator.z[columns], gains=gains)
+        runs.append(run_model(request.model.path, path, motors, request.joint_names))
+    return runs
+
+
+def _described_model_losses(losses: dict[str, float]) -> str:
+    errors = ", ".join(f"{name} {1e3 * error:.1f}" for name, error in losses.items())
+    text = (
+        f"RMSE against the learned motors on your model, {SECONDS:g} s in the air [mrad]: {errors}"
+    )
+    if max(losses.values()) > MAX_LOSS:
+        text += "; mp.DrivenJoints puts the learned motors themselves on the model"
+    return text
 
 
 def is_supported(exporter: Exporter) -> bool:

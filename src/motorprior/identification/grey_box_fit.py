@@ -14,7 +14,7 @@ import numpy as np
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
-from motorprior.identification.checkpoint import Arrays, Checkpoint
+from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of
 from motorprior.identification.fit_notes import identifiability, notes_on_terms
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
@@ -56,8 +56,9 @@ def fit_grey_boxes(
     longer = refinement.longer_runs(data, recipe, runs)
     z = fits.offsets
     if longer is not runs:
-        z = refinement.refined(model, z, longer, recipe.grey_boxes == "together")
-    z = refinement.with_stiff_gears(model, z, longer)
+        together = recipe.grey_boxes == "together"
+        z = refinement.refined(model, z, longer, together, parts_of("refined", checkpoint))
+    z = refinement.with_stiff_gears(model, z, longer, parts_of("stiff_gears", checkpoint))
 
     tried = bool(selection.saved)
     notes = notes_on_terms(recipe, tried)
@@ -133,7 +134,16 @@ def _fitted_motors(
         nested: MotorFits | None,
     ) -> MotorFits:
         def arrays() -> Arrays:
-            fits = motor_fit.fit_motors(runs, terms, together, seed, report_stage, subset, nested)
+            fits = motor_fit.fit_motors(
+                runs,
+                terms,
+                together,
+                seed,
+                report_stage,
+                subset,
+                nested,
+                checkpoint=parts_of(name, checkpoint),
+            )
             return {"center": fits.center, "offsets": fits.offsets, "loss": fits.loss}
 
         saved = checkpoint(name, arrays)

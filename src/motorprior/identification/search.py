@@ -22,6 +22,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from motorprior.compiled import njit
+from motorprior.identification.checkpoint import Arrays, PartCheckpoint, unsaved_part
 
 # step of the central differences, in unknowns: logarithms of constants, or N(0, 1)
 WIDE = 0.1
@@ -172,12 +173,19 @@ class Problem(Protocol):
 class Search:
     """Searches and descents for the problems of one `Problem`.
 
-    ``lower`` (M, K) bounds candidates, not descents.
+    ``lower`` (M, K) bounds candidates, not descents. ``checkpoint`` saves the results of `descend`
+    and `best_of`.
     """
 
-    def __init__(self, problem: Problem, lower: np.ndarray | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        lower: np.ndarray | None = None,
+        checkpoint: PartCheckpoint = unsaved_part,
+    ):
         self.problem = problem
         self._lower = lower
+        self._checkpoint = checkpoint
         self.all_problems = np.arange(problem.count)
 
     def losses(self, x: np.ndarray, problems: np.ndarray | None = None) -> np.ndarray:
@@ -236,8 +244,11 @@ class Search:
         if self._lower is not None:
             candidates = np.maximum(candidates, self._lower[problems][:, None])
 
-        energy = self.losses(candidates, problems) + prior.subset(problems).energy(candidates)
-        return candidates[np.arange(len(problems)), energy.argmin(axis=1)]
+        def best() -> Arrays:
+            energy = self.losses(candidates, problems) + prior.subset(problems).energy(candidates)
+            return {"index": energy.argmin(axis=1)}
+
+        return candidates[np.arange(len(problems)), self._checkpoint(best)["index"]]
 
     def descend(
         self,
@@ -253,10 +264,14 @@ class Search:
         """
         problems = self.all_problems if problems is None else problems
         prior = prior.subset(problems)
-        fit = self.at(start, prior, problems)
-        for max_steps, diff_step in steps:
-            fit = self._descend(fit, prior, max_steps, diff_step, problems)
-        return fit
+
+        def descended() -> Arrays:
+            fit = self.at(start, prior, problems)
+            for max_steps, diff_step in steps:
+                fit = self._descend(fit, prior, max_steps, diff_step, problems)
+            return {"x": fit.x, "energy": fit.energy, "loss": fit.loss}
+
+        return Fit(**self._checkpoint(descended))
 
     def _descend(
         self,

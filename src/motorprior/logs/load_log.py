@@ -18,6 +18,7 @@ def load_log(
     robot: Robot | str | Path | None = None,
     suspended: bool = False,
     settings: LogSettings = DEFAULT_SETTINGS,
+    allow_errors: bool = False,
     progress: Progress = PYTHON_WARNINGS,
 ) -> MotorLog:
     """Read a recording in any format and prepare it for `fit_prior` and `adapt`.
@@ -32,14 +33,17 @@ def load_log(
         suspended: the robot was suspended with a level body; a robot with a fixed base needs no
             such statement. `loads.load_source` states which loads the log gets.
         settings: the grid, and what the recording lacks.
+        allow_errors: whether to load a recording in which `check_log` finds errors, such as another
+            unit or sign; they are then reported as warnings.
         progress: where to report to; by default warnings are Python warnings.
 
     Raises:
         ConfigError: a setting out of its range, or one that contradicts the log.
-        LogError: the log cannot be read, lacks what loads need, or has a value out of its bounds.
+        LogError: the log cannot be read, lacks what loads need, or has a value out of its bounds;
+            or it has errors that are not allowed.
         ArtifactError: a bad column map or robot.
     """
     described = None if robot is None else as_robot(robot)
     settings.check()
     recording = read_recording(Path(path), described, columns, settings.period, suspended)
-    return prepare_log(recording, described, suspended, settings, progress)
+    return prepare_log(recording, described, suspended, settings, progress, allow_errors)

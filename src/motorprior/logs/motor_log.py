@@ -342,24 +342,36 @@ _BOUNDS = {
 
 def motor_logs(logs: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
     """One log or several as a list; raises `ConfigError` for anything else."""
-    if isinstance(logs, MotorLog):
-        return [logs]
-    if isinstance(logs, str | Path) or not all(isinstance(log, MotorLog) for log in logs):
-        raise ConfigError(
-            "logs are not motor logs", remedy="read them with load_log", argument="logs"
-        )
+    if isinstance(logs, MotorLog | str | Path):
+        logs = [logs]  # a path is refused below, not read letter by letter
+    for log in logs:
+        if not isinstance(log, MotorLog):
+            raise not_a_motor_log(log)
     return list(logs)
+
+
+def not_a_motor_log(value: object) -> ConfigError:
+    """The error for anything else in place of a `MotorLog`, such as the path of a recording."""
+    text = repr(str(value)) if isinstance(value, str | Path) else type(value).__name__
+    return ConfigError(
+        f"{text} is not a motor log",
+        remedy="read it with mp.load_log(path, columns=…, robot=…), and give the result",
+        argument="log",
+    )
 
 
 def checked(log: MotorLog, where: Where = None) -> MotorLog:
     """The log with float64 arrays, from any array-likes, and sorted firmware registers.
 
     Raises:
+        ConfigError: something else than a motor log, such as a path.
         LogError: wrong shape, a value that is not finite or out of its bounds, time that does not
             increase within a segment, a segment of fewer than 2 rows, gains that change within a
             segment, or an unknown encoder, gain unit, posture or register; names ``where`` or the
             log's source, row, column and value.
     """
+    if not isinstance(log, MotorLog):
+        raise not_a_motor_log(log)
     where = where or log.source
     for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
         value = getattr(log, name)

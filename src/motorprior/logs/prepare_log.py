@@ -20,6 +20,7 @@ from motorprior.logs.read_log import Recording
 from motorprior.progress import PYTHON_WARNINGS, Note, Progress
 from motorprior.robots.robot import Robot
 
+ERRORS_TOPIC = "errors"  # topic of notes about errors of a recording
 LOADS_TOPIC = "loads"  # topic of the note that states the source of the loads
 PERIOD = 0.002  # sample period of the identification presets for real motors [s]
 
@@ -66,6 +67,7 @@ def prepare_log(
     suspended: bool = False,
     settings: LogSettings = DEFAULT_SETTINGS,
     progress: Progress = PYTHON_WARNINGS,
+    allow_errors: bool = True,
 ) -> MotorLog:
     """Apply the settings, leave out failed reads, cut at gaps, put on the grid, and add loads.
 
@@ -79,6 +81,7 @@ def prepare_log(
         suspended: the robot was suspended with a level body.
         settings: the grid, and what the recording lacks.
         progress: where to report to; by default warnings are Python warnings.
+        allow_errors: whether errors that `check_log` finds are reported as warnings, or raised.
 
     Raises:
         ConfigError: a setting out of its range, another number of gains than joints, joints that
@@ -104,6 +107,8 @@ def prepare_log(
 
     if not recording.is_on_grid:
         log, notes = cleaned(log, str(path), period or 0.0)
+        if not allow_errors:
+            _raise_errors(notes, path)
         for note in notes:
             progress.report(note)
     if recording.assumption:
@@ -210,11 +215,24 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
     for finding in grouped(check_log(log).findings):
         if finding.severity == "error" and finding.check == "rate":
             raise LogError(finding.message, where=log.source, remedy=finding.remedy)
-        if finding.severity == "error" or _is_doubtful(finding):
-            notes.append(Note("warning", f"{name}: {finding}"))
+        topic = ERRORS_TOPIC if finding.severity == "error" else ""
+        if topic or _is_doubtful(finding):
+            notes.append(Note("warning", f"{name}: {finding}", topic))
     if gaps:
         notes.append(Note("info", f"{name}: {gaps}"))
     return log, notes
+
+
+def _raise_errors(notes: Sequence[Note], path: Path) -> None:
+    """Raise `LogError` if any of the notes is about an error."""
+    errors = [note.text.removeprefix(f"{path}: ") for note in notes if note.topic == ERRORS_TOPIC]
+    if errors:
+        count = f"{len(errors)} errors: " if len(errors) > 1 else ""
+        remedy = (
+            "mend the recording or its column map (`motorprior logs check` lists all findings), or "
+            "load it with allow_errors=True"
+        )
+        raise LogError(count + "; ".join(errors), where=path, remedy=remedy)
 
 
 def _is_doubtful(finding: Finding) -> bool:

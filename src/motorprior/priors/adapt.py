@@ -69,7 +69,7 @@ def adapt(
         ConfigError: the log names another robot than the prior.
         ArtifactError: a prior without latents, or of another version.
     """
-    log = checked(log, where=log.source)
+    log = checked(log)
     require_adaptable(prior, log)
     note_training_log(prior, log, progress)
 

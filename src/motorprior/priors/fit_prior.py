@@ -1,6 +1,7 @@
 """Fit a motor prior to motor logs."""
 
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -54,6 +55,7 @@ from motorprior.stage import description, is_finished, locked, working
 
 PRIOR_FILE = "prior.safetensors"
 CHECKPOINT = "unfinished_{}.safetensors"
+MIN_SAVED = 0.5  # steps that are quicker are computed again after an interruption [s]
 # key in a prior's provenance: `motion_digest` of every log that it was trained on
 _MOTIONS = "motions"
 
@@ -78,8 +80,8 @@ def fit_prior(
         seed: of weights, windows and noise; the fit is deterministic.
         steps: Adam steps; the preset's own number if not given; only of presets that train a
             network.
-        out: folder for prior.safetensors; a repeated call loads it; an interrupted fit continues
-            there after the selection of terms or the fit of the motors. Nothing is written without
+        out: folder for prior.safetensors; a repeated call loads it; an interrupted fit
+            continues there after the last step that took half a second. Nothing is written without
             it.
         progress: where to report to, for example ``Lines()``; by default work is reported on
             stderr, and warnings are Python warnings.
@@ -96,7 +98,7 @@ def fit_prior(
     """
     require_seed(seed)
     recipe = identification_preset(preset, steps)
-    checked_logs = [checked(log, where=log.source) for log in motor_logs(logs)]
+    checked_logs = [checked(log) for log in motor_logs(logs)]
     log = joined(checked_logs)
     provenance = provenance_of(checked_logs, log=log.source)
     folder = None if out is None else Path(out)
@@ -152,14 +154,16 @@ def fit_recipe(
 def _checkpoint(
     folder: Path, stage: dict[str, Any], name: str, compute: Callable[[], Arrays]
 ) -> Arrays:
-    """Arrays that an interrupted run of this stage wrote, else computed and written."""
+    """Arrays that an interrupted run of this stage wrote; otherwise computed, and written."""
     path = folder / CHECKPOINT.format(name)
     if path.exists():
         arrays, header = read_tensors(path)
         if header == stage:
             return arrays
+    started = time.monotonic()
     arrays = compute()
-    write_tensors(path, arrays, stage)
+    if time.monotonic() - started > MIN_SAVED:
+        write_tensors(path, arrays, stage)
     return arrays
 
 

@@ -25,7 +25,7 @@ from motorprior.identification.latents.latent_fit import LatentPosterior
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS, Recipe, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import joined, train_test_halves
 from motorprior.priors.adapt import adapt_to, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
@@ -104,6 +104,7 @@ def validate(
     require_seed(seed)
     if adam_steps is not None:
         require_count("adam_steps", adam_steps)
+    log = checked(log)
     require_adaptable(prior, log)
     train, test = _train_and_test(log, fitted_on, seconds)
     recipe = recipe_of(prior)

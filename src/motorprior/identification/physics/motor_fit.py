@@ -24,6 +24,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import constants_of
+from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.descents import (
     CANDIDATES,
     FINEST,
@@ -86,6 +87,7 @@ def fit_motors(
     subset: WindowRuns | None = None,
     nested: MotorFits | None = None,
     restarts: int = RESTARTS,
+    checkpoint: PartCheckpoint = unsaved_part,
 ) -> MotorFits:
     """Fit all motors of the logs.
 
@@ -99,21 +101,22 @@ def fit_motors(
             given.
         nested: fit of simpler motors to start from; `fit_rigid_motors` if not given.
         restarts: maximum number of restarts of a motor.
+        checkpoint: saves every descent.
     """
     subset = subset or runs
     rng = np.random.default_rng([seed, _STREAM])
-    nested = nested or fit_rigid_motors(subset, terms, seed)
+    nested = nested or fit_rigid_motors(subset, terms, seed, checkpoint=checkpoint)
     initial = scaled_center(subset, terms)
     center, candidates = _starting_point(rng, runs, terms, nested, initial)
     fixed = candidates.fixed
     report()
 
-    search = centred_search(center, terms, subset)
+    search = centred_search(center, terms, subset, checkpoint)
     fit = _fit_separately(search, candidates, restarts, report)
 
     # from here on with all rows
     if subset is not runs:
-        search = centred_search(center, terms, runs)
+        search = centred_search(center, terms, runs, checkpoint)
         prior = single_motor_prior(search, fit.x, fit.x, candidates.initial)
         fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
     if together and runs.num_motors > MIN_OTHERS:
@@ -134,7 +137,11 @@ def fit_motors(
 
 
 def fit_rigid_motors(
-    runs: WindowRuns, terms: tuple[str, ...], seed: int, limits: bool = True
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    seed: int,
+    limits: bool = True,
+    checkpoint: PartCheckpoint = unsaved_part,
 ) -> MotorFits:
     """The simplest motors: the best of RIGID_STARTS random searches without a torque limit.
 
@@ -145,7 +152,7 @@ def fit_rigid_motors(
     fixed = fixed_constants(terms, runs)
     rigid, is_simplified = rigid_motor(scaled_center(runs, terms), terms, runs)
     is_limit = np.array(parameters_of(terms)) == "torque_limit"
-    search = centred_search(rigid, terms, runs)
+    search = centred_search(rigid, terms, runs, checkpoint)
 
     size = len(rigid)
     weak = GaussianPrior(np.zeros(size), np.full(size, WEAK_PRECISION))

@@ -27,6 +27,7 @@ from motorprior.actuator.geared_motor_step import (
 )
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS, INITIAL, NEGLIGIBLE, SIGNED
+from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.window_runs import (
     HIDDEN_FROM_ROTOR,
     SPEED_LIMITS,
@@ -109,15 +110,22 @@ class MotorProblem:
         return residuals.reshape(len(problems), -1)
 
 
-def motor_search(model: GreyBox, runs: WindowRuns) -> Search:
+def motor_search(
+    model: GreyBox, runs: WindowRuns, checkpoint: PartCheckpoint = unsaved_part
+) -> Search:
     """Search for the motors of these logs."""
-    return Search(MotorProblem(model, runs))
+    return Search(MotorProblem(model, runs), checkpoint=checkpoint)
 
 
-def centred_search(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> Search:
+def centred_search(
+    center: np.ndarray,
+    terms: tuple[str, ...],
+    runs: WindowRuns,
+    checkpoint: PartCheckpoint = unsaved_part,
+) -> Search:
     """Search around a central motor (K,), with `lower_bounds` of candidates."""
     problem = MotorProblem(grey_box(center, terms, runs.recipe), runs)
-    return Search(problem, lower_bounds(center, terms, runs))
+    return Search(problem, lower_bounds(center, terms, runs), checkpoint)
 
 
 def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import NEGLIGIBLE
+from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
 from motorprior.identification.physics.motor_problem import (
     DISABLED_LIMIT_FACTOR,
@@ -89,7 +90,12 @@ def without_unidentified_limits(
     return x
 
 
-def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndarray:
+def with_stiff_gears(
+    model: GreyBox,
+    x: np.ndarray,
+    runs: WindowRuns,
+    checkpoint: PartCheckpoint = unsaved_part,
+) -> np.ndarray:
     """(M, K) latents with stiff gears without backlash, in classes that fit better with them.
 
     Otherwise a compliance that the logs do not identify explains a part of the delay, and the
@@ -103,7 +109,7 @@ def with_stiff_gears(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> np.ndar
         column = PARAMETERS.index(name)
         stiff[column] = np.clip(initial[column] + np.log(factor), -_WITHIN, _WITHIN)
     return _set_where_cheap(
-        motor_search(model, runs),
+        motor_search(model, runs, checkpoint),
         x,
         fixed_constants(terms, runs),
         stiff,
@@ -176,7 +182,13 @@ def longer_runs(data: TrainingData, recipe: Recipe, runs: WindowRuns) -> WindowR
     return longer if keeps_rows and longer.windows >= MIN_LONGER_WINDOWS else runs
 
 
-def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> np.ndarray:
+def refined(
+    model: GreyBox,
+    x: np.ndarray,
+    runs: WindowRuns,
+    together: bool,
+    checkpoint: PartCheckpoint = unsaved_part,
+) -> np.ndarray:
     """(M, K) latents after Gauss-Newton steps from x (M, K) on ``runs``.
 
     The runs are longer than the runs of the search.
@@ -184,7 +196,7 @@ def refined(model: GreyBox, x: np.ndarray, runs: WindowRuns, together: bool) -> 
     The prior is the Gaussian over the motors, estimated at x, if they are fitted ``together``;
     otherwise `single_motor_prior` around x.
     """
-    search = motor_search(model, runs)
+    search = motor_search(model, runs, checkpoint)
     terms = model.terms
     fixed = fixed_constants(terms, runs)
     initial = initial_center(terms, runs) - model.center

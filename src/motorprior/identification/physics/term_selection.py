@@ -30,7 +30,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.optional_terms import TERMS, constants_of, in_order
-from motorprior.identification.checkpoint import Checkpoint, unsaved
+from motorprior.identification.checkpoint import Checkpoint, PartCheckpoint, parts_of, unsaved
 from motorprior.identification.physics.descents import STEPS, reachable
 from motorprior.identification.physics.motor_fit import MotorFits, fit_motors, fit_rigid_motors
 from motorprior.identification.physics.motor_problem import (
@@ -290,9 +290,11 @@ class _TermFits:
     def rigid(self, terms: tuple[str, ...]) -> _EvaluatedFit:
         """The simplest motors, with a rigid gear."""
 
-        def fit() -> np.ndarray:
+        def fit(parts: PartCheckpoint) -> np.ndarray:
             # without a torque limit, which would hide a limit of speed
-            return fit_rigid_motors(self._train_runs, terms, self._seed, limits=False).outputs
+            return fit_rigid_motors(
+                self._train_runs, terms, self._seed, limits=False, checkpoint=parts
+            ).outputs
 
         return self._evaluated(terms, fit)
 
@@ -302,7 +304,7 @@ class _TermFits:
         offsets = rigid.outputs - center
         nested = MotorFits(center, offsets, rigid.train, rigid.terms, is_rigid=True)
 
-        def fit() -> np.ndarray:
+        def fit(parts: PartCheckpoint) -> np.ndarray:
             return fit_motors(
                 self._train_runs,
                 rigid.terms,
@@ -310,6 +312,7 @@ class _TermFits:
                 seed=self._seed,
                 nested=nested,
                 restarts=_RESTARTS,
+                checkpoint=parts,
             ).outputs
 
         return self._evaluated(rigid.terms, fit)
@@ -370,7 +373,8 @@ class _TermFits:
         x = np.clip(outputs - center, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
         prior = single_motor_prior(search, x, np.zeros(len(center)), initial).fixing(fixed)
 
-        def fit_outputs() -> np.ndarray:
+        def fit_outputs(parts: PartCheckpoint) -> np.ndarray:
+            search = centred_search(center, terms, self._train_runs, parts)
             fit = search.at(x, prior)
             if added:
                 fit = search.at(search.best_of(draw(0, fit), prior), prior)
@@ -381,11 +385,12 @@ class _TermFits:
         return self._evaluated(terms, fit_outputs)
 
     def _evaluated(
-        self, terms: tuple[str, ...], fit_outputs: Callable[[], np.ndarray]
+        self, terms: tuple[str, ...], fit_outputs: Callable[[PartCheckpoint], np.ndarray]
     ) -> _EvaluatedFit:
         """Losses of the decoder outputs (m, K) that ``fit_outputs`` gives, or that were saved."""
         name = f"term_fit_{next(self._fit_numbers)}"
-        outputs = self._checkpoint(name, lambda: {"outputs": fit_outputs()})["outputs"]
+        parts = parts_of(name, self._checkpoint)
+        outputs = self._checkpoint(name, lambda: {"outputs": fit_outputs(parts)})["outputs"]
         center = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
         search = motor_search(grey_box(center, terms, self._runs.recipe), self._runs)
         losses = search.observation_losses(outputs - center)  # (m, N)

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from motorprior.texts import ShownInNotebooks
+
 IN_MAP = "in a column map (docs/your-motors.md)"
 
 
@@ -53,7 +55,7 @@ def _largest_with_other_joints(group: list[Finding]) -> Finding:
 
 
 @dataclass(frozen=True, repr=False)
-class LogReport:
+class LogReport(ShownInNotebooks):
     """All findings about one log, errors first."""
 
     findings: tuple[Finding, ...]
