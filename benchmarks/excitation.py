@@ -364,6 +364,7 @@ def real_likeness(settings: Settings) -> dict[str, float]:
             robot=robot,
             suspended=robot is not None,
             progress=PROGRESS,
+            allow_errors=True,
         )
         for path in settings.logs
     ]

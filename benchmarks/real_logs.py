@@ -394,6 +394,7 @@ def imported(
                     robot=robot,
                     suspended=robot is not None,
                     progress=PROGRESS,
+                    allow_errors=True,
                 )
                 mp.write_log(path, log)
     return paths

@@ -14,7 +14,7 @@ from motorprior.actuator.motor_prior import card_file
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # README's library section trains for minutes; test_readme runs it in a small size
-PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md"]
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
 # packages that a page names and the tests do without; blocks that import them are compiled only
 NOT_INSTALLED = {"isaaclab", "mjlab", "newton"}
 

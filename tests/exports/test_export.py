@@ -2,6 +2,7 @@
 
 # pyright: reportAttributeAccessIssue=false, reportMissingImports=false
 import json
+import re
 from collections.abc import Iterator
 from contextlib import chdir
 from dataclasses import replace
@@ -248,6 +249,48 @@ def test_exported_motors_move_as_ours(
     assert 0.0 < exported.losses["shank"] < shank
     missing_constant = "backlash" if name == "bam" else "load_friction"
     assert exported.not_expressed[missing_constant] > 0.0
+
+
+def test_the_loss_on_the_users_model_is_measured_at_its_own_step(
+    prior: MotorPrior, arm: Path, tmp_path: Path
+):
+    losses = {}
+    for step in (0.002, 0.01):
+        model = MODEL.replace("<compiler", f'<option timestep="{step}"/><compiler')
+        arm.write_text(model)
+        exported = mp.export(
+            prior, "mjcf", tmp_path / f"{step}", motors=2, model=arm, joints=("shoulder", "elbow")
+        )
+        losses[step] = exported.model_losses
+
+        assert exported.model_losses.keys() == {"shoulder", "elbow"}
+        assert all(f"{1e3 * loss:.1f}" in str(exported) for loss in exported.model_losses.values())
+
+    assert 0.0 < max(losses[0.002].values()) < 0.02  # [rad]
+    assert max(losses[0.01].values()) > max(losses[0.002].values())
+
+
+@DETAILED
+def test_motors_that_diverge_on_the_users_model_are_refused_with_the_step_that_they_need(
+    arm: Path, tmp_path: Path
+):
+    go2 = mp.from_pretrained("go2")
+    options = {"motors": 2, "joints": ("shoulder", "elbow")}
+    arm.write_text(MODEL.replace('size="0.01" mass="0.5"', 'size="0.01" mass="0.3"'))
+    out = tmp_path / "out"
+
+    with pytest.raises(ConfigError, match="diverge on the model") as refused:
+        mp.export(go2, "mjcf-detailed", out, model=arm, **options)
+
+    assert list(out.glob("*.xml")) == []
+
+    needed = re.search(r'timestep="([\d.]+)"', refused.value.remedy)
+    assert needed is not None
+
+    arm.write_text(arm.read_text().replace("<compiler", f"<option {needed[0]}/><compiler"))
+    exported = mp.export(go2, "mjcf-detailed", out, model=arm, **options)
+
+    assert max(exported.model_losses.values()) < 0.02
 
 
 @pytest.fixture

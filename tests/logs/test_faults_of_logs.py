@@ -48,12 +48,12 @@ def test_failed_reads_of_angles_and_velocities_are_left_out_and_counted():
     assert cleaned(clean, "made") == (clean, [])
 
 
-def test_loading_warns_of_a_reversed_joint_and_refuses_an_impossible_rate(tmp_path: Path):
+def test_loading_refuses_a_reversed_joint_and_an_impossible_rate(tmp_path: Path):
     log = moving((0.5, 0.8))
     path = tmp_path / "log.parquet"
     mp.write_log(path, replace(log, joint_pos=log.joint_pos * [1.0, -1.0], joint_vel=None))
 
-    with pytest.warns(UserWarning, match=r"\bb\b"):
+    with pytest.raises(mp.LogError, match=r"\bb\b.*against"):
         mp.load_log(path)
 
     mp.write_log(path, replace(log, time=1e3 * log.time))

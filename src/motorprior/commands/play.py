@@ -31,7 +31,7 @@ class Play:
     policies: tuple[Path, ...]
     """Policies, or folders that `motorprior walk` wrote."""
     out: Path = Path("runs/play")
-    """Folder for the film (play.mp4 or play.gif) and figures.json."""
+    """Folder for the film (play.gif, and play.mp4 with the extra video) and figures.json."""
     environment: Literal["own", "twin", "hard"] = "own"
     """own: the training simulation of each policy; twin: a robot with held-out motors, 1 kHz
     physics and sensor noise; hard: the twin on unknown ground, with an unknown load and pushes."""

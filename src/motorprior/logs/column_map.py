@@ -1,9 +1,9 @@
 """Column maps: short TOML files that state what the columns of a third-party table mean.
 
-docs/your-motors.md describes them. An angle is sign·unit·value + zero; a velocity or torque is
-sign·unit·value, where a velocity has the sign of the angle. A column of angles with ``wraps`` jumps
-by a turn where the angle does not; it is unwrapped. The table of a channel overrides the table of
-its joint, and the table of the joint overrides [units].
+docs/your-motors.md describes them. An angle is sign·unit·(value - center) + zero; a velocity or
+torque is sign·unit·value, where a velocity has the sign of the angle. A column of angles with
+``wraps`` jumps by a turn where the angle does not; it is unwrapped. The table of a channel
+overrides the table of its joint, and the table of the joint overrides [units].
 """
 
 import math
@@ -55,7 +55,8 @@ JOINT = "{joint}"
 NAME = "{name}"
 
 _UNITS = {name: one_of(*scales) for name, scales in SCALES.items()} | {
-    "ticks_per_turn": number(above=1.0)
+    "ticks_per_turn": number(above=1.0),
+    "center": number(-1e6, 1e6),
 }
 # entries that convert the values of a channel, besides the unit of its quantity
 _CHANGES = {
@@ -64,6 +65,7 @@ _CHANGES = {
     "zero": number(-TURN, TURN, unit="rad"),
     "wraps": BOOLEAN,
     "ticks_per_turn": _UNITS["ticks_per_turn"],
+    "center": _UNITS["center"],
 }
 
 
@@ -276,10 +278,13 @@ def _conversion(
         sign = joint.get("joint_pos", {}).get("sign", sign)
 
     merged = ChainMap(*tables)  # the first table with an entry counts
-    scale = _scale(quantity, tables, place)
+    factor = float(changes.get("sign", sign) * _scale(quantity, tables, place))
+    offset = float(merged.get("zero", 0.0))
+    if quantity == "angle":  # other quantities are zero at the column value 0
+        offset -= factor * float(merged.get("center", 0.0))
     return Conversion(
-        factor=float(changes.get("sign", sign) * scale),
-        offset=float(merged.get("zero", 0.0)),
+        factor=factor,
+        offset=offset,
         wraps=quantity == "angle" and merged.get("wraps", False),
     )
 

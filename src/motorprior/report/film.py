@@ -23,6 +23,7 @@ from motorprior.simulation.rendering import HEIGHT, WIDTH, renderer, skeleton
 from motorprior.simulation.scene import Episode
 from motorprior.studies.gait_quality import headings, steps_along_heading
 
+RATE = 20.0  # of films [Hz]
 _GROUND = 240  # row of the floor in a stick figure [pixel]
 _BEHIND = "#b4bac2"  # colour of the legs on the far side
 _HEADER = 58  # height of the title [pixel]
@@ -65,22 +66,23 @@ def film(
 def write_film(
     folder: Path, robot: Robot, walks: Mapping[str, Episode], steps: int, progress: Progress
 ) -> Path:
-    """Write play.mp4, or play.gif where the encoder is not installed, of walks by title.
+    """Write play.gif and, where the encoder is installed, play.mp4, of walks by title.
 
-    Returns its path.
+    Returns the path of the MP4 if there is one, else of the GIF.
     """
-    as_mp4 = can_write_mp4()
-    path = folder / ("play.mp4" if as_mp4 else "play.gif")
-    rate = 25.0 if as_mp4 else 20.0  # [Hz]
-    stride = _stride(robot, rate)
+    stride = _stride(robot, RATE)
     count = len(range(0, steps, stride))
     seconds = stride * robot.control_dt
-    with progress.start(f"film of {count} pictures", count) as task, atomic_path(path) as temporary:
-        pictures = _counted(film(robot, walks, steps, stride, progress.note), task)
-        if as_mp4:
+    with progress.start(f"film of {count} pictures", count) as task:
+        pictures = list(_counted(film(robot, walks, steps, stride, progress.note), task))
+
+    path = folder / "play.gif"
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(gif_bytes(pictures, seconds))
+    if can_write_mp4():
+        path = folder / "play.mp4"
+        with atomic_path(path) as temporary:
             write_mp4(temporary, pictures, seconds)
-        else:
-            temporary.write_bytes(gif_bytes(pictures, seconds))
     return path
 
 
@@ -96,7 +98,7 @@ def comparison_gif(
     walks: Mapping[str, Episode],
     steps: int,
     note: Callable[[str], None],
-    rate: float = 5.0,
+    rate: float = RATE,
 ) -> bytes:
     """A GIF of a `film` at a rate [Hz]."""
     stride = _stride(robot, rate)

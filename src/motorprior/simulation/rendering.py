@@ -21,6 +21,9 @@ from motorprior.robots.robot import Robot
 # size of a picture [pixel], multiples of 16 for video encoders
 WIDTH = 480
 HEIGHT = 288
+SUN = np.array([0.3, -0.25, -1.0])  # direction of the light, from the left of the robot
+SHADOW_SIZE = 2048  # of the shadow map [texel]
+SHADOW_CLIP = 2.0  # distance from the robot with shadows, relative to the extent of the model
 REMEDY = (
     "install EGL (Debian: libegl1 with libgl1-mesa-dri), "
     "or OSMesa (libosmesa6) and set MUJOCO_GL=osmesa"
@@ -39,6 +42,8 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
     option = mujoco.MjvOption()
     camera = mujoco.MjvCamera()
     set_view_and_light(model, option)
+    model.vis.headlight.ambient[:] = 0.35  # the sun of `_add_sun` adds the rest
+    model.vis.headlight.diffuse[:] = 0.25
     _look_at(robot, camera)
 
     default = {"linux": "egl", "darwin": "cgl"}.get(sys.platform, "glfw")
@@ -47,6 +52,8 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         window = importlib.import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
         window.make_current()
         model.vis.quality.offsamples = 0  # antialiasing doubles the time without a GPU
+        model.vis.quality.shadowsize = SHADOW_SIZE
+        model.vis.map.shadowclip = SHADOW_CLIP
         context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as error:  # of the loader, PyOpenGL or MuJoCo, depending on what is missing
         problem = f"MuJoCo cannot render with {library} ({error})"
@@ -65,6 +72,8 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
         camera.lookat[:] = x, y, 0.75 * robot.standing_height
         mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
         scene.flags[mujoco.mjtRndFlag.mjRND_HAZE] = 0
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 1
+        _add_sun(scene, camera)
         _add_floor_lines(scene, x, y, robot)
         mujoco.mjr_render(view, scene, context)
         mujoco.mjr_readPixels(picture, None, view, context)
@@ -80,6 +89,27 @@ def renderer(robot: Robot) -> Iterator[Callable[[np.ndarray], np.ndarray]]:
 def model_size(robot: Robot) -> float:
     """Size of the robot's model [m]."""
     return float(build_model(robot).stat.extent)
+
+
+def _add_sun(scene: mujoco.MjvScene, camera: Any) -> None:
+    """A light from behind and above; its shadows show which feet touch the floor."""
+    light = scene.lights[scene.nlight]
+    light.id = -1
+    light.type = mujoco.mjtLightType.mjLIGHT_SPOT
+    light.headlight = 0
+    light.texid = -1
+    light.dir[:] = SUN / np.linalg.norm(SUN)
+    light.pos[:] = camera.lookat - 4.0 * camera.distance * light.dir
+    light.diffuse[:] = 0.55
+    light.specular[:] = 0.1
+    light.ambient[:] = 0.0
+    light.castshadow = 1
+    light.attenuation[:] = 1.0, 0.0, 0.0
+    light.cutoff = 60.0
+    light.exponent = 0.0
+    light.range = 100.0 * camera.distance
+    light.bulbradius = 0.0
+    scene.nlight += 1
 
 
 def _look_at(robot: Robot, camera: Any) -> None:

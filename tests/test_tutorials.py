@@ -1,0 +1,33 @@
+"""The tutorials run from a user's side, and are stored without output."""
+
+from pathlib import Path
+
+import nbformat
+import pytest
+
+from notebooks import run_notebook
+
+TUTORIALS = sorted((Path(__file__).resolve().parents[1] / "tutorials").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_a_tutorial_is_stored_without_output(path: Path):
+    for cell in nbformat.read(path, as_version=4).cells:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
+def test_a_tutorial_runs(path: Path, tmp_path: Path):
+    if "mjlab" in path.stem:
+        pytest.importorskip("mjlab", reason="it is not installed: pip install 'motorprior[mjlab]'")
+    run_notebook(path, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_cell_that_fails_fails_the_tutorial(tmp_path: Path):
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("1 / 0")])
+    nbformat.write(notebook, tmp_path / "bad.ipynb")
+    with pytest.raises(Exception, match="ZeroDivisionError"):
+        run_notebook(tmp_path / "bad.ipynb", tmp_path)
