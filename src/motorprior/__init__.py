@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from motorprior.excitation.fit_excitation import fit_excitation as fit_excitation
     from motorprior.exports.bam import read_motor as read_motor
     from motorprior.exports.cards import from_pretrained as from_pretrained
+    from motorprior.exports.motion_profile import MotionProfile as MotionProfile
     from motorprior.exports.registry import export as export
     from motorprior.identification.load_fit import with_fitted_loads as with_fitted_loads
     from motorprior.locomotion.policy import Policy as Policy
@@ -77,6 +78,7 @@ _MODULES = {
     "fit_excitation": "motorprior.excitation.fit_excitation",
     "read_motor": "motorprior.exports.bam",
     "from_pretrained": "motorprior.exports.cards",
+    "MotionProfile": "motorprior.exports.motion_profile",
     "export": "motorprior.exports.registry",
     "with_fitted_loads": "motorprior.identification.load_fit",
     "Policy": "motorprior.locomotion.policy",

@@ -2,7 +2,8 @@
 
 Both follow the same targets for two seconds at the model's own timestep, from its initial pose, in
 the air: without contacts and joint limits, and without gravity if its base is free. So the error is
-the format's, on the links that its motors will move.
+the format's, on the links that its motors will move. The targets of motors with a motion profile
+pass a `MotionProfile` first, as they must where the export is used.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -17,6 +18,7 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.exports.exporter import UNSTABLE
+from motorprior.exports.motion_profile import ACCELERATION, SPEED, MotionProfile
 from motorprior.exports.plain_joint import fill_delay_line
 from motorprior.signals import rmse
 from motorprior.simulation.driven_joints import DrivenJoints, drives
@@ -52,7 +54,11 @@ def run_model(
     """
     model = mujoco.MjModel.from_xml_path(str(exported))
     targets = _targets(model.opt.timestep, len(joints))
-    angles = _run_exported(model, joints, targets)
+    values = motors.constants()
+    limits = None
+    if SPEED in values:
+        limits = (values[SPEED], values[ACCELERATION])
+    angles = _run_exported(model, joints, targets, limits)
     learned = _run_learned(original, motors, joints, targets, model.opt.timestep)
 
     error = np.abs(angles - learned).max(axis=1)
@@ -81,8 +87,16 @@ def _put_in_the_air(model: mujoco.MjModel) -> None:
         model.opt.gravity[:] = 0.0
 
 
-def _run_exported(model: mujoco.MjModel, joints: Sequence[str], targets: np.ndarray) -> np.ndarray:
-    """(steps, J) angles [rad] of the exported motors; NaN after they diverge."""
+def _run_exported(
+    model: mujoco.MjModel,
+    joints: Sequence[str],
+    targets: np.ndarray,
+    limits: tuple[np.ndarray, np.ndarray] | None,
+) -> np.ndarray:
+    """(steps, J) angles [rad] of the exported motors; NaN after they diverge.
+
+    With ``limits`` of speed and acceleration (J,), the targets pass a `MotionProfile`.
+    """
     _put_in_the_air(model)
     data = mujoco.MjData(model)
     addresses = [model.joint(name).qposadr[0] for name in joints]
@@ -92,10 +106,15 @@ def _run_exported(model: mujoco.MjModel, joints: Sequence[str], targets: np.ndar
         data.ctrl[_address(model, actuator)] = target
         fill_delay_line(model, data, actuator, target)
 
+    profile = None
+    if limits is not None:
+        profile = MotionProfile(*limits, dt=model.opt.timestep, start=start)
+
     angles = np.full(targets.shape, np.nan)
     for step, change in enumerate(targets):
         angles[step] = data.qpos[addresses]
-        for actuator, target in zip(controls, start + change, strict=True):
+        references = start + change if profile is None else profile.step(start + change)
+        for actuator, target in zip(controls, references, strict=True):
             data.ctrl[_address(model, actuator)] = target
         mujoco.mj_step(model, data)
         if (

@@ -21,6 +21,7 @@ from motorprior.exports.mjcf import MJCF
 from motorprior.exports.mjcf_detailed import DETAILED
 from motorprior.exports.mjcf_document import Mjcf, number
 from motorprior.exports.model_run import SECONDS, ModelRun, run_model
+from motorprior.exports.motion_profile import SPEED
 from motorprior.exports.replay import MAX_STEP, constants, log_trial, losses
 from motorprior.exports.table import TABLE
 from motorprior.logs.motor_log import MotorLog
@@ -64,6 +65,11 @@ class Exported(ShownInNotebooks):
             )
         if self.model_losses:
             lines.append(_described_model_losses(self.model_losses))
+        if SPEED in self.not_expressed:
+            lines.append(
+                "the firmware of these motors has a motion profile: apply mp.MotionProfile to the "
+                "targets (docs/export.md)"
+            )
         if self.losses:  # a card loses nothing
             lines.append(described_loss(self.losses, self.not_expressed))
         return "\n".join(lines)

@@ -7,6 +7,7 @@ import numpy as np
 
 from motorprior.artifacts import write_json
 from motorprior.exports.exporter import Exporter, Request
+from motorprior.exports.motion_profile import ACCELERATION, KEY, SPEED
 from motorprior.exports.plain_joint import NOT_EXPRESSED, PARAMETERS, replayed, write_plain
 
 FILE = "motors.json"
@@ -34,6 +35,9 @@ def write_table(request: Request) -> list[Path]:
         "quantiles_5_50_95": quantiles,
         "correlation_of_logarithms": _correlation(samples),
     }
+    if SPEED in request.constants:
+        limits = {name: request.constants[name].tolist() for name in (SPEED, ACCELERATION)}
+        content[KEY] = limits
     write_json(path, content)
     return [path]
 
