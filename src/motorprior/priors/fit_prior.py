@@ -24,7 +24,8 @@ from motorprior.evaluation.errors import (
     notes_on_log,
     replay_errors,
 )
-from motorprior.identification.checkpoint import Arrays, Checkpoint, unsaved
+from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
+from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of, unsaved
 from motorprior.identification.identify import identify, work_of
 from motorprior.identification.latents.standardise import (
     MIN_MOTORS,
@@ -200,6 +201,8 @@ def _fitted(
 
     misfit = np.ones(log.num_joints)
     if isinstance(model, GreyBox):
+        if tuned is None:
+            tuned = fitted_tuned_pd(log, progress, checkpoint=parts_of("tuned_pd", checkpoint))
         errors = evaluate_replay(model.motors(mean), tuned, log, recipe, progress)
         unexplained = float(np.median(errors.unexplained(PRIOR)))
         replay_rmse = float(np.median(errors.models[PRIOR]))

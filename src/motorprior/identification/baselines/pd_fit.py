@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from motorprior.actuator.ideal_pd import GainScaledPd, IdealPd
+from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.window_runs import (
     POSITION_SCALE,
     SegmentArrays,
@@ -148,6 +149,7 @@ def fit_pd(
     free: tuple[str, ...],
     start: Mapping[str, float] | None = None,
     report: Callable[[], None] = lambda: None,
+    checkpoint: PartCheckpoint = unsaved_part,
 ) -> PdFit:
     """Fit one PD to all motors of a log with known loads.
 
@@ -156,10 +158,11 @@ def fit_pd(
         free: constants that are fitted; without armature, delay or friction the PD has none.
         start: constants of one more candidate.
         report: called RESTARTS times.
+        checkpoint: saves every descent.
     """
     fixed = {name: 0.0 for name in WITH_FRICTION if name not in free}
     problem = _PdProblem(_part(log), free, fixed)
-    search = Search(problem)
+    search = Search(problem, checkpoint=checkpoint)
     rng = np.random.default_rng(_STREAM)
     std = np.array([CANDIDATE_STD[name] for name in free])
     is_limit = np.array(free) == "torque_limit"
@@ -182,7 +185,7 @@ def fit_pd(
 
     # the last descent is on the whole log
     whole = _PdProblem(log, free, fixed)
-    x = Search(whole).descend(fit.x, prior, _STEPS).x
+    x = Search(whole, checkpoint=checkpoint).descend(fit.x, prior, _STEPS).x
     fitted = {name: float(values[0]) for name, values in whole.constants(x).items()}
     return PdFit(fitted, whole.rmse(x))
 
@@ -213,14 +216,17 @@ def _part(log: MotorLog) -> MotorLog:
 
 
 def fitted_tuned_pd(
-    log: MotorLog, progress: Progress, num_motors: int | None = None
+    log: MotorLog,
+    progress: Progress,
+    num_motors: int | None = None,
+    checkpoint: PartCheckpoint = unsaved_part,
 ) -> TorqueMotors:
     """The tuned PD: one PD for all motors of a log, which scales with logged gains.
 
     It has ``num_motors`` copies, or one per joint of the log.
     """
     with progress.start("tune one PD", RESTARTS) as task:
-        fit = fit_pd(log, WITH_ROTOR, report=task.advance)
+        fit = fit_pd(log, WITH_ROTOR, report=task.advance, checkpoint=checkpoint)
     pd = IdealPd.uniform(num_motors or log.num_joints, **fit.constants)
     gains = _median_gains(log)
     return pd if gains is None else GainScaledPd(pd, gains)
