@@ -81,3 +81,8 @@ def test_tables_and_settings_show_names_and_numbers():
     assert all(text in words for text in ("tuned PD", "0.45", "–", "speed", "0.75", "0, 1"))
     assert "not complete" not in words
     assert "not complete" in Reader(page_of_two_sections(complete=False)).words
+
+
+def test_a_page_that_was_made_from_python_names_no_command():
+    assert "makes the page again" not in page("title", [], {}, "")
+    assert "makes the page again" in page("title", [], {}, "motorprior report runs/walk")

@@ -1,6 +1,6 @@
 """The command validate: errors on the held-out log are printed."""
 
-from motorprior.cli.terminal import print_table
+from motorprior.cli.terminal import command_line, print_table
 from motorprior.commands.validate import Validate, run_validate
 from motorprior.evaluation.bands import LEVELS
 from motorprior.evaluation.errors import PRIOR
@@ -11,7 +11,7 @@ from motorprior.progress import Progress
 
 def run(config: Validate, progress: Progress) -> None:
     """Validate and print errors and shares inside the bands."""
-    results = run_validate(config, progress)
+    results = run_validate(config, progress, command_line())
     is_trained = results.value(quantity=TRAINED_ON) > 0.0
     warning = " (warning: not a test, the prior was trained on this log)" if is_trained else ""
     title = f"Free runs, joint RMSE [mrad], over joints{warning}"

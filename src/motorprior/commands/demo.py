@@ -99,7 +99,6 @@ def run_demo(config: Demo, progress: Progress = SILENT, command: str = "") -> Re
     _require_logs(config)
     started = time.monotonic()
     out = config.out
-    command = command or repr(config)
     if is_about_logs(config):
         return _demo_of_logs(config, _DemoPage(config, {}, command), progress)
 

@@ -47,8 +47,10 @@ def _log_at(path: Path) -> MotorLog:
     return replace(read_parquet(path), source=str(path))
 
 
-def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
+def run_validate(config: Validate, progress: Progress = SILENT, command: str = "") -> Results:
     """Call `validate`, and write its results and a page; read the results of a finished stage.
+
+    The page names the ``command`` that makes it again.
 
     Raises the errors of `validate`, and ArtifactError or LogError for an unreadable file.
     """
@@ -72,11 +74,11 @@ def run_validate(config: Validate, progress: Progress = SILENT) -> Results:
             folder=config.out / BASELINES,
             progress=progress,
         )
-        _write_page(config, prior, validation)
+        _write_page(config, prior, validation, command)
     return read_results(config.out)
 
 
-def _write_page(config: Validate, prior: MotorPrior, validation: Validation) -> None:
+def _write_page(config: Validate, prior: MotorPrior, validation: Validation, command: str) -> None:
     # here: they import matplotlib
     from motorprior.report.page import page
     from motorprior.report.sections import models_of_logs, samples, write_validation
@@ -84,4 +86,4 @@ def _write_page(config: Validate, prior: MotorPrior, validation: Validation) -> 
     write_validation(config.out, validation)
     title = f"Motors in a held-out log: {config.log.name}"
     sections = [models_of_logs(config.out, "Held-out log", "whole_run_rmse"), samples(prior)]
-    write_text(config.out / PAGE, page(title, sections, asdict(config), repr(config)))
+    write_text(config.out / PAGE, page(title, sections, asdict(config), command))

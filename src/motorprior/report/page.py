@@ -61,7 +61,8 @@ def page(
 ) -> str:
     """The page as HTML, with all pictures inside.
 
-    ``command`` makes the same page. ``complete`` states whether all stages of the run are finished.
+    ``command`` makes the same page; it is empty for a page that was made from Python. ``complete``
+    states whether all stages of the run are finished.
     """
     templates = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
