@@ -13,7 +13,7 @@ from typing import Literal, TextIO, TypeVar
 
 T = TypeVar("T")
 SECONDS_PER_LINE = 10.0  # time between two lines of a unit of work [s]
-LINES_OF_SPEED = 12  # lines from which the time left is estimated
+LINES_OF_SPEED = 10  # lines from which the time left is estimated
 ReportProgress = Callable[[int, str], None]  # (finished parts since the last call, text)
 
 

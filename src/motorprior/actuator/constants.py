@@ -15,7 +15,7 @@ from motorprior.texts import html_table, text_table
 if TYPE_CHECKING:
     from motorprior.actuator.latent import LatentNetwork
 
-MAX_COLUMNS = 12  # motors with a column each in `html_of_motors`
+MAX_COLUMNS = 16  # motors with a column each in `html_of_motors`
 NUM_SAMPLES = 1000  # samples for the quantiles of a distribution
 # suffix of the names of constants that are multiples of a logged gain
 PER_LOGGED_GAIN = "_per_logged"

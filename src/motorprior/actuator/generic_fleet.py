@@ -1,9 +1,10 @@
 """Distributions of motors for a robot of which only the description is known.
 
-Scaled from the two robots whose motors were identified here, a Stanford Pupper (1.3 N·m) and a
-Unitree Go2 (24 N·m). Relative to the gain kp, their motors are alike: the rotor on the gain's
-spring swings at 53 and 45 rad/s, and dry friction leaves an error of 14 and 8 mrad. The fleet is
-wide, since it stands for motors that nobody has measured: replace it by a prior of your own logs.
+Scaled from two fleets whose motors were identified from logs, of a robot of 2 kg (1.3 N·m) and one
+of 15 kg (24 N·m), see docs/your-robot.md. Relative to the gain kp, their motors are alike: the
+rotor on the gain's spring swings at 53 and 45 rad/s, and dry friction leaves an error of 14 and 8
+mrad. The fleet is wide, since it stands for motors that nobody has measured: replace it by a prior
+of your own logs.
 """
 
 import numpy as np
