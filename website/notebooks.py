@@ -41,12 +41,25 @@ def notebook_page(path: Path, page: Path, run: bool) -> str:
             parts.append(cell.source)
             continue
         parts.append(f"```python\n{cell.source}\n```")
-        for index, output in enumerate(cell.outputs):
+        for index, output in enumerate(_joined(cell.outputs)):
             name = f"{path.stem}_{number}_{index}.png"
             parts.append(_output(output, page.parent / name))
         if len(parts) == 2:  # below the title and the first lines
             parts.append(f"*This page is the notebook* `tutorials/{path.name}`.")
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _joined(outputs: list[Any]) -> list[Any]:
+    """The outputs, with texts that follow each other as one: progress comes line by line."""
+    joined: list[Any] = []
+    for output in outputs:
+        is_text = output.output_type == "stream"
+        if is_text and joined and joined[-1].output_type == "stream":
+            text = joined[-1].text + output.text
+            joined[-1] = nbformat.v4.new_output("stream", text=text)
+        else:
+            joined.append(output)
+    return joined
 
 
 def _output(output: Any, picture: Path) -> str:
