@@ -108,6 +108,7 @@ def test_loads_of_a_free_base_are_known_where_every_row_is_suspended(
     assert (source.name == "model") == (set(postures) == {"suspended"})
 
 
+@pytest.mark.slow
 def test_a_demo_on_logs_of_an_arm_ends_after_their_motors(logs: Path, tmp_path: Path):
     out = tmp_path / "demo"
     demo = Demo(out, logs=logs, robot=write_arm(tmp_path), suspended=False)
