@@ -279,7 +279,9 @@ class ServoLink:
             self._watchdog.beat()
 
         reading = self._read()
-        if reading is not None:
+        if reading is None:  # waiting for an answer is no delay of the host
+            self._deadline = self.clock.clock() + self.period
+        else:
             self._check(reading)
             self._recorder.write(reading, self.joints, self.target, self._target_since, mode, part)
 
