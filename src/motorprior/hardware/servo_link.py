@@ -53,7 +53,7 @@ class ServoLimits:
     temperature_margin: float = 10.0  # below the servo's own limit [K]
     voltage_drop: float = 0.15  # share of the voltage before the motion [-]
     voltage_time: float = 0.1  # [s]
-    silence: float = 0.1  # time without a complete answer [s]
+    silence: float = 0.2  # time without a complete answer [s]
     joint_speed: float = 30.0  # largest plausible [rad/s]
     implausible_readings: int = 3  # so many in a row are a fault
     # lateness of control steps [s], see `health.SlowHost`
