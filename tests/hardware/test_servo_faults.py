@@ -146,6 +146,14 @@ def test_a_servo_at_its_limit_returns_to_rest_before_it_is_released(record: Call
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
 
+def test_a_slow_host_returns_to_rest(record: Callable):
+    incident = record(lambda bench: bench.virtual.wait_until(bench.virtual.clock() + 0.3))
+
+    assert incident.fault == "slow host"
+    assert incident.torque_is_off
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
 @pytest.mark.parametrize("share", [0.02, 0.05])
 def test_single_lost_and_damaged_answers_do_not_end_the_recording(record: Callable, share: float):
     def disturb(bench: TestBus) -> None:
