@@ -2,7 +2,7 @@
 
 A recording has parts for each joint alone, and for all joints together:
 
-    sweep    slow, for friction and gravity
+    sweep    slow, at a constant speed, for friction and gravity
     chirp    0.3 to 6 Hz and back, for inertia, gains and delay
     steps    fast reversals, for limits of torque, speed and profile
     holds    rest at several angles, under the load of gravity
@@ -96,25 +96,20 @@ def servo_parts(
         for signal, share in _ALONE.items():
             steps = round(share * alone / period)
             away = np.zeros((steps, joints))
-            away[:, joint] = _scaled(_SIGNALS[signal](rng, steps, period), reach[joint], period)
+            away[:, joint] = _scaled(signal, rng, steps, period, reach[joint])
             parts.append(MotionPart(f"{name}: {signal}", center + away))
     for signal, share in _ALL.items():
         steps = round(share * together / period)
         if not steps:
             continue
-        columns = [_SIGNALS[signal](rng, steps, period) for _ in names]
-        scaled = [_scaled(column, end, period) for column, end in zip(columns, reach, strict=True)]
-        parts.append(MotionPart(f"all joints: {signal}", center + np.stack(scaled, axis=1)))
+        columns = [_scaled(signal, rng, steps, period, end) for end in reach]
+        parts.append(MotionPart(f"all joints: {signal}", center + np.stack(columns, axis=1)))
     return parts
 
 
 def _sweep(rng: Rng, steps: int, dt: float) -> np.ndarray:
-    """A triangle between -1 and 1 that begins at 0, at least one period long.
-
-    Scaled to an amplitude of 0.5 rad it moves at _SWEEP_SPEED.
-    """
-    periods = max(1.0, round(steps * dt * _SWEEP_SPEED / 2.0))
-    phase = periods * np.arange(steps) / steps
+    """One period of a triangle between -1 and 1 that begins and ends at 0."""
+    phase = np.arange(steps) / max(1, steps - 1)
     return 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * phase))
 
 
@@ -125,11 +120,17 @@ def _holds(rng: Rng, steps: int, dt: float) -> np.ndarray:
     return np.interp(np.arange(steps) * dt, knots, levels)
 
 
-def _scaled(signal: np.ndarray, reach: float, period: float) -> np.ndarray:
-    """A signal scaled to ``reach`` and faded in and out."""
-    time = np.arange(len(signal)) * period
+def _scaled(signal: str, rng: Rng, steps: int, period: float, reach: float) -> np.ndarray:
+    """(steps,) a signal scaled to ``reach`` [rad], that begins and ends at 0.
+
+    A sweep keeps to _SWEEP_SPEED, with less reach in a short time; the others are faded in and out.
+    """
+    values = _SIGNALS[signal](rng, steps, period)
+    if signal == "sweep":
+        return min(reach, 0.25 * _SWEEP_SPEED * steps * period) * values
+    time = np.arange(steps) * period
     fade = np.clip(np.minimum(time, time[-1] - time) / _FADE, 0.0, 1.0)
-    return reach * signal / np.abs(signal).max() * fade
+    return reach * values / np.abs(values).max() * fade
 
 
 _SIGNALS: dict[str, Signal] = {
