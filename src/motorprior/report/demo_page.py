@@ -89,9 +89,8 @@ def headline(summary: StudyStatistics) -> str:
         result = f"The best baseline, the {best_label}, is ahead of the {prior_label}"
         result += f" in {' and '.join(behind)}."
     else:
-        result = (
-            f"The {prior_label} and the best baseline, the {best_label}, are equal in this run."
-        )
+        result = f"The {prior_label} and the best baseline, the {best_label}, are equal within "
+        result += "the uncertainty of this run."
 
     times = "; ".join(
         f"{model_label(condition)} {_percent(summary, condition)}"
@@ -149,28 +148,36 @@ def steps_section(summary: StudyStatistics) -> Section:
         "The paper observed that the policy of the learned actuator takes steps of lower frequency "
         "and lifts the legs higher than the policy of the ideal PD."
     )
-    result = (
-        f"Here, on held-out robots of the fleet, the {model_label(SAMPLED_PRIOR)} has "
-        f"{_compared(summary, 'step_frequency', 'Hz', '.2f')}, and "
-        f"{_compared(summary, 'foot_lift_mm', 'mm', '.1f')}."
-    )
+    results = []
+    for env, place in ((IN_TRAINING, "in their own simulation"), ("fleet", "on held-out robots")):
+        frequency = _compared(summary, env, "step_frequency")
+        lift = _compared(summary, env, "foot_lift_mm")
+        results.append(f"{place}, {frequency}, and {lift}")
+    label = model_label(SAMPLED_PRIOR)
+    result = f"Here the policies of the {label} have, {'; '.join(results)}."
     tables = tuple(estimate_table(summary, metric) for metric in STEPS)
     return Section("Steps", (claim, result), tables=tables)
 
 
-def _compared(summary: StudyStatistics, metric: str, unit: str, number_format: str) -> str:
-    """A metric of the sampled prior compared with the ideal PD in the fleet, by their intervals."""
-    name = {"step_frequency": "step frequency", "foot_lift_mm": "foot lift"}[metric]
+_STEP_TEXTS = {
+    "step_frequency": ("step frequency", "Hz", ".2f"),
+    "foot_lift_mm": ("foot lift", "mm", ".1f"),
+}
+
+
+def _compared(summary: StudyStatistics, env: str, metric: str) -> str:
+    """A metric of the sampled prior compared with the ideal PD, by their intervals."""
+    name, unit, number_format = _STEP_TEXTS[metric]
     missing = [
         condition
         for condition in (SAMPLED_PRIOR, "ideal_pd")
-        if ("fleet", condition, metric) not in summary.estimates
+        if (env, condition, metric) not in summary.estimates
     ]
     if missing:
         return f"no {name} to compare: no walk of {model_label(missing[0])} is long enough"
 
-    prior = summary.estimates["fleet", SAMPLED_PRIOR, metric]
-    baseline = summary.estimates["fleet", "ideal_pd", metric]
+    prior = summary.estimates[env, SAMPLED_PRIOR, metric]
+    baseline = summary.estimates[env, "ideal_pd", metric]
     comparison = f"a {name} not distinguishable from"
     if prior.low > baseline.high:
         comparison = f"a higher {name} than"
