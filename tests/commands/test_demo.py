@@ -12,7 +12,7 @@ import pytest
 
 from motorprior.artifacts import read_json
 from motorprior.commands.demo import CONDITIONS, FILM, Demo, run_demo
-from motorprior.report.demo_page import headline, leads, robustness
+from motorprior.report.demo_page import headline, leads, robustness, steps_section
 from motorprior.studies.statistics import StudyStatistics, summarise
 
 LOG = "env_real_1_joint_log.csv.gz"
@@ -25,6 +25,8 @@ SECTIONS = (
     "Learning to walk",
 )
 ENVIRONMENTS = ("own", "fleet", "hard")
+# step frequency [Hz] of invented walks
+FREQUENCIES = dict.fromkeys(CONDITIONS, 2.5) | {"sampled_prior": 2.1}
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +126,8 @@ def summary_of(prior: float, friction_pd: float) -> StudyStatistics:
                 "walk": number,
                 "speed": 0.6,
                 "upright": mean + 0.01 * rng.standard_normal(),
+                "step_frequency": FREQUENCIES[condition] + 0.01 * rng.standard_normal(),
+                "foot_lift_mm": 25.0 + number % 3,
             }
         )
     return summarise(walks)
@@ -160,6 +164,16 @@ def test_a_condition_leads_only_if_all_its_policies_do():
     summary.upright["hard", "friction_pd"][0, 0] = 1.0
 
     assert leads(summary, "hard", "friction_pd") == 0
+
+
+def test_steps_are_compared_by_their_intervals():
+    _, result = steps_section(summary_of(0.9, 0.9)).text
+
+    places = result.split(";")
+    assert len(places) == 2, "own simulation and held-out robots"
+    for place in places:
+        assert "a lower step frequency than the ideal PD (2.10 and 2.50 Hz)" in place
+        assert "a foot lift not distinguishable from the ideal PD" in place
 
 
 def test_a_map_states_in_how_many_cells_each_condition_is_ahead():
