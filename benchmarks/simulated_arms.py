@@ -1,212 +1,186 @@
-"""Constants of simulated arms, fitted to their logs: coverage of the intervals, bias of the delay.
+"""Coverage: do the 90 % intervals of constants hold the truth, on simulated arms?
 
     python benchmarks/simulated_arms.py --out runs/arms
 
-Every arm has JOINTS joints, whose motors are a PD with delayed commands, an armature, Coulomb and
-viscous friction in MuJoCo: there is no gear, no filter and no optional term to find. Commands are
-held at the arm's rate (RATES), angles are rounded to ENCODER counts per turn, gains are logged.
-figures.json has
+Arms have one to twelve motors (`arm_simulation`). Their properties are mixed: rate of the commands,
+gains in the log or not, a torque column or not, soft and stiff servos, rigid and elastic gears,
+the encoder on either side of an elastic gear, rich and poor motion, a torque limit that is reached
+or not. The description of an arm has no constant of its motors. An interrupted run continues.
+figures.json has, with GROUP for one of these properties, `constant_NAME`, or `all`:
 
-    arms/coverage90  share of true delay, armature, Coulomb and viscous friction inside the 90 %
-                     intervals of `MotorPrior.intervals` [-]
-    arms/delay_bias  mean of fitted minus true delay [s]
-    arms/spurious    number of arms with an optional term
+    arms/GROUP/coverage90   share of the constants that are called identified whose 90 % interval
+                            (`MotorPrior.intervals`) holds the truth [-]
+    arms/GROUP/identified   share of the constants that are called identified [-]
+    arms/GROUP/count        number of constants that are called identified
+    arms/unidentified_coverage90
+                            coverage of the intervals of the other constants [-]
+    arms/flat_profile       share of the constants called not identified, of the first joint of each
+                            arm, for which the loss rises by less than FLAT if the constant is
+                            divided or multiplied by √MAX_RATIO and the others are fitted again [-]
+    arms/delay_bias         mean of fitted minus true delay where it is identified [s]
+    arms/spurious           number of arms with an optional term
+
+Groups without an identified constant are left out.
 """
 
-# pyright: reportAttributeAccessIssue=false
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
-import mujoco
 import numpy as np
 
 import motorprior as mp
+from arm_simulation import JOINTS, ArmDesign, Constants, designs, drawn_constants, recorded
 from figures import PROGRESS, run_benchmark
-from motorprior.identification.presets import recipe_of
-from motorprior.logs.loads import with_loads
-from motorprior.logs.operations import smooth_on_grid
+from motorprior.actuator.estimates import MAX_RATIO
+from motorprior.actuator.ideal_pd import IdealPd
+from motorprior.artifacts import read_json, write_json
+from motorprior.identification.physics import estimate_uncertainty, refinement
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import identification_preset, recipe_of
+from motorprior.identification.windows import training_data
+from motorprior.priors.fit_prior import fit_recipe
 
-JOINTS = 3
-RATES = (100.0, 200.0, 333.0, 500.0)  # of the logs, in turns [Hz]
-ENCODER = 4096  # counts per turn
-PHYSICS_DT = 0.00025  # [s]
-PERIOD = 0.002  # of the fit [s]
-# lower and upper bounds of the constants, whose logarithms are uniformly distributed
-RANGES = {
-    "kp": (8.0, 30.0),
-    "kd_over_kp": (0.03, 0.08),
-    "delay": (0.005, 0.02),
-    "armature": (0.005, 0.02),
-    "coulomb": (0.05, 0.2),
-    "viscous_damping": (0.05, 0.3),
-}
-# constant -> attribute of a joint
-MJCF = {"armature": "armature", "coulomb": "frictionloss", "viscous_damping": "damping"}
-FITTED = ("delay", "armature", "coulomb", "viscous_damping")  # kp and kd are logged
-# MuJoCo's default creeps when it sticks
-FRICTION = 'solreffriction="0.0006 1" solimpfriction="0.998 0.999 0.001"'
-ROBOT = """name = "arm"
-motor = "simulated"
-model = "arm.xml"
-base = "fixed"
-nominal_pose = 0.0
-kp = 10.0
-kd = 0.5
-torque_limit = 100.0
-"""
-LINK = """<body pos="{pos}">
-<joint name="j{joint}" axis="{axis}" range="-3 3" {friction} {motor}/>
-<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0" mass="0.3" contype="0" conaffinity="0"/>
-"""
-MODEL = """<mujoco><compiler angle="radian"/><worldbody>
-{links}
-</worldbody></mujoco>"""
-Constants = dict[str, np.ndarray]  # (JOINTS,) by name
+# relative rise of the loss below which a profile is flat: less than the model's error allows within
+# a 90 % interval
+FLAT = estimate_uncertainty.MODEL_ERROR
+RESULT = "result.json"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Fit the constants of simulated arms."""
+    """Fit the motors of simulated arms."""
 
     out: Path  # run folder
-    arms: int = 20
+    motors: int = 200  # about this number of motors
     seconds: float = 20.0  # duration of the log of each arm [s]
-    preset: str = "rollout"  # recipe of the fits
+    preset: str = "quick"  # recipe of the fits
     seed: int = 0
+    workers: int = 1  # processes
 
 
 def figures(settings: Settings) -> dict[str, float]:
     """The figures of all arms, by their keys."""
-    is_inside: dict[str, list[np.ndarray]] = {name: [] for name in FITTED}
-    bias = []  # of the delay [s]
-    spurious = 0.0
-    for arm in range(settings.arms):
-        constants = drawn_constants(np.random.default_rng([settings.seed, arm]))
-        prior = fitted(settings, arm, constants)
-        for name, (low, high) in prior.intervals().items():
-            if name in FITTED:
-                is_inside[name].append((low <= constants[name]) & (constants[name] <= high))
-        bias.append(prior.model.constants(prior.mean)["delay"] - constants["delay"])
-        spurious += bool(recipe_of(prior).terms)
+    arms = arms_of(settings)
+    result_of = partial(arm_result, settings)
+    if settings.workers == 1:
+        results = [result_of(number, arm) for number, arm in enumerate(arms)]
+    else:
+        with ProcessPoolExecutor(settings.workers, get_context("spawn")) as pool:
+            results = list(pool.map(result_of, range(len(arms)), arms))
 
-    shares = {}
-    for name, of_arms in is_inside.items():
-        shares[f"arms/coverage90/{name}"] = float(np.mean(of_arms))
-    return shares | {
-        "arms/coverage90": float(np.mean(list(shares.values()))),
-        "arms/spurious": spurious,
-        "arms/delay_bias": float(np.mean(bias)),
+    rows = []
+    for arm, result in zip(arms, results, strict=True):
+        for row in result["constants"]:
+            groups = ("all", *arm.groups, f"constant_{row['constant']}")
+            rows.append(row | {"groups": groups})
+    return coverage_figures(rows) | {
+        "arms/spurious": float(sum(result["has_terms"] for result in results)),
+        "arms/motors": float(sum(arm.joints for arm in arms)),
     }
 
 
-def drawn_constants(rng: np.random.Generator) -> Constants:
-    """Constants of the motors of an arm."""
-    constants = {}
-    for name, (low, high) in RANGES.items():
-        constants[name] = np.exp(rng.uniform(np.log(low), np.log(high), JOINTS))
-    return constants
+def coverage_figures(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """Coverage and shares of all groups."""
+    shares = {}
+    for group in sorted({group for row in rows for group in row["groups"]}):
+        in_group = [row for row in rows if group in row["groups"]]
+        identified = [row for row in in_group if row["identified"]]
+        if identified:
+            covered = [row["low"] <= row["truth"] <= row["high"] for row in identified]
+            shares[f"arms/{group}/coverage90"] = float(np.mean(covered))
+            shares[f"arms/{group}/identified"] = len(identified) / len(in_group)
+            shares[f"arms/{group}/count"] = float(len(identified))
+
+    others = [row for row in rows if not row["identified"]]
+    covered = [row["low"] <= row["truth"] <= row["high"] for row in others]
+    shares["arms/unidentified_coverage90"] = float(np.mean(covered))
+    profiles = [row["is_flat"] for row in others if "is_flat" in row]
+    if profiles:
+        shares["arms/flat_profile"] = float(np.mean(profiles))
+    delays = [row for row in rows if row["constant"] == "delay" and row["identified"]]
+    if delays:
+        bias = [row["estimate"] - row["truth"] for row in delays]
+        shares["arms/delay_bias"] = float(np.mean(bias))
+    return shares
 
 
-def fitted(settings: Settings, arm: int, constants: Constants) -> mp.MotorPrior:
-    """The prior of an arm, fitted to its log."""
-    folder = settings.out / f"arm_{arm}"
-    rate = RATES[arm % len(RATES)]
-    log = recorded(folder, constants, settings.seconds, rate, settings.seed + arm)
+def arms_of(settings: Settings) -> list[ArmDesign]:
+    """Designs of arms that together have about the number of motors."""
+    return designs(max(1, round(settings.motors / np.mean(JOINTS))), settings.seed)
+
+
+def arm_result(settings: Settings, number: int, arm: ArmDesign) -> dict[str, Any]:
+    """Truth, estimate and interval of every fitted constant of an arm; written to a file once."""
+    folder = settings.out / f"arm_{number}"
+    if (folder / RESULT).exists():
+        return read_json(folder / RESULT)
+
+    constants = drawn_constants(np.random.default_rng([settings.seed, number]), arm)
+    seed = 1000 * settings.seed + number
+    log, constants = recorded(folder, arm, constants, settings.seconds, seed)
+    prior = fitted(settings, folder, log, constants)
+    result = {
+        "groups": arm.groups,
+        "has_terms": bool(recipe_of(prior).terms),
+        "constants": rows_of(prior, log, constants),
+    }
+    write_json(folder / RESULT, result)
+    return result
+
+
+def fitted(
+    settings: Settings, folder: Path, log: mp.MotorLog, constants: Constants
+) -> mp.MotorPrior:
+    """The prior of an arm. Its errors are compared with the true PD: none needs to be tuned."""
+    zeros = np.zeros(log.num_joints)
+    kd = constants["kp"] * constants["kd_over_kp"]
+    limit = constants["torque_limit"]
+    pd = IdealPd.without_friction(constants["kp"], kd, limit, zeros, zeros)
+    recipe = identification_preset(settings.preset)
     out = folder / "prior"
-    return mp.fit_prior(log, settings.preset, settings.seed, out=out, progress=PROGRESS)
+    return fit_recipe(log, settings.preset, recipe, settings.seed, out, PROGRESS, tuned=pd)
 
 
-def recorded(
-    folder: Path, constants: Constants, seconds: float, rate: float, seed: int
-) -> mp.MotorLog:
-    """The log of an arm, on the grid of the fit and with loads."""
-    target = commands(np.random.default_rng(seed), seconds, rate)
-    angles = simulated(write_arm(folder / "true", constants), constants, target, rate)
-    quantum = 2.0 * np.pi / ENCODER
-    kp = constants["kp"]
-    kd = constants["kp"] * constants["kd_over_kp"]
-    ones = np.ones_like(target)
-
-    # the robot description without the constants, which the fit must find
-    description = write_arm(folder / "known", {}).with_suffix(".toml")
-    robot = mp.load_robot(str(description))
-    log = mp.MotorLog(
-        time=np.arange(len(target)) / rate,
-        position_target=target,
-        joint_pos=quantum * np.round(angles / quantum),
-        joint_names=robot.joint_names,
-        robot=robot.name,
-        motor=robot.motor,
-        source=f"arm {seed}",
-        logged_kp=kp * ones,
-        logged_kd=kd * ones,
-    )
-    return with_loads(smooth_on_grid(log, PERIOD), robot)
+def rows_of(prior: mp.MotorPrior, log: mp.MotorLog, truth: Constants) -> list[dict[str, Any]]:
+    """A row per fitted constant and joint, of the constants that the simulated motors have."""
+    rows = []
+    is_flat = flat_profiles(prior, log)
+    for name, ends in prior.intervals().items():
+        if name not in truth:
+            continue
+        for joint in range(log.num_joints):
+            estimate = prior.constants(log.joint_names[joint])[name].estimate
+            assert estimate is not None
+            row = {
+                "joint": joint,
+                "constant": name,
+                "truth": float(min(truth[name][joint], 1e12)),
+                "estimate": float(estimate.value),
+                "low": float(ends[0, joint]),
+                "high": float(min(ends[1, joint], 1e15)),
+                "identified": estimate.is_identified,
+            }
+            if joint == 0 and name in is_flat and not estimate.is_identified:
+                row["is_flat"] = is_flat[name]
+            rows.append(row)
+    return rows
 
 
-def commands(rng: np.random.Generator, seconds: float, rate: float) -> np.ndarray:
-    """(rows, JOINTS) sums of sines up to 4 Hz and steps every second [rad], a row per command."""
-    time = np.arange(round(seconds * rate)) / rate
-    second = time.astype(int)
-    frequency = np.exp(rng.uniform(np.log(0.2), np.log(4.0), (4, JOINTS)))
-    phase, size = rng.uniform(0.0, 2.0 * np.pi, (2, 4, JOINTS))
-    sines = np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase)
-    waves = sines * (0.3 + size / (2.0 * np.pi)) * 0.15
-    steps = rng.uniform(-0.4, 0.4, (int(seconds) + 1, JOINTS))[second]
-    return waves.sum(axis=1) + steps * (second % 3 == 0)[:, None]
-
-
-def simulated(
-    model_file: Path, constants: Constants, target: np.ndarray, rate: float
-) -> np.ndarray:
-    """(rows, JOINTS) joint angles [rad] at the times of the commands."""
-    model = mujoco.MjModel.from_xml_path(str(model_file))
-    model.opt.timestep = PHYSICS_DT
-    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    data = mujoco.MjData(model)
-    data.qpos[:] = target[0]
-
-    kp = constants["kp"]
-    kd = constants["kp"] * constants["kd_over_kp"]
-    joints = np.arange(JOINTS)
-    angles = np.empty_like(target)
-    step = 0
-    for row in range(len(target)):
-        angles[row] = data.qpos
-        while step * PHYSICS_DT < (row + 1) / rate - 1e-9:
-            time = step * PHYSICS_DT
-            sent_row = np.floor((time - constants["delay"]) * rate + 1e-9).astype(int)
-            delayed = target[np.maximum(sent_row, 0), joints]
-            data.qfrc_applied[:] = kp * (delayed - data.qpos) - kd * data.qvel
-            mujoco.mj_step(model, data)
-            step += 1
-    return angles
-
-
-def write_arm(folder: Path, constants: Constants) -> Path:
-    """Write the model of the arm and its description; returns the file of the model.
-
-    The model has the armature and friction of the motors if ``constants`` has them.
-    """
-    links = ""
-    for joint in range(JOINTS):
-        attributes = []
-        for name, attribute in MJCF.items():
-            if name in constants:
-                attributes.append(f'{attribute}="{constants[name][joint]:.12g}"')
-        links += LINK.format(
-            joint=joint,
-            axis="0 0 1" if joint == 0 else "0 1 0",
-            pos="0 0 0" if joint == 0 else "0.2 0 0",
-            friction=FRICTION,
-            motor=" ".join(attributes),
-        )
-    links += "</body>" * JOINTS
-
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "arm.xml").write_text(MODEL.format(links=links), "utf-8")
-    (folder / "arm.toml").write_text(ROBOT, "utf-8")
-    return folder / "arm.xml"
+def flat_profiles(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, bool]:
+    """Whether the profile of each positive constant of the first joint is flat; see FLAT."""
+    recipe = recipe_of(prior)
+    data = training_data(log, recipe, log.source)
+    longer = refinement.longer_runs(data, recipe, WindowRuns(data, recipe))
+    is_flat = {}
+    for name, rises in estimate_uncertainty.profile_rises(
+        prior.model, prior.mean, longer, MAX_RATIO**0.5
+    ).items():
+        is_flat[name] = bool(rises[:, 0].min() < FLAT)
+    return is_flat
 
 
 if __name__ == "__main__":

@@ -42,6 +42,7 @@ class Overview:
     facts: Mapping[str, str] = field(default_factory=dict)  # empty ones are left out
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
+    further_tables: Sequence[tuple[Sequence[str], Sequence[Sequence[str]]]] = ()  # columns, rows
 
     @property
     def _lines(self) -> list[str]:
@@ -57,6 +58,8 @@ class Overview:
         lines = self._lines
         if self.rows:
             lines.append(text_table(self.columns, self.rows))
+        for columns, rows in self.further_tables:
+            lines.append(text_table(columns, rows))
         return "\n".join(lines)
 
 

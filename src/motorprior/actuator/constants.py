@@ -1,4 +1,4 @@
-"""Tables of motor constants: unit, median, range between motors, whether the logs identify them."""
+"""Tables of motor constants: unit, estimate with its interval from logs, range between motors."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -40,10 +40,28 @@ UNITS = {
     **{constant.name: constant.unit for constant in CONSTANTS.values()},
 }
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
+# titles of columns
+ESTIMATE = "estimate from the log, 90 % interval"
+POSTERIOR = "estimate from log and prior, 90 % interval"
+RANGE = "range between units"
+
+
+class Estimate(NamedTuple):
+    """Estimate of a constant of one motor, or medians over several motors, from logs alone."""
+
+    value: float
+    low: float  # ends of the 90 % interval
+    high: float
+    is_identified: bool
+
+    def __str__(self) -> str:
+        if self.is_identified:
+            return f"{self.value:.3g} ({_interval(self.low, self.high)})"
+        return f"not identified ({_interval(self.low, self.high)})"
 
 
 class ConstantSummary(NamedTuple):
-    """Distribution of a constant over motors."""
+    """Estimate of a constant from logs, and its distribution over motors."""
 
     name: str
     unit: str
@@ -51,10 +69,27 @@ class ConstantSummary(NamedTuple):
     low: float  # 5 % of the motors are below
     high: float  # 5 % are above
     identifiable: bool | None  # whether the logs identify it; None if unknown
+    estimate: Estimate | None = None  # None if it is unknown or not fitted
 
     def __str__(self) -> str:
-        bounds = f"{self.low:.3g} to {self.high:.3g}"
-        return f"{self.name}: {self.median:.3g} {self.unit}, 5 to 95 % of the units {bounds}"
+        estimate = f"estimate {self.estimate}, " if self.estimate else ""
+        return f"{self.name} [{self.unit}]: {estimate}units {self.range_text}"
+
+    @property
+    def range_text(self) -> str:
+        """Median and 5 to 95 % range of the units."""
+        return f"{self.median:.3g} ({_interval(self.low, self.high)})"
+
+    @property
+    def estimate_text(self) -> str:
+        """The estimate with its interval, or that the constant was not fitted."""
+        return "not fitted" if self.estimate is None else str(self.estimate)
+
+
+def _interval(low: float, high: float) -> str:
+    if np.isinf(high):
+        return "no bound" if low == 0.0 else f"≥ {low:.3g}"
+    return f"{low:.3g} to {high:.3g}" if low else f"≤ {high:.3g}"
 
 
 @dataclass(frozen=True)
@@ -62,7 +97,7 @@ class Constants:
     """A row per constant; prints as a table."""
 
     rows: tuple[ConstantSummary, ...]
-    columns: tuple[str, ...] = COLUMNS  # titles
+    columns: tuple[str, ...] = COLUMNS  # titles; other columns are of a table with estimates
 
     @classmethod
     def of(
@@ -70,14 +105,26 @@ class Constants:
         values: Mapping[str, np.ndarray],
         units: Mapping[str, str],
         identified: Mapping[str, bool | None],
+        estimates: Mapping[str, Estimate] | None = None,
+        source: str = "",
+        title: str = ESTIMATE,
     ) -> "Constants":
-        """Quantiles of samples (n,) by name; constants without ``identified`` are unknown."""
+        """Quantiles of samples (n,) by name; constants without ``identified`` are unknown.
+
+        With ``estimates``, which are of fitted constants only, the table has them under ``title``;
+        ``source`` states where the range between units comes from.
+        """
         rows = []
         for name, samples in values.items():
             low, median, high = np.quantile(samples, [0.05, 0.5, 0.95]).tolist()
             is_identified = identified.get(name)
-            rows.append(ConstantSummary(name, units[name], median, low, high, is_identified))
-        return cls(tuple(rows))
+            estimate = None if estimates is None else estimates.get(name)
+            row = ConstantSummary(name, units[name], median, low, high, is_identified, estimate)
+            rows.append(row)
+        if estimates is None:
+            return cls(tuple(rows))
+        range_title = f"{RANGE}, {source}" if source else RANGE
+        return cls(tuple(rows), ("constant", "unit", title, range_title))
 
     def __iter__(self) -> Iterator[ConstantSummary]:
         return iter(self.rows)
@@ -94,6 +141,9 @@ class Constants:
         answers = {True: "yes", False: "no", None: "unknown"}
         cells = []
         for row in self.rows:
+            if self.columns != COLUMNS:
+                cells.append([row.name, row.unit, row.estimate_text, row.range_text])
+                continue
             numbers = [f"{value:.3g}" for value in (row.median, row.low, row.high)]
             cells.append([row.name, row.unit, *numbers, answers[row.identifiable]])
         return cells

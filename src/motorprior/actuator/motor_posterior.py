@@ -7,12 +7,14 @@ import numpy as np
 
 from motorprior.actuator.actuator import ConstantFactors
 from motorprior.actuator.constants import (
-    COLUMNS,
     NUM_SAMPLES,
+    POSTERIOR,
     UNITS,
     Constants,
+    Estimate,
     named_constants,
 )
+from motorprior.actuator.estimates import is_identified
 from motorprior.actuator.gains import checked_gains
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
@@ -127,12 +129,14 @@ class MotorPosterior(Printable):
         )
 
     def constants(self) -> Constants:
-        """Constants of these motors, with units and ranges, at their gains.
+        """Constants of these motors, from the log and the prior, and ranges of new motors.
 
-        The log narrows a constant if, for at least half of the motors, its standard deviation in
-        the posterior is below MAX_NARROWED_RATIO times its standard deviation in the prior. For
-        positive constants it is the standard deviation of the logarithm. The ranges include
-        `MODEL_ERROR`, as in `MotorPrior.intervals`.
+        The estimates are medians and 90 % intervals of samples of the posterior, with
+        `MODEL_ERROR`, at the motors' gains. A constant is identified if the interval is as narrow
+        as in a prior (`estimates.MAX_RATIO`), and the log narrows it: for at least half of the
+        motors, its standard deviation in the posterior is below MAX_NARROWED_RATIO times its
+        standard deviation in the prior. For positive constants it is the standard deviation of the
+        logarithm.
         """
         mean, std, _ = self.prior.predicted(self.joint_names)
         prior_precision = np.eye(mean.shape[1]) / std[:, :, None] ** 2
@@ -153,9 +157,19 @@ class MotorPosterior(Printable):
         rows_of_prior = z_of_prior.reshape(-1, z.shape[-1])
         prior_values = named_constants(self.prior.model, rows_of_prior, gains_of_rows)
 
-        narrowed = {name: _narrows(values[name], prior_values[name]) for name in values}
-        columns = (*COLUMNS[:-1], "narrowed by the log")
-        return replace(Constants.of(values, UNITS, narrowed), columns=columns)
+        identified = {}
+        estimates = {}
+        for name, samples in values.items():
+            narrows = _narrows(samples, prior_values[name])
+            if narrows is None:  # it does not vary, such as a logged gain
+                continue
+            of_motors = samples.reshape(NUM_SAMPLES, -1)
+            low, median, high = np.median(np.quantile(of_motors, [0.05, 0.5, 0.95], axis=0), axis=1)
+            is_narrow = bool(is_identified(name, np.array([[low], [high]]))[0])
+            identified[name] = narrows and is_narrow
+            estimates[name] = Estimate(float(median), float(low), float(high), identified[name])
+        origin = "of the prior"
+        return Constants.of(prior_values, UNITS, identified, estimates, origin, POSTERIOR)
 
     def overview(self) -> Overview:
         """For people: log, outliers and constants."""

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from motorprior.actuator import prior_tables
+from motorprior.actuator.actuator import ConstantFactors, with_factors
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import (
-    COLUMNS,
     NUM_SAMPLES,
     PER_LOGGED_GAIN,
     UNITS,
@@ -23,6 +24,7 @@ from motorprior.actuator.constants import (
     named_constants,
 )
 from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.estimates import Estimates
 from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.gains import checked_gains
 from motorprior.actuator.geared_motor_step import parameters_of
@@ -41,7 +43,7 @@ from motorprior.bounds import (
     require_count,
     require_number,
 )
-from motorprior.exceptions import ArtifactError, ConfigError, listed
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
 from motorprior.robots.joint_classes import classes_among
 from motorprior.schema import Header, Tensor, check_tensors
@@ -57,11 +59,9 @@ _REMEDY = "identify it again with this version"
 # assumed standard deviation of z about the training motor of the same joint: its friction varies by
 # 13 to 17 %
 SAME_JOINT_STD = 0.3
-# factor on a fit's standard deviations in `intervals`: most of its error is model error, the same
-# in all windows. Chosen on eight simulated arms, where 90 % intervals contain 93 % of the constants
-# (benchmarks/simulated_arms.py)
+# factor on the standard deviations of an adaptation: most of its error is model error, the same in
+# all windows
 MODEL_ERROR = 1.5
-SPREAD = "spread"  # entry of the provenance: `standardise.spread_source`
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
@@ -70,7 +70,7 @@ FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
 }
 _HEADER = Header(
     "motor prior",
-    8,
+    9,
     {
         "units": exactly(_UNITS),
         "sign": exactly(SIGN),
@@ -103,6 +103,10 @@ _GAINS = {"gains": Tensor((2, "motors"))}
 _GREY_BOX = {
     "motor_center": Tensor(("constants",)),
     "motor_slope": Tensor(("latents", "constants")),
+}
+_ESTIMATES = {
+    "estimate_covariance": Tensor(("motors", "constants", "constants")),
+    "estimate_scale": Tensor(("motors", "constants")),
 }
 _COPULA = {"mixing": Tensor(("latents", "latents")), "quantiles": Tensor((len(SCORES), "latents"))}
 
@@ -139,6 +143,8 @@ class MotorPrior(Printable):
     # (M,) residual of each training motor relative to all motors at its speeds
     # (`reference.residual_scale`) [-]; empty: 1
     misfit: np.ndarray = field(default_factory=lambda: np.ones(0))
+    # uncertainty of the constants of the training motors, from their logs alone; None for a network
+    estimates: Estimates | None = None
 
     @property
     def classes(self) -> ClassLatents:
@@ -167,6 +173,9 @@ class MotorPrior(Printable):
     ) -> "GreyBoxActuator | NetworkActuator":
         """Sample new motors, one for each joint, z ~ N(mean of the joint's class, spread²·I).
 
+        A joint of a robot whose torque limit no log identifies gets the limit of the robot's
+        description, or the largest torque in the logs if that is larger.
+
         Args:
             joints: the robot, whose joints have classes; a class or a joint's name per motor; or a
                 number of motors. As many motors as the training motors have the classes of these,
@@ -182,13 +191,33 @@ class MotorPrior(Printable):
             ConfigError: an argument out of range.
         """
         rng = generator_of(seed)
-        if not isinstance(joints, int | np.integer | Iterable) and gains is None:
-            gains = robot_gains(self, joints)
+        robot = None if isinstance(joints, int | np.integer | Iterable) else joints
+        if robot is not None and gains is None:
+            gains = robot_gains(self, robot)
         classes = self._sampled_classes(joints, rng)
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
-        return self.model.motors(z, gains=self._gains(classes, gains))
+        motors = self.model.motors(z, gains=self._gains(classes, gains))
+        if robot is None or not isinstance(motors, GreyBoxActuator):
+            return motors
+        return self._with_described_limits(motors, classes, robot)
+
+    def _with_described_limits(
+        self, motors: GreyBoxActuator, classes: Sequence[str], robot: "Robot"
+    ) -> GreyBoxActuator:
+        """The motors of a robot, with the torque limits that `sample` states."""
+        max_logged_of_class = prior_tables.unreached_torque_limits(self)
+        if len(self.classes.names) == 1:  # it is the class of all joints
+            classes = self.classes.names * len(classes)
+        limit = motors.constants()["torque_limit"]
+        factor = np.ones(len(limit))
+        for index, (name, joint) in enumerate(zip(classes, robot.joints, strict=True)):
+            max_logged = max_logged_of_class.get(name)
+            if max_logged is not None:
+                factor[index] = max(joint.torque_limit, max_logged) / limit[index]
+        one = np.ones(len(limit))
+        return with_factors(motors, ConstantFactors(one, one, factor, one))
 
     def with_frozen(self, group: str) -> "MotorPrior":
         """The prior with one group of constants (`FROZEN`) fixed at the values of the mean motor.
@@ -284,56 +313,28 @@ class MotorPrior(Printable):
     def intervals(self, level: float = 90.0) -> dict[str, np.ndarray]:
         """(2, M) ends of the central ``level`` % interval of each training motor's constants.
 
-        They are by name, of the motor's posterior given its log, with MODEL_ERROR. A constant that
-        the log does not identify has the interval of its class. A network has none.
+        They are by name, from the joint uncertainty of all constants given the motor's log alone
+        (`actuator.estimates`). Constants that were not fitted are left out, and a prior without
+        estimates has none.
         """
-        if not isinstance(self.model, GreyBox):
-            return {}
-        noise = np.random.default_rng(0).standard_normal((NUM_SAMPLES, *self.mean.shape))
-        std = with_model_error(np.exp(-self.log_var), 1.0) ** -0.5
-        z = (self.mean + std * noise).reshape(-1, self.mean.shape[1])
-        ends = [50.0 - 0.5 * level, 50.0 + 0.5 * level]
-        shape = noise.shape[:2]
-        gains = None if self.gains is None else np.tile(self.gains, NUM_SAMPLES)
-        values = named_constants(self.model, z, gains)
-        return {
-            name: np.percentile(samples.reshape(shape), ends, axis=0)
-            for name, samples in values.items()
-        }
+        return prior_tables.intervals(self, level)
 
     def spread_facts(self) -> dict[str, str]:
         """Texts on the spread between units, by name: what is measured, pooled and assumed."""
-        spread = self.provenance.get(SPREAD)
-        if not spread:
-            return {}
-
-        units_of_class = spread["units"]
-        has_classes = len(units_of_class) > 1
-        units = [f"{name or 'all joints'} {count}" for name, count in units_of_class.items()]
-        facts = {"measured": f"mean of each class of joints (units: {', '.join(units)})"}
-        freedom = f"{spread['degrees_of_freedom']} degrees of freedom"
-        if has_classes:
-            freedom = f"pooled over {len(units_of_class)} classes, {freedom}"
-        facts["spread between units"] = freedom
-        if spread["assumed_units"]:
-            worth = f"assumed, worth {spread['assumed_units']:g} units"
-            facts[worth] = f"the spread of {spread['source']}"
-        if has_classes:
-            facts["a class that was not recorded"] = (
-                "mean of all classes and the spread between them"
-            )
-        return facts
+        return prior_tables.spread_facts(self)
 
     def spread_notes(self) -> list[str]:
         """The `spread_facts` as lines."""
         return [f"{name}: {text}" for name, text in self.spread_facts().items()]
 
     def constants(self, joint_class: str | None = None) -> Constants:
-        """Constants of new motors, with units and ranges, at the median logged gains if any.
+        """Constants: estimates from the logs, and ranges of new motors at median logged gains.
 
         New motors are of the class ``joint_class``, or of the class of the joint of this name;
-        without one, they have the classes of the training motors, in their proportions.
+        without one, they have the classes of the training motors, in their proportions. The
+        estimates are those of the joint, or medians over the training motors of the class.
         """
+        joint_name = joint_class
         if joint_class is not None:
             (joint_class,) = self._classes_named((joint_class,))
         rng = np.random.default_rng(0)
@@ -344,48 +345,21 @@ class MotorPrior(Printable):
         mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)
         values = named_constants(self.model, latents, self._gains(classes, None))
-        identified = {
-            name: self.metrics.identified.get(name.removesuffix(PER_LOGGED_GAIN)) for name in values
-        }
-        return Constants.of(values, UNITS, identified)
+        if self.estimates is None:
+            identified = {
+                name: self.metrics.identified.get(name.removesuffix(PER_LOGGED_GAIN))
+                for name in values
+            }
+            return Constants.of(values, UNITS, identified)
+        motors = prior_tables.motors_of(self, joint_name, joint_class)
+        estimates = prior_tables.estimates(self, motors)
+        identified = {name: estimate.is_identified for name, estimate in estimates.items()}
+        origin = prior_tables.spread_origin(self)
+        return Constants.of(values, UNITS, identified, estimates, origin)
 
     def overview(self) -> Overview:
-        """For people: origin, errors and constants."""
-        model_name = "grey box" if isinstance(self.model, GreyBox) else "network"
-        model = (
-            f"{model_name}, {self.model.num_latents} latents, "
-            f"physics steps up to {1e3 * self.model.period:g} ms"
-        )
-        metrics = self.metrics
-        minutes = ""
-        if metrics.minutes_of_log is not None:
-            minutes = f"{metrics.minutes_of_log:.3g} minutes of motors"
-        replayed = ""
-        if metrics.replay_rmse is not None:
-            replayed = f"{1e3 * metrics.replay_rmse:.1f} mrad"
-        facts = {
-            "robot": self.robot or "none stated",
-            "motor": self.motor,
-            "preset": self.preset,
-            "model": model,
-            "logs": minutes,
-            "joints": listed(self.joint_names, 8),
-            **self.spread_facts(),
-            "replayed logs, median error": replayed,
-        }
-        headline = f"motor prior of {len(self.mean)} motors"
-        names = self.classes.names
-        if len(names) == 1:
-            return Overview(headline, facts, COLUMNS, self.constants().cells)
-
-        # a column per class: median and 5 to 95 %
-        tables = [self.constants(name) for name in names]
-        rows = []
-        for constant_of_classes in zip(*tables, strict=True):
-            first = constant_of_classes[0]
-            cells = [f"{c.median:.3g} ({c.low:.3g} to {c.high:.3g})" for c in constant_of_classes]
-            rows.append([first.name, first.unit, *cells])
-        return Overview(headline, facts, ("constant", "unit", *names), rows)
+        """For people: origin, errors, estimates and constants."""
+        return prior_tables.overview(self)
 
     def for_robot(self, robot: str) -> "MotorPrior":
         """The prior for another robot with such motors: each of its joints has a new motor."""
@@ -445,6 +419,9 @@ class MotorPrior(Printable):
         )
         if self.gains is not None:
             tensors["gains"] = self.gains
+        if self.estimates is not None:
+            tensors["estimate_covariance"] = self.estimates.covariance
+            tensors["estimate_scale"] = self.estimates.scale
         tensors["misfit"] = self.misfit if len(self.misfit) else np.ones(len(self.mean))
         tensors["class_mean"] = self.classes.mean
         tensors["unseen_std"] = self.classes.unseen_std
@@ -475,6 +452,9 @@ class MotorPrior(Printable):
 
             model = LatentNetwork.of(tensors, header["network"], period, copula)
 
+        estimates = None
+        if "estimate_scale" in tensors:
+            estimates = Estimates(tensors["estimate_covariance"], tensors["estimate_scale"])
         classes = ClassLatents(
             names=tuple(header["classes"]),
             of_motors=tuple(header["joint_classes"]),
@@ -494,6 +474,7 @@ class MotorPrior(Printable):
             gains=tensors.get("gains"),
             given_classes=classes,
             misfit=tensors["misfit"],
+            estimates=estimates,
         )
 
 
@@ -549,6 +530,8 @@ def _check(tensors: dict[str, np.ndarray], header: dict[str, Any], path: Path) -
     network = header["network"]
     if header["grey_box"]:
         declared |= _GREY_BOX
+        if "estimate_scale" in tensors:
+            declared |= _ESTIMATES
         sizes = {"constants": len(names)}
         is_consistent = not network
     else:

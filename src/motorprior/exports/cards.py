@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 
-from motorprior.actuator.constants import COLUMNS
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import CARD_PRIOR, MotorPrior, card_file, shipped_cards
 from motorprior.artifacts import write_text
@@ -72,8 +71,9 @@ def _page(prior: MotorPrior, name: str, about: FrontMatter) -> str:
 
     for joint_class in prior.classes.names:
         suffix = f", {joint_class}" if joint_class else ""
-        lines += [f"## Constants of sampled motors{suffix}", ""]
-        rows = [COLUMNS, ("---",) * len(COLUMNS), *prior.constants(joint_class).cells]
+        lines += [f"## Constants{suffix}", ""]
+        constants = prior.constants(joint_class)
+        rows = [constants.columns, ("---",) * len(constants.columns), *constants.cells]
         lines += [f"| {' | '.join(row)} |" for row in rows]
         lines += [""]
     return "\n".join(lines) + "\n"

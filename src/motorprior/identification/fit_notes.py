@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from motorprior.actuator.estimates import LIMITS, Estimates
 from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import limit_text
-from motorprior.actuator.optional_terms import SIGNED
 from motorprior.exceptions import listed
 from motorprior.identification.physics import motor_problem
 from motorprior.identification.physics.term_selection import min_condition_difference
@@ -41,12 +41,16 @@ def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
 
 
 def identifiability(
-    model: GreyBox, z: np.ndarray, runs: WindowRuns, joint_names: tuple[str, ...]
+    model: GreyBox,
+    z: np.ndarray,
+    runs: WindowRuns,
+    estimates: Estimates,
+    joint_names: tuple[str, ...],
 ) -> tuple[FitMetrics, list[Note]]:
     """What the logs identify, and warnings of what they do not.
 
     They are about constants, limits and the scale of torques. ``z`` (M, Z) are the latents of the
-    motors, and ``runs`` their logs.
+    motors, ``runs`` their logs, and ``estimates`` the uncertainty of their constants.
     """
 
     def warning(is_hidden: np.ndarray, unidentified: str) -> Note:
@@ -60,9 +64,9 @@ def identifiability(
         return Note("warning", f"{logs} do not identify {unidentified}")
 
     constants = parameters_of(model.terms)
-    positive = [name for name in constants if name not in SIGNED]
-    identifiable = motor_problem.identifiable_constants(model, runs, z, positive)
-    identified = {name: name in identifiable for name in positive}
+    values = model.constants(z)
+    identified_motors = estimates.identified(values, model.terms)
+    identified = {name: bool(np.mean(mask) >= 0.5) for name, mask in identified_motors.items()}
 
     notes = []
     is_free = ~motor_problem.fixed_constants(model.terms, runs)
@@ -73,8 +77,13 @@ def identifiability(
             notes.append(warning(is_hidden, text))
 
     limits = {}
-    for name, is_hidden in motor_problem.unidentifiable_limits(model, runs, z).items():
-        limits[name] = float(model.constants(z)[name][is_hidden].max())
+    for name in LIMITS:
+        if name not in constants or not is_free[constants.index(name)]:
+            continue
+        is_hidden = ~identified_motors[name]
+        if not is_hidden.any():
+            continue
+        limits[name] = float(values[name][is_hidden].max())
         text = f"the fitted {limit_text(name, limits[name])}; policies may over-rely on it"
         notes.append(warning(is_hidden, text))
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from motorprior.actuator.estimates import LIMITS
 from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
@@ -18,6 +19,7 @@ from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of
 from motorprior.identification.fit_notes import identifiability, notes_on_terms
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
+from motorprior.identification.physics.estimate_uncertainty import estimates_of
 from motorprior.identification.physics.motor_fit import MotorFits
 from motorprior.identification.physics.term_selection import Selection
 from motorprior.identification.physics.window_runs import WindowRuns
@@ -62,17 +64,28 @@ def fit_grey_boxes(
 
     tried = bool(selection.saved)
     notes = notes_on_terms(recipe, tried)
-    metrics, warnings = identifiability(model, z, longer, data.joint_names)
+    report(0, "uncertainty of constants")
+    estimates = estimates_of(model, z, longer)
+    metrics, warnings = identifiability(model, z, longer, estimates, data.joint_names)
     metrics = replace(metrics, saved_loss=selection.saved)
     notes += warnings
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)
-    result = TrainingResult(model, z, np.zeros_like(z), recipe, losses, metrics, tuple(notes))
+    result = TrainingResult(
+        model=model,
+        mean=z,
+        log_var=np.zeros_like(z),
+        recipe=recipe,
+        losses=losses,
+        metrics=metrics,
+        notes=tuple(notes),
+        estimates=estimates,
+    )
 
     # a limit that the logs do not identify varies widely between motors
     assumed = assumed_std(fits.terms, motor_problem.fixed_constants(fits.terms, runs))
     is_hidden_limit = []
     for name in parameters_of(fits.terms):
-        is_limit = name in motor_problem.LIMITS
+        is_limit = name in LIMITS
         is_hidden_limit.append(is_limit and not metrics.identified[name])
     min_std = np.where((assumed > 0.0) & is_hidden_limit, UNIDENTIFIED_LIMIT_STD, 0.0)
     return result, assumed, min_std

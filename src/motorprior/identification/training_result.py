@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motorprior.actuator.class_latents import ClassLatents
+from motorprior.actuator.estimates import Estimates
 from motorprior.actuator.fit_metrics import FitMetrics
 from motorprior.actuator.motor_prior import Decoder
 from motorprior.identification.presets import Recipe
@@ -30,3 +31,5 @@ class TrainingResult:
     notes: tuple[Note, ...]
     # joint classes of the prior; None: one class
     classes: ClassLatents | None = None
+    # uncertainty of the constants of grey boxes from their logs
+    estimates: Estimates | None = None

@@ -13,7 +13,8 @@ import numpy as np
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.gains import check_gain_units
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import SPREAD, MotorPrior
+from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.prior_tables import SPREAD
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bounds import require_seed
 from motorprior.evaluation import training_errors
@@ -239,6 +240,7 @@ def _fitted(
         gains=log.gains if model.gain_unit else None,
         given_classes=classes,
         misfit=misfit,
+        estimates=result.estimates,
     )
 
 

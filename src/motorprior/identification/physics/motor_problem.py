@@ -13,7 +13,7 @@ are names of optional dynamics terms.
 """
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -88,8 +88,7 @@ TORQUES = (
 _LOG_FACTORS = np.log(4.0) * np.arange(3.0, -4.0, -1.0)
 # maximum standard deviation of log(kp) in a class of joints; it is 0.1 for motors of one make
 MAX_KP_STD = 0.7
-LIMITS = ("torque_limit", *SPEED_LIMITS, "profile_acceleration")
-# A constant is identifiable if halving and doubling it both raise the loss by more than this
+# The torque scale is identified if halving and doubling it both raise the loss by more than this
 # factor.
 MIN_LOSS_RATIO = 1.02
 
@@ -352,70 +351,25 @@ def near_bounds(x: np.ndarray, center: np.ndarray) -> np.ndarray:
     return is_near
 
 
-def identifiable_constants(
-    model: GreyBox, runs: WindowRuns, z: np.ndarray, names: Iterable[str]
-) -> frozenset[str]:
-    """The positive constants among ``names`` that at least half of the M motors identify.
-
-    ``runs`` are the logs of the motors and ``z`` (M, Z) their latents.
-    """
-    ratios = _loss_ratios(model, runs, z, [(name,) for name in names])
-    identifiable = set()
-    for (name,), ratio in ratios.items():
-        median_ratios = np.median(ratio, axis=1)  # of half and double the constant
-        if median_ratios.min() > MIN_LOSS_RATIO:
-            identifiable.add(name)
-    return frozenset(identifiable)
-
-
-def unidentifiable_limits(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> dict[str, np.ndarray]:
-    """The fitted LIMITS, each with a mask (M,) of the motors whose logs do not identify it.
-
-    ``runs`` are the logs of the motors and ``z`` (M, Z) their latents. A limit that the logs of all
-    motors identify is left out.
-    """
-    names = parameters_of(model.terms)
-    fixed = fixed_constants(model.terms, runs)
-    fitted = [(name,) for name in LIMITS if name in names and not fixed[names.index(name)]]
-
-    unidentified = {}
-    for (name,), ratio in _loss_ratios(model, runs, z, fitted).items():
-        is_unidentified = ratio.min(axis=0) <= MIN_LOSS_RATIO
-        if is_unidentified.any():
-            unidentified[name] = is_unidentified
-    return unidentified
-
-
 def unknown_torque_scale(model: GreyBox, runs: WindowRuns, z: np.ndarray) -> np.ndarray:
     """(M,) whether a motor's log does not identify the scale of its torques.
 
     The scale is known if the gains are logged in N·m/rad. It counts as unknown for all motors of a
     class of joints if the standard deviation of log(kp) in the class exceeds MAX_KP_STD: the loads
-    are then wrong, or too small. The arguments are as for `unidentifiable_limits`.
+    are then wrong, or too small. ``runs`` are the logs of the motors, ``z`` (M, Z) their latents.
     """
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
         return np.zeros(len(z), bool)
 
-    ratios = _loss_ratios(model, runs, z, [TORQUES])[TORQUES]
-    is_unidentified = ratios.min(axis=0) <= MIN_LOSS_RATIO
+    fitted = motor_search(model, runs).losses(z)
+    is_torque = np.isin(parameters_of(model.terms), TORQUES)
+    is_unidentified = np.zeros(len(z), bool)
+    for factor in (0.5, 2.0):
+        scaled = replace(model, center=model.center + np.log(factor) * is_torque)
+        losses = motor_search(scaled, runs).losses(z)
+        is_unidentified |= losses <= MIN_LOSS_RATIO * fitted
 
     log_kp = z[:, PARAMETERS.index("kp")]
     is_same_class = runs.classes[:, None] == runs.classes  # (M, M)
     kp_std = np.array([log_kp[in_class].std() for in_class in is_same_class])
     return is_unidentified | (kp_std > MAX_KP_STD)
-
-
-def _loss_ratios(
-    model: GreyBox, runs: WindowRuns, z: np.ndarray, groups: Iterable[tuple[str, ...]]
-) -> dict[tuple[str, ...], np.ndarray]:
-    """Losses (2, M) with half and with double each group of constants, relative to the fit's."""
-    fitted = motor_search(model, runs).losses(z)
-    ratios = {}
-    for names in groups:
-        columns = np.isin(parameters_of(model.terms), names)
-        losses = []
-        for factor in (0.5, 2.0):
-            changed = replace(model, center=model.center + np.log(factor) * columns)
-            losses.append(motor_search(changed, runs).losses(z))
-        ratios[names] = np.stack(losses) / fitted
-    return ratios
