@@ -176,10 +176,11 @@ def flat_profiles(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, bool]:
     data = training_data(log, recipe, log.source)
     longer = refinement.longer_runs(data, recipe, WindowRuns(data, recipe))
     is_flat = {}
+    first = np.array([0])
     for name, rises in estimate_uncertainty.profile_rises(
-        prior.model, prior.mean, longer, MAX_RATIO**0.5
+        prior.model, prior.mean, longer, MAX_RATIO**0.5, first
     ).items():
-        is_flat[name] = bool(rises[:, 0].min() < FLAT)
+        is_flat[name] = bool(rises.min() < FLAT)
     return is_flat
 
 

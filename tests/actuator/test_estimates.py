@@ -98,7 +98,7 @@ def test_a_signed_constant_is_identified_within_its_unit():
 
 @pytest.fixture
 def prior(grey_box: Callable[..., GreyBox]) -> MotorPrior:
-    """Twelve motors with a torque limit of 40 N·m; the logs reached 1 N·m and do not identify it."""
+    """Twelve motors whose logs reached 1 N·m, and do not identify the torque limit of 40 N·m."""
     box = grey_box(spread=0.1, torque_limit=40.0)
     z = np.zeros((12, 3))
     covariance = np.tile(0.01 * np.eye(SIZE), (12, 1, 1))

@@ -294,12 +294,12 @@ def _refitted_losses(
 
 
 def profile_rises(
-    model: GreyBox, z: np.ndarray, runs: WindowRuns, factor: float
+    model: GreyBox, z: np.ndarray, runs: WindowRuns, factor: float, motors: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """(2, M) relative rises of the loss if a fitted positive constant is changed, by its name.
+    """(2, m) relative rises of the loss if a fitted positive constant is changed, by its name.
 
-    The constant is divided by ``factor``, or multiplied by it, and the others are fitted again.
-    ``z`` (M, Z) are the motors' latents and ``runs`` their logs.
+    The constant of ``motors`` (m indices) is divided by ``factor``, or multiplied by it, and the
+    others are fitted again. ``z`` (M, Z) are the latents of all motors and ``runs`` their logs.
     """
     x = model.decoder_latents(z)
     search = motor_search(replace(model, copula=None), runs)
@@ -314,6 +314,6 @@ def profile_rises(
         for change in (-np.log(factor), np.log(factor)):
             start = x.copy()
             start[:, column] = np.clip(x[:, column] + change, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-            both.append(_refitted_losses(search, start, is_fixed, search.all_problems))
-        rises[name] = np.stack(both) / losses - 1.0
+            both.append(_refitted_losses(search, start, is_fixed, motors))
+        rises[name] = np.stack(both) / losses[motors] - 1.0
     return rises
