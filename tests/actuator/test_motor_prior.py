@@ -14,7 +14,9 @@ from networks import network
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import named_constants
 from motorprior.actuator.copula import SCORES, Copula
+from motorprior.actuator.estimates import Estimates
 from motorprior.actuator.fit_metrics import FitMetrics
+from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
@@ -168,9 +170,16 @@ def test_joints_are_predicted_by_name_and_class(classed: MotorPrior):
     assert classed.joint_classes(("RL_calf_joint", "FL_hip", "tail")) == ("calf", "hip", "")
 
 
-def test_intervals_contain_the_constants_and_narrow_with_the_posterior(gain_scaled: MotorPrior):
-    narrow = replace(gain_scaled, log_var=np.full((3, 3), -8.0)).intervals()
-    wide = replace(gain_scaled, log_var=np.full((3, 3), -2.0)).intervals()
+def with_estimates(prior: MotorPrior, std: float) -> MotorPrior:
+    """The prior with this standard deviation of the logarithms of all constants."""
+    size = len(PARAMETERS)
+    covariance = np.tile(std**2 * np.eye(size), (len(prior.mean), 1, 1))
+    return replace(prior, estimates=Estimates(covariance, np.zeros((len(prior.mean), size))))
+
+
+def test_intervals_contain_the_constants_and_narrow_with_the_estimates(gain_scaled: MotorPrior):
+    narrow = with_estimates(gain_scaled, 0.01).intervals()
+    wide = with_estimates(gain_scaled, 0.2).intervals()
 
     assert isinstance(gain_scaled.model, GreyBox)
     constants = named_constants(gain_scaled.model, gain_scaled.mean, gain_scaled.gains)
