@@ -74,7 +74,7 @@ SMALL_RUNS = {
     "real_logs": SmallRun(
         "--data {data} --out {out} --robots xl330 --logs 8 --folds 1 --seconds 2 --no-baselines"
     ),
-    "simulated_arms": SmallRun("--out {out} --arms 1 --seconds 4 --preset quick"),
+    "simulated_arms": SmallRun("--out {out} --motors 1 --seconds 6"),
     "speed": SmallRun("--prior pupper_v2 --steps 5 --rounds 1", files=()),
     "spread_between_units": SmallRun(
         "--out {out} --spreads 0 4 --no-battery --benches 1 --policies 1 --pd-range 0.1 "

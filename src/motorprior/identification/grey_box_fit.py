@@ -86,7 +86,7 @@ def fit_grey_boxes(
     is_hidden_limit = []
     for name in parameters_of(fits.terms):
         is_limit = name in LIMITS
-        is_hidden_limit.append(is_limit and not metrics.identified[name])
+        is_hidden_limit.append(is_limit and not metrics.identified.get(name, True))
     min_std = np.where((assumed > 0.0) & is_hidden_limit, UNIDENTIFIED_LIMIT_STD, 0.0)
     return result, assumed, min_std
 
