@@ -36,6 +36,7 @@ import motorprior as mp
 from arm_simulation import JOINTS, ArmDesign, Constants, designs, drawn_constants, recorded
 from figures import PROGRESS, run_benchmark
 from motorprior.actuator.estimates import MAX_RATIO
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.artifacts import read_json, write_json
 from motorprior.identification.physics import estimate_uncertainty, refinement
@@ -175,6 +176,7 @@ def flat_profiles(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, bool]:
     recipe = recipe_of(prior)
     data = training_data(log, recipe, log.source)
     longer = refinement.longer_runs(data, recipe, WindowRuns(data, recipe))
+    assert isinstance(prior.model, GreyBox)
     is_flat = {}
     first = np.array([0])
     for name, rises in estimate_uncertainty.profile_rises(

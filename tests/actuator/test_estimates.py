@@ -39,6 +39,11 @@ def test_an_interval_far_below_the_scale_begins_at_0_and_that_of_a_gear_is_open(
     assert np.isinf(value_at("gear_stiffness", y - 0.1, np.array([1e-3])))[0]
 
 
+def alike(value: float) -> dict[str, np.ndarray]:
+    """Constants of one motor, all with this value."""
+    return {name: np.full(1, value) for name in PARAMETERS}
+
+
 def estimates(std: float, correlation: float = 0.0) -> Estimates:
     """Estimates of one motor; kp and armature are correlated."""
     matrix = std**2 * np.eye(SIZE)
@@ -49,7 +54,7 @@ def estimates(std: float, correlation: float = 0.0) -> Estimates:
 
 
 def test_a_constant_is_identified_if_its_interval_is_narrower_than_the_factor():
-    values = dict.fromkeys(PARAMETERS, np.ones(1))
+    values = alike(1.0)
     limit = 0.5 * np.log(MAX_RATIO) / SCORE
 
     assert estimates(0.99 * limit).identified(values, ())["kp"].all()
@@ -57,7 +62,7 @@ def test_a_constant_is_identified_if_its_interval_is_narrower_than_the_factor():
 
 
 def test_a_ratio_is_identified_while_its_parts_are_not():
-    values = dict.fromkeys(PARAMETERS, np.ones(1))
+    values = alike(1.0)
     trading = estimates(2.0, correlation=0.999)
 
     low, high = trading.combination_ends(values, ())["kp_per_armature"]
@@ -71,7 +76,7 @@ def test_a_ratio_is_identified_while_its_parts_are_not():
 
 
 def test_a_limit_that_is_not_identified_is_at_least_what_was_logged():
-    values = dict.fromkeys(PARAMETERS, np.full(1, 40.0))
+    values = alike(40.0)
     wide = estimates(3.0)
     scale = wide.scale.copy()
     scale[:, PARAMETERS.index("torque_limit")] = 2.5

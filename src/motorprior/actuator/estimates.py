@@ -117,8 +117,8 @@ class Estimates:
     def fitted(self, terms: tuple[str, ...]) -> tuple[str, ...]:
         """Names of the constants that were fitted."""
         variances = np.diagonal(self.covariance, axis1=1, axis2=2)
-        names = zip(parameters_of(terms), variances.any(axis=0), strict=True)
-        return tuple(name for name, is_fitted in names if is_fitted)
+        columns = zip(parameters_of(terms), variances.T, strict=True)
+        return tuple(name for name, of_motors in columns if of_motors.any())
 
     def identified(
         self, values: Mapping[str, np.ndarray], terms: tuple[str, ...]

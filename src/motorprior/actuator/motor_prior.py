@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from motorprior.actuator import prior_tables
-from motorprior.actuator.actuator import ConstantFactors, with_factors
+from motorprior.actuator.actuator import ConstantFactors
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.constants import (
     NUM_SAMPLES,
@@ -216,8 +216,10 @@ class MotorPrior(Printable):
             max_logged = max_logged_of_class.get(name)
             if max_logged is not None:
                 factor[index] = max(joint.torque_limit, max_logged) / limit[index]
+        if np.all(factor == 1.0):
+            return motors
         one = np.ones(len(limit))
-        return with_factors(motors, ConstantFactors(one, one, factor, one))
+        return motors.with_factors(ConstantFactors(one, one, factor, one))
 
     def with_frozen(self, group: str) -> "MotorPrior":
         """The prior with one group of constants (`FROZEN`) fixed at the values of the mean motor.
