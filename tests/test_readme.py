@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from motor_logs import TABLE_MAP, write_table
+from weighed_arm import JOINTS, arm_table, slow_motion, write_arm
 
+import motorprior as mp
 from motorprior.actuator.fleet import load_fleet
 from motorprior.excitation.robot_targets import excitation_targets
 from motorprior.robots.load import load_robot
@@ -173,6 +175,23 @@ def test_a_motor_in_ten_seconds_prints_what_the_page_shows(capsys: pytest.Captur
 
 def test_the_readme_can_be_read_in_a_few_minutes():
     assert len((ROOT / "README.md").read_text("utf-8").split()) <= 900
+
+
+@pytest.mark.slow
+def test_the_section_on_your_log_runs(tmp_path: Path):
+    section = (ROOT / "README.md").read_text("utf-8").partition("## Your log")[2]
+    code = next(block for _, language, block in FENCE.findall(section) if language == "python")
+    robot = Path(write_arm(tmp_path))
+    table, _ = arm_table(slow_motion(str(robot)), tmp_path)
+    robot.rename(tmp_path / "my_robot.toml")
+    table.rename(tmp_path / "run.csv")
+
+    names: dict = {"mp": mp}
+    with chdir(tmp_path):
+        exec(code, names)
+
+    assert names["prior"].joint_names == JOINTS
+    assert (tmp_path / "runs" / "mine" / "prior.safetensors").is_file()
 
 
 @pytest.mark.slow

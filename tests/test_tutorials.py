@@ -5,7 +5,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from notebooks import run_notebook
+from notebooks import missing_packages, run_notebook
 
 TUTORIALS = sorted((Path(__file__).resolve().parents[1] / "tutorials").glob("*.ipynb"))
 
@@ -20,9 +20,10 @@ def test_a_tutorial_is_stored_without_output(path: Path):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", TUTORIALS, ids=lambda path: path.stem)
 def test_a_tutorial_runs(path: Path, tmp_path: Path):
-    if "mjlab" in path.stem:
-        pytest.importorskip("mjlab", reason="it is not installed: pip install 'motorprior[mjlab]'")
-    run_notebook(path, tmp_path)
+    missing = missing_packages(path)
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)}")
+    run_notebook(path, tmp_path / "run")
 
 
 @pytest.mark.slow
@@ -30,4 +31,4 @@ def test_a_cell_that_fails_fails_the_tutorial(tmp_path: Path):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("1 / 0")])
     nbformat.write(notebook, tmp_path / "bad.ipynb")
     with pytest.raises(Exception, match="ZeroDivisionError"):
-        run_notebook(tmp_path / "bad.ipynb", tmp_path)
+        run_notebook(tmp_path / "bad.ipynb", tmp_path / "run")

@@ -3,6 +3,8 @@
 import base64
 import html
 import re
+import shutil
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,10 @@ ESCAPES = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 
 def run_notebook(path: Path, folder: Path) -> Any:
     """The notebook with its outputs; it runs in ``folder``, and stops at the first error."""
-    folder.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(
+        folder, ignore_errors=True
+    )  # results of an earlier run would be taken as they are
+    folder.mkdir(parents=True)
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
         notebook,
@@ -29,24 +34,44 @@ def run_notebook(path: Path, folder: Path) -> Any:
     return notebook
 
 
+def missing_packages(path: Path) -> list[str]:
+    """Packages that the metadata of a notebook lists under ``packages`` and that are not installed.
+
+    They are the extras of the library that the notebook is about.
+    """
+    packages = nbformat.read(path, as_version=4).metadata.get("packages", [])
+    return [name for name in packages if find_spec(name) is None]
+
+
 def notebook_page(path: Path, page: Path, run: bool) -> str:
-    """Markdown of a notebook; pictures are written next to ``page``."""
+    """Markdown of a notebook; pictures are written next to ``page``.
+
+    A notebook whose packages are not installed is shown without output, which the page states.
+    """
     notebook = nbformat.read(path, as_version=4)
-    if run:
+    missing = missing_packages(path)
+    if run and not missing:
         notebook = run_notebook(path, page.parents[2] / "tutorial_runs" / path.stem)
 
     parts = []
     for number, cell in enumerate(notebook.cells):
         if cell.cell_type == "markdown":
             parts.append(cell.source)
+            if number == 0:
+                parts.append(_origin(path, missing))
             continue
         parts.append(f"```python\n{cell.source}\n```")
         for index, output in enumerate(_joined(cell.outputs)):
             name = f"{path.stem}_{number}_{index}.png"
             parts.append(_output(output, page.parent / name))
-        if len(parts) == 2:  # below the title and the first lines
-            parts.append(f"*This page is the notebook* `tutorials/{path.name}`.")
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _origin(path: Path, missing: list[str]) -> str:
+    text = f"*This page is the notebook* `tutorials/{path.name}`."
+    if missing:
+        text += f" *It is shown without output: {', '.join(missing)} is not installed here.*"
+    return text
 
 
 def _joined(outputs: list[Any]) -> list[Any]:
