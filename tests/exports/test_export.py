@@ -284,7 +284,7 @@ def test_motors_that_diverge_on_the_users_model_are_refused_with_the_step_that_t
 
     assert list(out.glob("*.xml")) == []
 
-    needed = re.search(r'timestep="([\d.]+)"', refused.value.remedy)
+    needed = re.search(r'timestep="([\d.]+)"', refused.value.remedy or "")
     assert needed is not None
 
     arm.write_text(arm.read_text().replace("<compiler", f"<option {needed[0]}/><compiler"))
