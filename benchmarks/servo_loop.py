@@ -2,10 +2,10 @@
 
     python benchmarks/servo_loop.py --out runs/servo_loop --seconds 120 --json servo_loop.json
 
-For an SO-101 (six STS3215) and for an XL330 that swings a pendulum: `motorprior record --virtual`
-in a process of its own, `mp.load_log` and `mp.fit_prior`. The truth are the constants of the
-virtual motors, which have a physics that the learned model lacks in part (dead zone, presliding,
-encoder steps).
+For an SO-101 (six STS3215), and for an STS3215 and an XL330 that swing a pendulum: `motorprior
+record --virtual` in a process of its own, `mp.load_log` and `mp.fit_prior`. The truth are the
+constants of the virtual motors, which have a physics that the learned model lacks in part (dead
+zone, presliding, encoder steps).
 """
 
 import argparse
@@ -41,6 +41,11 @@ COMPARED = (
 )
 # options of `motorprior record`, robot, and fleet of the virtual motors
 BENCHES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
+    "sts3215": (
+        ("--motor", "STS3215", "--bar", "0.2m,0.5kg"),
+        None,
+        str(PENDULUM / "sts3215.toml"),
+    ),
     "so101": (("--robot", "so101"), "so101", "so101_servos"),
     "xl330": (
         ("--motor", "XL330-M288", "--bar", "0.1m,0.25kg"),
@@ -50,14 +55,15 @@ BENCHES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-def record(name: str, seed: int, seconds: float, out: Path) -> Path:
+def record(name: str, seed: int, seconds: float, profile: str, out: Path) -> Path:
     """The recording of virtual servos number ``seed``; one that exists is used again."""
     recording = out / "run.servolog"
     if not recording.exists():
         options, _, _ = BENCHES[name]
         virtual = ("--virtual", "--virtual-robot.seed", str(seed))
         command = [sys.executable, "-m", "motorprior", "record", *virtual, *options, "--yes"]
-        subprocess.run([*command, "--seconds", str(seconds), "--out", str(out)], check=True)
+        command += ["--seconds", str(seconds), "--profile", profile, "--out", str(out)]
+        subprocess.run(command, check=True)
     return recording
 
 
@@ -83,27 +89,45 @@ def intervals(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, np.ndarray]:
     return {key: np.quantile(rows, [0.05, 0.95], axis=0) for key, rows in draws.items()}
 
 
-def run(name: str, seed: int, seconds: float, preset: str, out: Path) -> dict[str, Any]:
+def _identified(prior: mp.MotorPrior, joint: str) -> set[str]:
+    """Constants of COMPARED that the prior's logs identify."""
+    names = {row.name for row in prior.constants(joint) if row.identifiable}
+    names = {"kp" if name.startswith("kp_") else name for name in names}
+    if names & {"kd_over_kp", "viscous_damping"}:
+        names.add("damping")
+    return names
+
+
+def run(name: str, seed: int, args: argparse.Namespace) -> dict[str, Any]:
     """One bench from nothing to constants."""
-    folder = out / f"{name}_{seed}"
+    folder = args.out / f"{name}_{seed}_{args.profile}"
     begin = time.perf_counter()
-    recording = record(name, seed, seconds, folder / "recording")
+    recording = record(name, seed, args.seconds, args.profile, folder / "recording")
     recorded = time.perf_counter()
     log = mp.load_log(recording, robot=BENCHES[name][1])
-    prior = mp.fit_prior(log, preset, out=folder / "prior", progress=mp.Lines(sys.stderr))
+    prior = mp.fit_prior(log, args.preset, out=folder / "prior", progress=mp.Lines(sys.stderr))
     fitted = time.perf_counter()
 
     values = truth(name, seed, log.num_joints)
     held = {}
+    # by joint, the constants that the recording identifies according to the fit
+    identified = {joint: _identified(prior, joint) for joint in log.joint_names}
+    of_identified = []
     for key, (low, high) in intervals(prior, log).items():
         held[key] = (low <= values[key]) & (values[key] <= high)
         for index, joint in enumerate(log.joint_names):
             mark = "" if held[key][index] else "  outside"
+            if key in identified[joint]:
+                of_identified.append(held[key][index])
+            else:
+                mark += " (not identified)"
             text = f"{values[key][index]:.4g} in {low[index]:.4g} to {high[index]:.4g}"
             print(f"{name} {seed} {joint} {key}: {text}{mark}")
     share = float(np.mean(list(held.values())))
     figures = {
         "coverage": share,
+        "coverage_of_identified": float(np.mean(of_identified)),
+        "identified_share": len(of_identified) / (len(COMPARED) * log.num_joints),
         "coverage_by_constant": {key: float(np.mean(value)) for key, value in held.items()},
         "replay_rmse_mrad": 1e3 * float(prior.metrics.replay_rmse or np.nan),
         "recorded_seconds": log.duration,
@@ -123,6 +147,9 @@ def main() -> None:
     parser.add_argument("--benches", nargs="+", default=list(BENCHES), choices=list(BENCHES))
     parser.add_argument("--seeds", type=int, default=1, help="number of virtual robots")
     parser.add_argument("--seconds", type=float, default=120.0, help="of a recording")
+    parser.add_argument(
+        "--profile", default="off", choices=("keep", "off"), help="acceleration limit of the servos"
+    )
     parser.add_argument("--preset", default="quick")
     parser.add_argument("--json", type=Path, help="file for the figures")
     args = parser.parse_args()
@@ -131,7 +158,7 @@ def main() -> None:
     for name in args.benches:
         for seed in range(args.seeds):
             key = f"{name}_{seed}"
-            figures[key] = run(name, seed, args.seconds, args.preset, args.out)
+            figures[key] = run(name, seed, args)
     if args.json:
         args.json.write_text(json.dumps(figures, indent=1))
 
