@@ -52,7 +52,7 @@ BLOCK = 1.0  # minimum duration of a block of a log [s]
 UNKNOWN_STD = MAX_LOG_FACTOR  # of a constant that a log does not identify at all
 MIN_EIGENVALUE = 1e-9  # of H, relative to its largest one: the accuracy of differences
 MAX_PROFILE_FACTOR = 10.0  # maximum factor of a profile on a standard deviation
-_PROFILE_STEPS = ((4, NARROW),)
+_PROFILE_STEPS = ((6, WIDE), (4, NARROW))
 
 
 def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
