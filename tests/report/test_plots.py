@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 
+import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from motor_logs import swinging_load
 
 from motorprior.evaluation.free_runs import Trace
+from motorprior.report import plots_style as style
 from motorprior.report.plots import (
     draw_errors_by_joint,
     draw_traces,
@@ -15,6 +17,7 @@ from motorprior.report.plots import (
     learning_curves,
 )
 from motorprior.report.plots_style import png_bytes
+from motorprior.studies.study_settings import CONDITIONS
 
 TIME = np.arange(0.0, 1.0, 0.01)
 ANGLE = np.sin(6.0 * TIME)
@@ -68,3 +71,27 @@ def test_the_median_curve_covers_the_range_that_all_seeds_share():
     assert x[0] == 0
     assert x[-1] == 36
     assert y[-1] == pytest.approx((36 / 45 + 2.0) / 2)
+
+
+# models that stand in one picture, or in the tables of one page
+TOGETHER = {
+    "held-out log": (
+        *("adapted", "prior", "tuned_pd", "pure_delay", "second_order", "servo_limits"),
+        *("per_motor", "pooled_network", "coulomb_viscous", "stribeck"),
+    ),
+    "study": tuple(name for name in CONDITIONS if style.model_key(name)),
+}
+
+
+@pytest.mark.parametrize("models", TOGETHER.values(), ids=TOGETHER)
+def test_models_in_one_picture_have_colours_that_differ(models: tuple[str, ...]):
+    colors = np.array([matplotlib.colors.to_rgb(style.model_color(name)) for name in models])
+    distances = np.linalg.norm(colors[:, None] - colors, axis=-1)
+    distances[np.diag_indices(len(models))] = np.inf
+    nearest = [
+        (models[row], models[column])
+        for row, column in np.argwhere(distances < 0.1)
+        if row < column
+    ]
+
+    assert nearest == []

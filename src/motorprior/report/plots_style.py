@@ -45,8 +45,10 @@ _STYLES = {
     "per_motor": _Style("#0c86a8"),
     "pooled_network": _Style("#1a9a8b", dashes=(3, 1.5)),
     "pure_delay": _Style("#e08a1e", dashes=(1.2, 1.2)),
-    "second_order": _Style("#a8672c", dashes=(4, 1.2, 1, 1.2)),
-    "servo_limits": _Style("#2563c9"),
+    "second_order": _Style("#8a8f3c", "second order + delay", dashes=(4, 1.2, 1, 1.2)),
+    "servo_limits": _Style("#cf3b3b", "response with limits"),
+    "coulomb_viscous": _Style("#c2459a", "Coulomb + viscous friction", dashes=(6, 1, 1, 1)),
+    "stribeck": _Style("#4f6f52", "Stribeck friction", dashes=(2, 1)),
 }
 OTHER_COLOR = "#7d4fa8"
 INK = "#15181d"
