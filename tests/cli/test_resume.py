@@ -132,7 +132,7 @@ def test_an_interrupted_identification_ends_at_the_same_bytes(
     saved = modified(out)
 
     assert not (out / PRIOR_FILE).exists()
-    assert out / CHECKPOINT.format("term_fit_0") in saved
+    assert list(out.glob(CHECKPOINT.format("*")))
 
     ctrl_c(8)  # while motors are fitted
 

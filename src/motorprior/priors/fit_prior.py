@@ -57,7 +57,7 @@ from motorprior.stage import description, is_finished, locked, working
 
 PRIOR_FILE = "prior.safetensors"
 CHECKPOINT = "unfinished_{}.safetensors"
-MIN_SAVED = 0.5  # steps that are quicker are computed again after an interruption [s]
+MIN_SAVED = 1.0  # work that an interruption may lose, besides the running step [s]
 # key in a prior's provenance: `motion_digest` of every log that it was trained on
 _MOTIONS = "motions"
 
@@ -83,7 +83,7 @@ def fit_prior(
         steps: Adam steps; the preset's own number if not given; only of presets that train a
             network.
         out: folder for prior.safetensors; a repeated call loads it; an interrupted fit
-            continues there after the last step that took half a second. Nothing is written without
+            continues there where it was, but for a second. Nothing is written without
             it.
         progress: where to report to, for example ``Lines()``; by default work is reported on
             stderr, and warnings are Python warnings.
@@ -147,26 +147,44 @@ def fit_recipe(
     if out is None:
         return fitted(unsaved)
     with locked(out), working(out, stage):
-        fitted(partial(_checkpoint, out, stage)).save(out / PRIOR_FILE)
+        fitted(_SavedSteps(out, stage)).save(out / PRIOR_FILE)
         for path in out.glob(CHECKPOINT.format("*")):
             path.unlink()
     return MotorPrior.load(out / PRIOR_FILE)
 
 
-def _checkpoint(
-    folder: Path, stage: dict[str, Any], name: str, compute: Callable[[], Arrays]
-) -> Arrays:
-    """Arrays that an interrupted run of this stage wrote; otherwise computed, and written."""
-    path = folder / CHECKPOINT.format(name)
-    if path.exists():
-        arrays, header = read_tensors(path)
-        if header == stage:
-            return arrays
-    started = time.monotonic()
-    arrays = compute()
-    if time.monotonic() - started > MIN_SAVED:
-        write_tensors(path, arrays, stage)
-    return arrays
+class _SavedSteps:
+    """A `Checkpoint` in a folder; steps of another stage there are ignored.
+
+    Steps are written together whenever the unsaved ones took MIN_SAVED.
+    """
+
+    def __init__(self, folder: Path, stage: dict[str, Any]):
+        self._folder = folder
+        self._stage = stage
+        self._steps: dict[str, Arrays] = {}
+        self._unsaved: dict[str, np.ndarray] = {}
+        self._saved_at = time.monotonic()
+
+        for path in sorted(folder.glob(CHECKPOINT.format("*"))):
+            tensors, header = read_tensors(path)
+            if header == stage:
+                for key, array in tensors.items():
+                    name, _, array_name = key.partition(":")
+                    self._steps.setdefault(name, {})[array_name] = array
+
+    def __call__(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
+        """Arrays of a step that an interrupted run has finished; otherwise computed."""
+        if name not in self._steps:
+            self._steps[name] = compute()
+            for array_name, array in self._steps[name].items():
+                self._unsaved[f"{name}:{array_name}"] = array
+
+            if time.monotonic() - self._saved_at > MIN_SAVED:
+                write_tensors(self._folder / CHECKPOINT.format(name), self._unsaved, self._stage)
+                self._unsaved = {}
+                self._saved_at = time.monotonic()
+        return self._steps[name]
 
 
 def _fitted(

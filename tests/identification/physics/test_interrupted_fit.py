@@ -2,16 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import motorprior as mp
 from motorprior.identification.checkpoint import Arrays, parts_of
+from motorprior.identification.physics.descents import STEPS
 from motorprior.identification.physics.motor_fit import MotorFits, fit_motors
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import PRESETS
+from motorprior.identification.search import Fit, Search
 from motorprior.identification.windows import TrainingData
+from motorprior.priors import fit_prior as fit_prior_module
+from motorprior.progress import SILENT
 
 Data = Callable[..., TrainingData]
 PRESET = replace(PRESETS["per_motor"], warm_up=60)
@@ -66,3 +73,40 @@ def test_a_continued_fit_repeats_no_finished_descent_and_ends_at_the_same_bytes(
     assert saved.computed == whole.computed
     np.testing.assert_array_equal(fits.outputs, expected.outputs)
     np.testing.assert_array_equal(fits.loss, expected.loss)
+
+
+def test_a_fit_in_a_folder_continues_after_an_interruption_at_any_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    log = mp.record_bench(motors=2, steps=600, preset="rollout")
+    descend = Search._descend
+    descents = 0
+    interrupted_at = -1
+
+    def counted(self: Search, *arguments: Any) -> Fit:
+        nonlocal descents
+        if descents == interrupted_at:
+            raise KeyboardInterrupt
+        descents += 1
+        return descend(self, *arguments)
+
+    monkeypatch.setattr(Search, "_descend", counted)
+    monkeypatch.setattr(fit_prior_module, "MIN_SAVED", 0.0)
+    whole = mp.fit_prior(log, "pace", progress=SILENT)
+    descents_of_whole = descents
+
+    descents = 0
+    interruptions = (5, 9, 14)
+    for number in interruptions:
+        interrupted_at = number
+        with pytest.raises(KeyboardInterrupt):
+            mp.fit_prior(log, "pace", out=tmp_path, progress=SILENT)
+
+    interrupted_at = -1
+    continued = mp.fit_prior(log, "pace", out=tmp_path, progress=SILENT)
+
+    assert continued.mean.tobytes() == whole.mean.tobytes()
+    assert list(tmp_path.glob("unfinished*")) == []
+    # only descents of the interrupted step are repeated, at most one per entry of its schedule
+    assert descents_of_whole > 20
+    assert descents <= descents_of_whole + len(interruptions) * len(STEPS)
