@@ -47,10 +47,13 @@ exported = mp.export(
 model = mujoco.MjModel.from_xml_path(str(path))
 data = mujoco.MjData(model)
 
-# the MJCF lacks the servos' profile, so it is applied to the command
-acceleration = log.firmware.get("profile_acceleration", 0.0)
-profile = mp.CommandProfile(data.qpos, model.opt.timestep, acceleration=acceleration)
+# the MJCF lacks the profile of the servos' firmware, unless `record --profile off` switched it off
+profile = None
+if log.firmware.get("profile_acceleration"):
+    limits = path.with_name("motors.json")
+    profile = mp.MotionProfile.load(limits, dt=model.opt.timestep, start=data.qpos)
+target = robot.nominal_pose
 while data.time < 1.0:
-    data.ctrl[:] = profile.step(robot.nominal_pose)
+    data.ctrl[:] = target if profile is None else profile.step(target)
     mujoco.mj_step(model, data)
 print(f"{path}: {np.round(data.qpos - robot.nominal_pose, 3)} rad from a target after 1 s")

@@ -14,7 +14,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from motorprior.actuator.command_profile import CommandProfile as CommandProfile
     from motorprior.actuator.fleet import Fleet as Fleet
     from motorprior.actuator.fleet import generic_fleet as generic_fleet
     from motorprior.actuator.fleet import load_fleet as load_fleet
@@ -59,7 +58,6 @@ __version__ = "0.1.0"
 
 # public name -> its module; the same as in the imports above, which only type checkers run
 _MODULES = {
-    "CommandProfile": "motorprior.actuator.command_profile",
     "IdealPd": "motorprior.actuator.ideal_pd",
     "MotorPosterior": "motorprior.actuator.motor_posterior",
     "MotorPrior": "motorprior.actuator.motor_prior",
