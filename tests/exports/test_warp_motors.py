@@ -13,6 +13,7 @@ import exports as bench  # noqa: E402
 from motorprior.actuator.geared_motor_step import parameters_of  # noqa: E402
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator  # noqa: E402
 from motorprior.actuator.motor_prior import MotorPrior  # noqa: E402
+from motorprior.actuator.motors import Motors  # noqa: E402
 from motorprior.actuator.optional_terms import INITIAL, SIGNED, TERMS  # noqa: E402
 from motorprior.exceptions import ConfigError  # noqa: E402
 from motorprior.exports.warp_motors import WarpMotors  # noqa: E402
@@ -77,7 +78,7 @@ def test_the_kernel_follows_the_compiled_motors(terms: tuple[str, ...]):
 def state_of_two(steps: int, motor_indices: tuple[int, int], restarts: bool = False) -> np.ndarray:
     """(values, 2) states after these steps; the second motor may restart as motor 3 at step 20."""
     motors = WarpMotors(motors_of_prior(4), 2, bench.DT, "cpu")
-    motors.chosen.assign(motor_indices)
+    motors.sample_index.assign(motor_indices)
     target = bench.warp_array([0.3, 0.5])
     joint_pos = bench.warp_array([0.0, 0.5])
     joint_vel = bench.warp_array([0.0, 0.5])
@@ -85,7 +86,7 @@ def state_of_two(steps: int, motor_indices: tuple[int, int], restarts: bool = Fa
     for step in range(steps):
         if restarts and step == 20:
             motors.waiting.assign([False, True])
-            motors.chosen.assign([2, 3])
+            motors.sample_index.assign([2, 3])
         motors.step(target, joint_pos, joint_vel)
 
     return np.concatenate([motors.table.numpy(), motors.memory.numpy(), [motors.torque.numpy()]])
@@ -121,6 +122,31 @@ def test_a_gear_that_is_softened_for_the_step_moves_as_ours():
 
     assert np.abs(ours).max() > 0.3
     assert np.abs(ours - in_warp).max() < 2e-3
+
+
+def test_the_kernel_obeys_velocity_targets_and_feed_forward_torques():
+    motors = motors_of_prior(bench.COUNT)
+    compiled = Motors(motors, bench.DT, np.zeros(bench.COUNT))
+    kernel = WarpMotors(motors, bench.COUNT, bench.DT, "cpu")
+    velocity = np.linspace(-2.0, 2.0, bench.COUNT)
+    feedforward = np.linspace(0.3, -0.3, bench.COUNT)
+
+    def ours(target: np.ndarray, q: np.ndarray, dq: np.ndarray):
+        return compiled.step(
+            target, q, dq, velocity_target=velocity, torque_feedforward=feedforward
+        )
+
+    def in_warp(target: np.ndarray, q: np.ndarray, dq: np.ndarray):
+        kernel.step(*map(bench.warp_array, (target, q, dq, velocity, feedforward)))
+        return kernel.torque.numpy().astype(float), kernel.damping.numpy().astype(float)
+
+    angles = bench.free_run(ours, bench.COUNT, 400)
+    difference = np.abs(angles - bench.free_run(in_warp, bench.COUNT, 400)).max(axis=0)
+    alone = bench.free_run(bench.compiled(motors), bench.COUNT, 400)
+
+    assert np.abs(angles - alone).max() > 0.02, "these commands move the joints"
+    assert np.median(difference) < 1e-4
+    assert difference.max() < TOLERANCE[()]
 
 
 def test_newton_moves_the_joints_as_our_motors_do():
@@ -167,10 +193,10 @@ def test_mjlab_chooses_other_motors_in_worlds_that_are_reset():
     torch.manual_seed(0)
     _, _, robot = bench.mjlab_run(prior_of(), 8, 300)
     actuator = robot.actuators[0]
-    first_choice = actuator._chosen.clone()
+    first_choice = actuator._sample_index.clone()
 
     robot.reset(torch.tensor([1, 5]))
 
     assert actuator._waiting.flatten().tolist() == [world in (1, 5) for world in range(8)]
     kept = [world for world in range(8) if world not in (1, 5)]
-    assert torch.equal(actuator._chosen[kept], first_choice[kept])
+    assert torch.equal(actuator._sample_index[kept], first_choice[kept])

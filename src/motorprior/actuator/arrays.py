@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+NO_FRAMES = np.zeros((0, 0))
 _NO_BLOCKS = np.zeros((0, 0, 16), np.float32)
 
 
@@ -30,6 +31,8 @@ class ActuatorArrays(NamedTuple):
     clock: np.ndarray
     # (n,) float64 [N·m·s/rad] that the engine integrates implicitly in the coming step
     damping: np.ndarray
+    # command frames of `command_frame`; without rows for position commands at constant gains
+    frames: np.ndarray = NO_FRAMES
     weights: np.ndarray = np.zeros(0, np.float32)  # flat: matrices of the layers, row-major
     # (inputs,) rows of the history that are inputs, counted from the newest
     inputs: np.ndarray = np.zeros(0, np.int64)

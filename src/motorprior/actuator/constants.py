@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import with_logged_gains
+from motorprior.actuator.geared_motor_step import parameters_of, with_logged_gains
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import CONSTANTS
 from motorprior.logs.motor_log import PHYSICAL_GAINS
@@ -23,6 +23,7 @@ _PER_UNIT = "of the firmware's gain"
 UNITS = {
     "kp": "N·m/rad",
     "kd_over_kp": "s",
+    "kd": "N·m·s/rad",
     "velocity_filter": "s",
     "delay": "s",
     "torque_limit": "N·m",
@@ -174,7 +175,8 @@ def named_constants(
     """(n,) constants by name [SI] of motors with latents (n, Z).
 
     ``gains`` are (2, n) or (2, 1), in the model's unit. Constants in units of a firmware are
-    multiples of logged gains and have other names, such as ``kp_per_logged``. A network has a
+    multiples of logged gains and have other names, such as ``kp_per_logged``. Motors of torque
+    commands have no gains, and motors of velocity commands have kd alone. A network has a
     torque limit and, if it decodes one, an armature.
     """
     if not isinstance(model, GreyBox):
@@ -183,9 +185,15 @@ def named_constants(
             values["armature"] = model.armature(z)
         return values
 
-    values = model.constants(z)
+    constants = model.constants(z)
+    values = {name: constants[name] for name in parameters_of(model.terms)}
     if model.gain_unit == PHYSICAL_GAINS and gains is not None:
-        return with_logged_gains(values, *gains)
+        values = with_logged_gains(values, *gains)
+    if model.command_mode in ("velocity", "torque"):
+        kd = values.pop("kp") * values.pop("kd_over_kp")
+        return values if model.command_mode == "torque" else {"kd": kd} | values
+    if model.gain_unit == PHYSICAL_GAINS and gains is not None:
+        return values
     if not model.gain_unit:
         return values
 

@@ -16,11 +16,14 @@ velocity v'; the velocity at t is v̄ = (v + v')/2:
     friction  F = coulomb + load_friction·|gear_stiffness·s + D·(v - dq)|
                   + stribeck_torque/(1 + (v/STRIBECK_VELOCITY)²)
     encoder   θ = rotor_pos - hidden_twist·s + h/2·(v̄ - v) + encoder_zero
-    control   τ_law = clip(kp·(position_target - θ) - kd·filtered, ±torque_limit)
+    control   τ_law = clip(kp·(position_target - θ) + kd·(velocity_target - filtered)
+                           + torque_feedforward, ±torque_limit)
     rotor     armature·(v' - v)/h = τ_law - viscous_damping·v̄ - τ_gear - F·sign(v'),
               v' = 0 if F can stop it
 
-The delayed target and the filtered velocity are means from t - h/2 to t + h/2. A gear that is too
+kp and kd are the gains in force. The delayed command and the filtered velocity are means from
+t - h/2 to t + h/2. Position commands alone have no velocity target and no feed-forward torque, and
+their gains are constant. Torque control is kp = kd = 0. A gear that is too
 stiff for the step is softened. Softening enlarges the twist s; the share ``hidden_twist`` of s is
 this enlargement, and the encoder does not see it.
 
@@ -86,11 +89,12 @@ Values = Any  # one number per motor, in the type of the arithmetic
 # kd_over_kp, half_backlash replaces backlash, and the delay is in steps. MAX_STIFFNESS and
 # MAX_DAMPING limit the gear. filter_gain is the gain of the velocity filter per step, and
 # mean_filter_gain the gain of its mean over the step. hidden_twist and hidden_twist_rate are the
-# shares of the twist and of its rate that the encoder does not see.
+# shares of the twist and of its rate that the encoder does not see. feedforward_gain is the torque
+# per commanded feed-forward torque, which heat, supply and temperature change.
 _BASE = (
     "kp", "kd", "filter_gain", "delay", "torque_limit", "armature", "coulomb", "stribeck_torque",
     "viscous_damping", "load_friction", "gear_stiffness", "half_backlash", "gear_damping",
-    "encoder_zero", "mean_filter_gain", "hidden_twist", "hidden_twist_rate",
+    "encoder_zero", "mean_filter_gain", "hidden_twist", "hidden_twist_rate", "feedforward_gain",
 )  # fmt: skip
 BASE_CONSTANTS = len(_BASE)
 # Constants of motors for steps of one length, in the row order of the compiled step's table
@@ -184,9 +188,22 @@ def step_constants(
         "mean_filter_gain": 1.0 - filter_gain / step_over_filter,
         "hidden_twist": hidden_twist,
         "hidden_twist_rate": hidden_twist_rate,
+        "feedforward_gain": values.get("feedforward_gain", np.ones_like(filter_gain)),
     }
     optional_rows = step_rows(terms, values, h, np.zeros_like(filter_gain)) if terms else {}
     return StepConstants(**(unchanged_rows | derived_rows | optional_rows))
+
+
+class CommandFrame(NamedTuple):
+    """What a command states besides the position target (MIT mode), delayed like the target.
+
+    The values are means over the step.
+    """
+
+    velocity_target: Values  # [rad/s]
+    torque_feedforward: Values  # [N·m]
+    kp_factor: Values  # gain in force over the kp of the constants [-]
+    kd_factor: Values  # gain in force over the kd of the constants [-]
 
 
 class Arithmetic(NamedTuple):
@@ -211,12 +228,15 @@ def step(
     h: Any,
     arithmetic: Arithmetic,
     terms: tuple[str, ...] = (),
+    frame: CommandFrame | None = None,
 ) -> tuple[MotorState, Values, Values]:
     """Advance motors by one step of ``h`` [s], the length that the constants ``p`` are for.
 
     ``target`` is the mean of the delayed position target over the step [rad]; ``q`` and ``dq`` are
-    the position [rad] and the velocity [rad/s] of the joint. Returns the state after the step, and
-    the torque [N·m] and the damping [N·m·s/rad] of the joint for the engine.
+    the position [rad] and the velocity [rad/s] of the joint. ``frame`` is the rest of the command;
+    None stands for position commands at constant gains, and gives the same bits as a frame without
+    velocity target and feed-forward torque. Returns the state after the step, and the torque [N·m]
+    and the damping [N·m·s/rad] of the joint for the engine.
     """
     where = arithmetic.where
     if "profile" in terms:
@@ -225,6 +245,13 @@ def step(
     r = state.rotor_pos
     filtered = state.filtered_vel
     half_h = 0.5 * h
+
+    # gains in force
+    kp = p.kp
+    kd = p.kd
+    if frame is not None:
+        kp = kp * frame.kp_factor
+        kd = kd * frame.kd_factor
 
     # In the last step, the engine's implicit damping took the momentum h·damping·change from the
     # joint, and the rotor got h·damping·expected_change. The rotor gets the rest now.
@@ -270,9 +297,12 @@ def step(
         error_slope = arithmetic.indicator(abs(error) > p.dead_zone)
         error = error - arithmetic.clip(error, p.dead_zone)
     mean_filtered = filtered + p.mean_filter_gain * (encoder_vel - filtered)
-    law_torque = p.kp * error - p.kd * mean_filtered
+    law_torque = kp * error - kd * mean_filtered
+    if frame is not None:
+        feedforward = p.feedforward_gain * frame.torque_feedforward
+        law_torque = law_torque + (kd * frame.velocity_target + feedforward)
     if "integral" in terms:
-        integral = state.integral + h * p.integral_rate * p.kp * error
+        integral = state.integral + h * p.integral_rate * kp * error
         state = state._replace(integral=arithmetic.clip(integral, p.integral_limit))
         law_torque = law_torque + state.integral
     for name in terms:
@@ -280,7 +310,7 @@ def step(
         if law_of_term is not None:
             law_torque = law_of_term(p, law_torque, v, arithmetic)
     # -d(law torque)/d(v̄)
-    law_slope = (p.kd * p.mean_filter_gain + half_h * p.kp * error_slope) * encoder_slope
+    law_slope = (kd * p.mean_filter_gain + half_h * kp * error_slope) * encoder_slope
 
     # The motor torque is lagging_torque + law_share·(torque of the control law).
     lagging_torque = 0.0

@@ -5,8 +5,9 @@
 θ are the 14 PARAMETERS and the constants of the optional terms. Constants that may be negative
 (`optional_terms.SIGNED`) are linear in z.
 
-A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor. The
-model simulates the rotor, so the engine gets no armature.
+A step is the formula of `geared_motor_step`, traced into compiled code with one lane per motor, for
+position commands and for the command frames of MIT mode (`command_frame`). The model simulates the
+rotor, so the engine gets no armature.
 """
 
 import math
@@ -21,12 +22,20 @@ from numba.extending import intrinsic
 
 from motorprior.actuator.actuator import ConstantFactors, empty_arrays, require_step
 from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.command_frame import (
+    IN_FORCE,
+    KP_FACTOR,
+    QUANTITIES,
+    delay_frames,
+    mean_target,
+)
 from motorprior.actuator.copula import Copula
 from motorprior.actuator.geared_motor_step import (
     BASE_CONSTANTS,
     BASE_STATE,
     MAX_DELAY,
     MAX_LOG_FACTOR,
+    CommandFrame,
     MotorState,
     StepConstants,
     decode,
@@ -49,6 +58,8 @@ from motorprior.exceptions import ConfigError
 
 # rows of the table
 STIFFNESS = StepConstants._fields.index("gear_stiffness")
+_KP = StepConstants._fields.index("kp")
+_KD = StepConstants._fields.index("kd")
 _DELAY = StepConstants._fields.index("delay")
 _ZERO = StepConstants._fields.index("encoder_zero")
 _HALF_BACKLASH = StepConstants._fields.index("half_backlash")
@@ -93,6 +104,9 @@ class GreyBox:
     # unit of the logged gains (`MotorLog`), of which kp and kd_over_kp are multiples; "" if kp and
     # kd_over_kp are absolute
     gain_unit: str = ""
+    # command mode of the fitted logs, one of `motor_log.COMMAND_MODES`; kp has no meaning for
+    # velocity commands, and neither gain has for torque commands
+    command_mode: str = "position"
 
     @property
     def num_latents(self) -> int:
@@ -146,6 +160,8 @@ class GreyBoxActuator:
     # (2, n) kp and kd in the model's ``gain_unit``; if the unit is "", factors on kp and kd
     gains: np.ndarray | None = None
     factors: ConstantFactors | None = None  # multiply the constants
+    # velocity: kp is 0; torque: kp and kd are 0, and the motors obey feed-forward torques alone
+    command_mode: str = "position"
 
     def __repr__(self) -> str:
         return f"{self.num_motors} grey-box motors, see constants()"
@@ -204,8 +220,16 @@ class GreyBoxActuator:
     def arrays(self, physics_dt: float) -> ActuatorArrays:
         """See `Actuator.arrays`; also raises `ConfigError` if the gains are missing."""
         require_step(physics_dt, self.model.period)
+        return empty_arrays(GREY_BOX, self.table(physics_dt), memory_rows(physics_dt), 1)
+
+    def table(self, physics_dt: float) -> np.ndarray:
+        """`motor_table` at the gains of the command mode."""
         table = motor_table(self.constants(), physics_dt, self.model.terms)
-        return empty_arrays(GREY_BOX, table, memory_rows(physics_dt), 1)
+        if self.command_mode in ("velocity", "torque"):
+            table[_KP] = 0.0
+        if self.command_mode == "torque":
+            table[_KD] = 0.0
+        return table
 
 
 @njit(cache=True, nogil=True)
@@ -232,12 +256,18 @@ def _update_targets(
 
 
 def _emit_step(
-    builder: Any, width: int, columns: list[Any], physics_dt: Any, terms: tuple[str, ...]
+    builder: Any,
+    width: int,
+    columns: list[Any],
+    frame_columns: list[Any],
+    physics_dt: Any,
+    terms: tuple[str, ...],
 ) -> None:
     """Emit one physics step for ``width`` consecutive motors.
 
     ``columns`` has a pair (address of the first motor in the first row, bytes between rows) for
-    each of table, memory, joint_pos, joint_vel, torque and damping.
+    each of table, memory, joint_pos, joint_vel, torque and damping. ``frame_columns`` has such a
+    pair for each quantity of the command frames; it is empty for position commands.
     """
     table, memory, *vectors = columns
     constants = len(StepConstants._fields) if terms else BASE_CONSTANTS
@@ -251,7 +281,10 @@ def _emit_step(
     q, dq = (read(column) for column in vectors[:2])
     h = Vector.broadcast(builder, physics_dt, width)
     target = read(memory, TARGET)
-    state, torque, damping = step(p, state, target, q, dq, h, LANE_ARITHMETIC, terms)
+    frame = None
+    if frame_columns:
+        frame = CommandFrame(*(read(column, IN_FORCE) for column in frame_columns))
+    state, torque, damping = step(p, state, target, q, dq, h, LANE_ARITHMETIC, terms, frame)
 
     torque.store(_row(builder, vectors[2], 0))
     damping.store(_row(builder, vectors[3], 0))
@@ -264,9 +297,11 @@ def _row(builder: Any, column: Any, row: int) -> Any:
     return builder.add(first, builder.mul(stride, ir.Constant(stride.type, row)))
 
 
-def _stepper(width: int, terms: tuple[str, ...]) -> Any:
-    def stepper(typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, physics_dt):
-        arrays = (table, memory, joint_pos, joint_vel, torque, damping)
+def _stepper(width: int, terms: tuple[str, ...], with_frames: bool = False) -> Any:
+    def stepper(
+        typingctx, first, table, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt
+    ):
+        arrays = (table, memory, joint_pos, joint_vel, torque, damping, frames)
         signature = types.void(types.intp, *arrays, types.float64)
 
         def codegen(context, builder, signature, arguments):
@@ -275,7 +310,8 @@ def _stepper(width: int, terms: tuple[str, ...]) -> Any:
                 _column(context, builder, array_type, value, first)
                 for array_type, value in zip(signature.args[1:], values, strict=False)
             ]
-            _emit_step(builder, width, columns, physics_dt, terms)
+            frame_columns = _quantities(builder, columns.pop()) if with_frames else []
+            _emit_step(builder, width, columns[:6], frame_columns, physics_dt, terms)
             return context.get_dummy_value()
 
         return signature, codegen
@@ -291,11 +327,26 @@ def _column(context: Any, builder: Any, array_type: Any, value: Any, index: Any)
     return first, cgutils.unpack_tuple(builder, array.strides)[0]
 
 
+def _quantities(builder: Any, frames: Any) -> list[Any]:
+    """Columns, as `_column`, of each quantity of the command frames."""
+    first, stride = frames
+    quantity_bytes = builder.udiv(stride, ir.Constant(stride.type, QUANTITIES))
+    columns = []
+    for quantity in range(QUANTITIES):
+        offset = builder.mul(quantity_bytes, ir.Constant(stride.type, quantity))
+        columns.append((builder.add(first, offset), stride))
+    return columns
+
+
 _step_eight = _stepper(8, ())
 _step_four = _stepper(4, ())
 _step_one = _stepper(1, ())
 _servo_eight = _stepper(8, tuple(TERMS))
 _servo_one = _stepper(1, tuple(TERMS))
+_framed_eight = _stepper(8, (), with_frames=True)
+_framed_one = _stepper(1, (), with_frames=True)
+_framed_servo_eight = _stepper(8, tuple(TERMS), with_frames=True)
+_framed_servo_one = _stepper(1, tuple(TERMS), with_frames=True)
 
 
 @njit(cache=True, nogil=True)
@@ -314,7 +365,15 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
     memory = arrays.memory
     now = arrays.clock[0]
     damping = arrays.damping
+    frames = without_refcounts(arrays.frames)
     _update_targets(p, memory, now, position_target)
+    if frames.shape[0] > 0:
+        delay_frames(frames, now, p[_DELAY], 0.5)
+        for motor in range(torque.shape[0]):
+            age = p[_DELAY, motor] + 0.5
+            memory[TARGET, motor] = mean_target(memory, LINE, frames, now, age, motor, KP_FACTOR)
+        _step_framed(p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
+        return
 
     # motors in groups of eight, four and one
     n = torque.shape[0]
@@ -322,19 +381,48 @@ def step_lanes(arrays, physics_dt, position_target, joint_pos, joint_vel, torque
     servo = p.shape[0] > BASE_CONSTANTS
     while first < n:
         if servo and n - first >= 8:
-            _servo_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            _servo_eight(
+                first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt
+            )
             first += 8
         elif servo:
-            _servo_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            _servo_one(first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
             first += 1
         elif n - first >= 8:
-            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            _step_eight(first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
             first += 8
         elif n - first >= 4:
-            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            _step_four(first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
             first += 4
         else:
-            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, physics_dt)
+            _step_one(first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
+            first += 1
+
+
+@njit(cache=True, nogil=True)
+def _step_framed(p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt):
+    """Step of motors that get command frames, in groups of eight and one."""
+    n = torque.shape[0]
+    first = 0
+    servo = p.shape[0] > BASE_CONSTANTS
+    while first < n:
+        if servo and n - first >= 8:
+            _framed_servo_eight(
+                first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt
+            )
+            first += 8
+        elif servo:
+            _framed_servo_one(
+                first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt
+            )
+            first += 1
+        elif n - first >= 8:
+            _framed_eight(
+                first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt
+            )
+            first += 8
+        else:
+            _framed_one(first, p, memory, joint_pos, joint_vel, torque, damping, frames, physics_dt)
             first += 1
 
 
@@ -380,4 +468,5 @@ GREY_BOX = ActuatorKind(
     read_encoders=read_encoders,
     make_explicit=_make_explicit,
     limit_stiffness=_limit_stiffness,
+    takes_frames=True,
 )

@@ -3,9 +3,10 @@
     motor torque = clip(kp·(position_target(t - delay) - joint_pos) - kd·joint_vel, ±torque_limit)
                    - clip(coulomb/FULL_FRICTION_SPEED·joint_vel, ±coulomb)
 
-kd acts on the absolute velocity, as in the firmware of hobby robots. The engine gets damping = kd,
-which it integrates implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of this
-size makes a light joint chatter.
+kd acts on the absolute velocity, as in the firmware of hobby robots. In MIT mode, the control law
+also has kd·velocity_target + torque_feedforward, and the gains in force. The engine gets damping =
+kd, which it integrates implicitly, and torque = motor torque + kd·joint_vel. Explicit damping of
+this size makes a light joint chatter.
 
 Friction is a force, not a constraint of the engine. Below FULL_FRICTION_SPEED it is proportional to
 the speed, so a static joint creeps where a real one sticks. Such a steep explicit force could
@@ -41,6 +42,15 @@ from motorprior.actuator.actuator import (
     require_unchanged,
 )
 from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.command_frame import (
+    FEEDFORWARD,
+    IN_FORCE,
+    KD_FACTOR,
+    KP_FACTOR,
+    VELOCITY_TARGET,
+    delay_frames,
+    mean_target,
+)
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, interpolated, write_line
@@ -154,19 +164,42 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     """Write the torque for the engine; the delayed target is interpolated between steps."""
     newest = write_line(arrays.memory, 0, arrays.clock[0], position_target)
-    for motor in range(torque.shape[0]):
+    frames = arrays.frames
+    if frames.shape[0] > 0:
+        delay_frames(frames, arrays.clock[0], arrays.parameters[_DELAY], 0.0)
+    n = torque.shape[0]
+    for motor in range(n):
         target = interpolated(arrays.memory, 0, newest, arrays.parameters[_DELAY, motor], motor)
         limit = arrays.parameters[_TORQUE_LIMIT, motor]
-        damping = arrays.parameters[KD, motor] * joint_vel[motor]
-        raw = arrays.parameters[_KP, motor] * (target - joint_pos[motor]) - damping
+        kp = arrays.parameters[_KP, motor]
+        kd = arrays.parameters[KD, motor]
+        feedforward = 0.0
+        if frames.shape[0] > 0:
+            age = arrays.parameters[_DELAY, motor]
+            target = mean_target(arrays.memory, 0, frames, arrays.clock[0], age, motor, KP_FACTOR)
+            kp *= frames[IN_FORCE, KP_FACTOR * n + motor]
+            kd *= frames[IN_FORCE, KD_FACTOR * n + motor]
+            feedforward = kd * frames[IN_FORCE, VELOCITY_TARGET * n + motor]
+            feedforward += frames[IN_FORCE, FEEDFORWARD * n + motor]
+            arrays.damping[motor] = kd
+        damping = kd * joint_vel[motor]
+        raw = kp * (target - joint_pos[motor]) - damping + feedforward
         torque[motor] = min(limit, max(-limit, raw)) + damping
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _kd_in_force(arrays: ActuatorArrays, motor: int) -> float:
+    kd = arrays.parameters[KD, motor]
+    if arrays.frames.shape[0] > 0:
+        kd *= arrays.frames[IN_FORCE, KD_FACTOR * arrays.damping.shape[0] + motor]
+    return kd
 
 
 @njit(cache=True, nogil=True)
 def _step_with_friction(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque)
     for motor in range(torque.shape[0]):
-        kd = arrays.parameters[KD, motor]
+        kd = _kd_in_force(arrays, motor)
         coulomb = arrays.parameters[_COULOMB, motor]
         armature = arrays.parameters[_ARMATURE, motor]
         velocity = joint_vel[motor]
@@ -193,18 +226,20 @@ def _step_with_friction(arrays, physics_dt, position_target, joint_pos, joint_ve
 def _make_explicit(arrays: ActuatorArrays, joint_vel: np.ndarray, torque: np.ndarray) -> None:
     """Apply the friction in the damping as a force, too small to reverse a rotor without kd."""
     for motor in range(torque.shape[0]):
-        friction = arrays.damping[motor] - arrays.parameters[KD, motor]
+        kd = _kd_in_force(arrays, motor)
+        friction = arrays.damping[motor] - kd
         torque[motor] -= min(friction, arrays.parameters[_MAX_SLOPE, motor]) * joint_vel[motor]
-        arrays.damping[motor] = arrays.parameters[KD, motor]
+        arrays.damping[motor] = kd
 
 
-IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=_reset, step=_step)
+IDEAL_PD = ActuatorKind("ideal_pd", "ideal PD", reset=_reset, step=_step, takes_frames=True)
 FRICTION_PD = ActuatorKind(
     "friction_pd",
     "PD with friction",
     reset=_reset,
     step=_step_with_friction,
     make_explicit=_make_explicit,
+    takes_frames=True,
 )
 
 

@@ -58,6 +58,8 @@ class ActuatorKind:
     # (arrays, max_stiffness [N·m/rad]) limits the stiffness of gears, for such an engine; not
     # compiled
     limit_stiffness: Callable[[ActuatorArrays, float], None] = keep_stiffness
+    # whether ``step`` reads `ActuatorArrays.frames`, the command frames of MIT mode
+    takes_frames: bool = False
     max_step: float = np.inf  # maximum physics step [s]; see `Robot.physics_step`
     bench_step: float = 0.002  # maximum step on the dynamometer [s]
 
@@ -160,8 +162,10 @@ without_refcounts: Any = intrinsic(_uncounted)
 def reset_actuator(
     arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.ndarray
 ) -> None:
-    """Reset the memory to a static motor: target and joint have never moved."""
+    """Reset the memory to a static motor: command and joint have never moved."""
     arrays.clock[0] = 0
+    for row in range(1, arrays.frames.shape[0]):  # `command_frame`: the first row is sent
+        arrays.frames[row, :] = arrays.frames[0, :]
     _call_pair(arrays.kernels.reset, arrays, position_target, joint_pos)
 
 

@@ -18,7 +18,7 @@ from motorprior.actuator.estimates import is_identified
 from motorprior.actuator.gains import checked_gains
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.latent import NetworkActuator
-from motorprior.actuator.motor_prior import MotorPrior, with_model_error
+from motorprior.actuator.motor_prior import MotorPrior, with_command_mode, with_model_error
 from motorprior.artifacts import write_tensors
 from motorprior.bounds import TEXT, generator_of, many, number, require_count, require_number
 from motorprior.exceptions import ConfigError, listed
@@ -104,6 +104,7 @@ class MotorPosterior(Printable):
         deviation = np.einsum("mij,mj->mi", cholesky_factors, noise)
         z = self.mean + latent_spread * deviation
 
+        are_gains_given = gains is not None
         if self.gains is None:
             gains = None
         elif gains is None:
@@ -111,6 +112,8 @@ class MotorPosterior(Printable):
         else:
             gains = checked_gains(gains, count)
         motors = self.prior.model.motors(z, gains=gains)
+        if not are_gains_given:
+            motors = with_command_mode(motors)
         if not limit_follows_gain:
             return motors
 

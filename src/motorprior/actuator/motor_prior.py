@@ -62,6 +62,7 @@ SAME_JOINT_STD = 0.3
 # factor on the standard deviations of an adaptation: most of its error is model error, the same in
 # all windows
 MODEL_ERROR = 1.5
+COMMAND_MODE = "command_mode"  # entry of the provenance, for another mode than position
 FROZEN = {  # constants by group, for `MotorPrior.with_frozen`
     "friction": ("coulomb", "stribeck_torque", "viscous_damping", "load_friction"),
     "delay": ("delay", "velocity_filter"),
@@ -147,6 +148,11 @@ class MotorPrior(Printable):
     estimates: Estimates | None = None
 
     @property
+    def command_mode(self) -> str:
+        """Command mode of the training logs, one of `motor_log.COMMAND_MODES`."""
+        return self.model.command_mode if isinstance(self.model, GreyBox) else "position"
+
+    @property
     def classes(self) -> ClassLatents:
         """Classes of joints."""
         return self.given_classes or ClassLatents.with_one_class(
@@ -183,7 +189,8 @@ class MotorPrior(Printable):
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". The
                 default is the gains of the robot; without a robot, the gains of the training motors
-                if there are as many, and otherwise the medians of the classes.
+                if there are as many, and otherwise the medians of the classes. Without a robot and
+                gains, motors of logs with velocity or torque commands obey such commands.
             spread: factor on the standard deviation of z [-]; 0 gives the mean motors of the
                 classes.
 
@@ -198,7 +205,9 @@ class MotorPrior(Printable):
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
-        motors = self.model.motors(z, gains=self._gains(classes, gains))
+        motors = self.model.motors(z, gains=self.sampled_gains(classes, gains))
+        if gains is None:
+            motors = with_command_mode(motors)
         if robot is None or not isinstance(motors, GreyBoxActuator):
             return motors
         return self._with_described_limits(motors, classes, robot)
@@ -268,7 +277,10 @@ class MotorPrior(Printable):
             classes.append(name if name in self.classes.names else class_of_joint)
         return tuple(classes)
 
-    def _gains(self, classes: Sequence[str], gains: np.ndarray | None) -> np.ndarray | None:
+    def sampled_gains(
+        self, classes: Sequence[str], gains: np.ndarray | None = None
+    ) -> np.ndarray | None:
+        """(2, n) gains of new motors of these classes: ``gains``, or those of training motors."""
         if self.gains is None:
             return None
         if gains is not None:
@@ -285,7 +297,7 @@ class MotorPrior(Printable):
     def training_motors(self, index: np.ndarray) -> "GreyBoxActuator | NetworkActuator":
         """The training motors at ``index``, at their posterior means."""
         gains = None if self.gains is None else self.gains[:, index]
-        return self.model.motors(self.mean[index], gains=gains)
+        return with_command_mode(self.model.motors(self.mean[index], gains=gains))
 
     def predicted(self, joints: MotorLog | Sequence[str]) -> Prediction:
         """Prediction of the motors of a log, without using its rows, or of joints of these names.
@@ -346,7 +358,7 @@ class MotorPrior(Printable):
         ]
         mean, std = self.classes.mean_and_std(classes)
         latents = mean + std * rng.standard_normal(mean.shape)
-        values = named_constants(self.model, latents, self._gains(classes, None))
+        values = named_constants(self.model, latents, self.sampled_gains(classes))
         if self.estimates is None:
             identified = {
                 name: self.metrics.identified.get(name.removesuffix(PER_LOGGED_GAIN))
@@ -448,7 +460,8 @@ class MotorPrior(Printable):
             center = tensors["motor_center"]
             slope = tensors["motor_slope"]
             terms = tuple(header["motor_terms"])
-            model = GreyBox(center, slope, period, terms, copula, header["gain_unit"])
+            command_mode = header["provenance"].get(COMMAND_MODE, "position")
+            model = GreyBox(center, slope, period, terms, copula, header["gain_unit"], command_mode)
         else:
             from motorprior.actuator.latent import LatentNetwork  # here: few priors are networks
 
@@ -505,6 +518,15 @@ def robot_gains(prior: MotorPrior, robot: "Robot") -> np.ndarray | None:
     kp = [joint.kp for joint in robot.joints]
     kd = [joint.kd for joint in robot.joints]
     return np.array([kp, kd])
+
+
+def with_command_mode(
+    motors: "GreyBoxActuator | NetworkActuator",
+) -> "GreyBoxActuator | NetworkActuator":
+    """The motors without the gains that logs of velocity or torque commands lack."""
+    if not isinstance(motors, GreyBoxActuator):
+        return motors
+    return replace(motors, command_mode=motors.model.command_mode)
 
 
 def limit_text(name: str, value: float) -> str:

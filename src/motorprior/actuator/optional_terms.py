@@ -155,7 +155,8 @@ SIGNED = {"encoder_zero": 0.05} | {
     name: constant.signed for name, constant in CONSTANTS.items() if constant.signed
 }
 # constants that scale with the torques of the control law
-_SCALED_BY_LAW = ("kp", "torque_limit", "integral_limit")
+_SCALED_BY_LAW = ("kp", "torque_limit", "integral_limit", "feedforward_gain")
+_SCALE_OF_TORQUES = ("heat_loss", "supply_share", "temperature_loss")
 # constants that scale with the field of the magnets
 _SCALED_BY_MAGNETS = (*_SCALED_BY_LAW, "stall_torque")
 # constants that scale with the supply voltage
@@ -180,7 +181,12 @@ HALF_WARM = OperatingConditions(warmth=0.5)
 def at_operating_conditions(
     operating_conditions: OperatingConditions, values: dict[str, Any]
 ) -> dict[str, Any]:
-    """Constants by name at these operating conditions."""
+    """Constants by name at these operating conditions.
+
+    If they change torques, ``feedforward_gain`` is the factor on feed-forward torques.
+    """
+    if any(name in values for name in _SCALE_OF_TORQUES):
+        values = values | {"feedforward_gain": np.ones_like(values["kp"])}
     if "heat_loss" in values:
         factor = 1.0 - values["heat_loss"] * operating_conditions.warmth
         values = _scaled(factor, values, _SCALED_BY_MAGNETS)

@@ -6,6 +6,7 @@ constant velocity:
     encoder   θ = rotor_pos + encoder_zero  (on the rotor, so it does not measure backlash)
     filter    v += (1 - exp(-h / velocity_filter))·(rotor_vel - v)
     control   τ_law = clip(kp·(position_target(t - delay) - θ) - kd·v, ±torque_limit)
+              in MIT mode with + kd·velocity_target + torque_feedforward, and the gains in force
     speed     |τ_law| <= stall_torque·(1 - rotor_vel / no_load_speed) in the driving direction
     gear      p = deadzone(rotor_pos - joint_pos, backlash / 2)
               τ_gear = gear_stiffness·p + gear_damping·(rotor_vel - joint_vel) in contact,
@@ -29,6 +30,15 @@ import numpy as np
 
 from motorprior.actuator.actuator import ConstantFactors, empty_arrays, require_step
 from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.command_frame import (
+    FEEDFORWARD,
+    KD_FACTOR,
+    KP_FACTOR,
+    LINE,
+    SENT,
+    VELOCITY_TARGET,
+    held_quantity,
+)
 from motorprior.actuator.kernels import ActuatorKind
 from motorprior.compiled import njit
 from motorprior.delay_line import fill_line, held, write_line
@@ -167,11 +177,28 @@ def _reset(arrays: ActuatorArrays, position_target: np.ndarray, joint_pos: np.nd
 
 
 @njit(cache=True, nogil=True)
-def _control_torque(
-    p: np.ndarray, motor: int, error: float, filtered: float, rotor_vel: float
+def _law_torque(
+    arrays: ActuatorArrays, motor: int, error: float, filtered: float, newest: int, age: float
 ) -> float:
+    """Torque of the control law without its limits, with the command of ``age`` steps ago."""
+    kp = arrays.parameters[_KP, motor]
+    kd = arrays.parameters[_KD, motor]
+    frames = arrays.frames
+    if frames.shape[0] == 0:
+        return kp * error - kd * filtered
+
+    n = arrays.damping.shape[0]
+    kp *= held_quantity(frames, newest, age, KP_FACTOR, motor, n)
+    kd *= held_quantity(frames, newest, age, KD_FACTOR, motor, n)
+    velocity_target = held_quantity(frames, newest, age, VELOCITY_TARGET, motor, n)
+    feedforward = held_quantity(frames, newest, age, FEEDFORWARD, motor, n)
+    return kp * error - kd * filtered + (kd * velocity_target + feedforward)
+
+
+@njit(cache=True, nogil=True)
+def _control_torque(p: np.ndarray, motor: int, law_torque: float, rotor_vel: float) -> float:
     limit = p[_TORQUE_LIMIT, motor]
-    torque = min(limit, max(-limit, p[_KP, motor] * error - p[_KD, motor] * filtered))
+    torque = min(limit, max(-limit, law_torque))
     slope = p[_STALL_TORQUE, motor] / p[_NO_LOAD_SPEED, motor]
     return voltage_limited(torque, p[_STALL_TORQUE, motor], slope * rotor_vel)
 
@@ -203,6 +230,9 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
     now = arrays.clock[0]
     substeps = arrays.clock[1]
     newest = write_line(memory, _LINE, now, position_target)
+    newest_frame = 0
+    if arrays.frames.shape[0] > 0:
+        newest_frame = write_line(arrays.frames, LINE, now, arrays.frames[SENT])
     h = physics_dt / substeps
     for motor in range(torque.shape[0]):
         rotor_pos = memory[ROTOR_POS, motor]
@@ -212,11 +242,12 @@ def _step(arrays, physics_dt, position_target, joint_pos, joint_vel, torque):
         dq = joint_vel[motor]
         total = 0.0
         for k in range(substeps):
-            target = held(memory, _LINE, newest, p[_DELAY, motor] - k / substeps, motor)
+            age = p[_DELAY, motor] - k / substeps
+            target = held(memory, _LINE, newest, age, motor)
             filtered += p[_FILTER, motor] * (rotor_vel - filtered)
-            law = _control_torque(
-                p, motor, target - rotor_pos - p[_ZERO, motor], filtered, rotor_vel
-            )
+            error = target - rotor_pos - p[_ZERO, motor]
+            law_torque = _law_torque(arrays, motor, error, filtered, newest_frame, age)
+            law = _control_torque(p, motor, law_torque, rotor_vel)
             gear = _gear_torque(p, motor, rotor_pos - q, rotor_vel - dq)
 
             force = law - gear - p[_VISCOUS, motor] * rotor_vel
@@ -246,6 +277,7 @@ PHYSICAL = ActuatorKind(
     reset=_reset,
     step=_step,
     read_encoders=_read_encoders,
+    takes_frames=True,
     max_step=MAX_STEP,
     bench_step=SUBSTEP,
 )

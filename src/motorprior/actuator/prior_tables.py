@@ -145,6 +145,8 @@ def _median_estimate(
 
 def _shown_name(prior: "MotorPrior", name: str) -> str:
     """Name of a decoded constant in tables: a multiple of a logged gain has a suffix."""
+    if prior.command_mode == "velocity" and name == "kd_over_kp":
+        return "kd"  # kp has no meaning
     gains = None if prior.gains is None else prior.gains[:, :1]
     shown = named_constants(prior.model, prior.mean[:1], gains)
     return name if name in shown else f"{name}{PER_LOGGED_GAIN}"
@@ -152,6 +154,8 @@ def _shown_name(prior: "MotorPrior", name: str) -> str:
 
 def _gain_factor(prior: "MotorPrior", name: str) -> np.ndarray | float:
     """(M,) factor from a decoded constant to that of the training motors."""
+    if prior.command_mode == "velocity" and isinstance(prior.model, GreyBox):
+        return prior.model.constants(prior.mean)["kp"] if name == "kd_over_kp" else 1.0
     if prior.gains is None or prior.model.gain_unit != PHYSICAL_GAINS:
         return 1.0
     kp, kd = prior.gains
@@ -177,6 +181,7 @@ def overview(prior: "MotorPrior") -> Overview:
         "motor": prior.motor,
         "preset": prior.preset,
         "model": model,
+        "commands of the logs": prior.command_mode,
         "logs": minutes,
         "joints": listed(prior.joint_names, 8),
         **spread_facts(prior),

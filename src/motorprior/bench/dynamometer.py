@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.command_frame import SENT, Frames, framed_arrays
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
-from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.motor_log import MotorLog, gain_factors
 
 BENCH = "bench"  # robot name in the log of a bench
 
@@ -62,6 +63,8 @@ class Trial:
     joint_vel: np.ndarray | None = None  # (n,) initial velocities [rad/s]; 0 if not given
     # (steps, n) external torque per joint angle [N·m/rad]; 0 if not given
     load_stiffness: np.ndarray | None = None
+    # the rest of the command in MIT mode, (steps, n) or numbers; None for position commands
+    frames: Frames | None = None
 
 
 def trial_of(segment: MotorLog) -> Trial:
@@ -81,6 +84,17 @@ def trial_of(segment: MotorLog) -> Trial:
         trial = replace(
             trial, external_torque=torque_at_zero, load_stiffness=segment.load_stiffness
         )
+
+    if segment.has_command_frames:
+        missing = np.zeros_like(segment.joint_pos)
+        velocity_target = segment.velocity_target
+        feedforward = segment.torque_feedforward
+        frames = Frames(
+            missing if velocity_target is None else velocity_target,
+            missing if feedforward is None else feedforward,
+            *gain_factors(segment),
+        )
+        trial = replace(trial, frames=frames)
 
     if segment.encoder == "joint":
         velocity = None if segment.joint_vel is None else segment.joint_vel[0]
@@ -102,16 +116,24 @@ class Response:
 
 @njit(cache=True, nogil=True)
 def _simulate(
-    arrays, inertia, targets, external, stiffness, dt, substeps, joint_pos, joint_vel, out
+    arrays, inertia, targets, external, stiffness, frames, dt, substeps, joint_pos, joint_vel, out
 ):
-    """Simulate a trial into out (4, steps, n), with ``substeps`` integration steps per sample."""
+    """Simulate a trial into out (4, steps, n), with ``substeps`` integration steps per sample.
+
+    ``frames`` (steps, 4·n) are the rows of `ActuatorArrays.frames`; (0, 0) for position commands.
+    """
     steps, n = targets.shape
     h = dt / substeps
     q = joint_pos.copy()
     dq = joint_vel.copy()
     torque = np.zeros(n)
+    has_frames = frames.shape[0] > 0
+    if has_frames:
+        arrays.frames[SENT, :] = frames[0]
     reset_actuator(arrays, targets[0], q)
     for step in range(steps):
+        if has_frames:
+            arrays.frames[SENT, :] = frames[step]
         out[0, step] = q
         out[1, step] = dq
         out[2, step] = 0.0
@@ -132,7 +154,8 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     """
     steps_per_sample = trial.dt / actuator.kind.bench_step
     substeps = max(1, int(np.ceil(steps_per_sample - 1e-9)))
-    arrays = actuator.arrays(trial.dt / substeps)
+    h = trial.dt / substeps
+    arrays = actuator.arrays(h) if trial.frames is None else framed_arrays(actuator, h)
     inertia = trial.load_inertia + actuator.armature
 
     # compiled code needs contiguous arrays
@@ -142,12 +165,17 @@ def run(actuator: Actuator, trial: Trial, start_offset: float = 0.0) -> Response
     if trial.load_stiffness is not None:
         stiffness = np.ascontiguousarray(trial.load_stiffness, float)
 
+    frames = np.zeros((0, 0))
+    if trial.frames is not None:
+        quantities = [np.broadcast_to(values, targets.shape) for values in trial.frames]
+        frames = np.concatenate(quantities, axis=1, dtype=np.float64)
+
     steps, n = targets.shape
     initial_pos = targets[0] if trial.joint_pos is None else np.asarray(trial.joint_pos, float)
     q = initial_pos + start_offset
     dq = np.zeros(n) if trial.joint_vel is None else np.asarray(trial.joint_vel, float)
     out = np.zeros((4, steps, n))
-    _simulate(arrays, inertia, targets, external, stiffness, trial.dt, substeps, q, dq, out)
+    _simulate(arrays, inertia, targets, external, stiffness, frames, trial.dt, substeps, q, dq, out)
     return Response(*out)
 
 

@@ -29,7 +29,7 @@ from motorprior.identification.physics.term_selection import TERM_OF, min_condit
 from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_operating_conditions, seconds_since_cold
-from motorprior.logs.motor_log import MotorLog, operating_condition_text
+from motorprior.logs.motor_log import MotorLog, operating_condition_text, reference_gains
 from motorprior.logs.operations import static_joints
 from motorprior.progress import Note, Progress
 from motorprior.signals import rms
@@ -123,6 +123,8 @@ def _at_segment(
     warmth = motors.model.warmth(motors.z, seconds)
     supply, temperature_rise = relative_operating_conditions(segment, nominal)
     operating_conditions = OperatingConditions(warmth, supply, temperature_rise)
+    if segment.command_mode == "torque":
+        gains = reference_gains(segment)
     if not motors.model.gain_unit:
         gains = motors.gains
     return replace(motors, operating_conditions=operating_conditions, gains=gains)

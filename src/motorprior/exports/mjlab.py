@@ -109,9 +109,13 @@ class MotorPriorActuator(Actuator):
         self._waiting[worlds] = True
 
     def compute(self, cmd: ActuatorCmd) -> torch.Tensor:
-        """(E, J) torque [N·m] of the coming physics step; writes the damping of every world."""
+        """(E, J) torque [N·m] of the coming physics step; writes the damping of every world.
+
+        The command's velocity target and effort target (a feed-forward torque) count, too.
+        """
         inputs = []
-        for tensor in (cmd.position_target, cmd.pos, cmd.vel):
+        command = (cmd.position_target, cmd.pos, cmd.vel, cmd.velocity_target, cmd.effort_target)
+        for tensor in command:
             inputs.append(wp.from_torch(tensor.float().contiguous().view(-1)))
         self._motors.step(*inputs)
 

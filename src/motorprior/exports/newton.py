@@ -78,6 +78,8 @@ class MotorPriorDrive(DriveBase):
         self._pos = wp.zeros(count, dtype=float, device=device)
         self._vel = wp.zeros(count, dtype=float, device=device)
         self._target = wp.zeros(count, dtype=float, device=device)
+        self._velocity_target = wp.zeros(count, dtype=float, device=device)
+        self._feedforward = wp.zeros(count, dtype=float, device=device)
 
     @classmethod
     def resolve_arguments(cls, args: dict[str, Any]) -> dict[str, Any]:
@@ -112,12 +114,19 @@ class MotorPriorDrive(DriveBase):
     ) -> None:
         """Write the effort [N·m] of the coming step.
 
-        Velocity targets and feed-forward have no effect.
+        The arrays ``target_vel`` and ``feedforward`` may be None.
         """
         wp.copy(self._pos, positions[pos_indices.view(wp.int32)])
         wp.copy(self._vel, velocities[vel_indices.view(wp.int32)])
         wp.copy(self._target, target_pos[target_pos_indices.view(wp.int32)])
-        self._motors.step(self._target, self._pos, self._vel)
+        velocity_indices = target_vel_indices.view(wp.int32)
+        if target_vel is not None:
+            wp.copy(self._velocity_target, target_vel[velocity_indices])
+        if feedforward is not None:
+            wp.copy(self._feedforward, feedforward[velocity_indices])
+        self._motors.step(
+            self._target, self._pos, self._vel, self._velocity_target, self._feedforward
+        )
 
         motors = self._motors
         inputs = [motors.torque, motors.damping, self._vel, motors.memory, forces]

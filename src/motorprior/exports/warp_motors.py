@@ -23,6 +23,7 @@ from motorprior.actuator.geared_motor_step import (
     BASE_STATE,
     MAX_STIFFNESS,
     Arithmetic,
+    CommandFrame,
     MotorState,
     StepConstants,
     step,
@@ -33,7 +34,6 @@ from motorprior.actuator.grey_box import (
     TARGET,
     GreyBoxActuator,
     memory_rows,
-    motor_table,
 )
 from motorprior.exceptions import ConfigError
 
@@ -139,7 +139,8 @@ def traced_step(terms: tuple[str, ...]) -> str:
     q = Symbol(code, "q")
     dq = Symbol(code, "dq")
     h = Symbol(code, "h")
-    state, torque, damping = step(constants, state, target, q, dq, h, SYMBOLS, terms)
+    frame = CommandFrame(Symbol(code, "velocity_target"), Symbol(code, "feedforward"), 1.0, 1.0)
+    state, torque, damping = step(constants, state, target, q, dq, h, SYMBOLS, terms, frame)
 
     # write the state and the results
     for row, value in enumerate(state[:num_states]):
@@ -149,18 +150,29 @@ def traced_step(terms: tuple[str, ...]) -> str:
     return "\n".join(code)
 
 
+# one line per quantity of a command: position target, velocity target, feed-forward torque
+LINES = 3
 _DELAY_LINE = f"""
 const int n = table.shape[1];
-const int length = memory.shape[0] - {LINE};
+const int length = (memory.shape[0] - {LINE}) / {LINES};
 const int newest = clock.data[i];
-memory.data[({LINE} + newest) * n + i] = command;
 const float age = table.data[{StepConstants._fields.index("delay")} * n + i] + 0.5f;
 const int whole = (int)age;
 const int first = newest >= whole ? newest - whole : newest - whole + length;
 const int second = first > 0 ? first - 1 : length - 1;
-const float newer = memory.data[({LINE} + first) * n + i];
-const float older = memory.data[({LINE} + second) * n + i];
-const float target = newer + (age - (float)whole) * (older - newer);
+const float share = age - (float)whole;
+const float commands[{LINES}] = {{command, commanded_velocity, commanded_torque}};
+float delayed[{LINES}];
+for (int k = 0; k < {LINES}; ++k) {{
+    const int line = {LINE} + k * length;
+    memory.data[(line + newest) * n + i] = commands[k];
+    const float newer = memory.data[(line + first) * n + i];
+    const float older = memory.data[(line + second) * n + i];
+    delayed[k] = newer + share * (older - newer);
+}}
+const float target = delayed[0];
+const float velocity_target = delayed[1];
+const float feedforward = delayed[2];
 memory.data[{TARGET} * n + i] = target;
 clock.data[i] = newest + 1 < length ? newest + 1 : 0;
 """
@@ -178,6 +190,8 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
         memory: Rows,
         clock: Indices,
         command: float,
+        commanded_velocity: float,
+        commanded_torque: float,
         q: float,
         dq: float,
         h: float,
@@ -194,6 +208,8 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
         memory: Rows,
         clock: Indices,
         command: Row,
+        commanded_velocity: Row,
+        commanded_torque: Row,
         joint_pos: Row,
         joint_vel: Row,
         h: float,
@@ -208,13 +224,26 @@ def step_kernel(terms: tuple[str, ...]) -> wp.Kernel:
             clock[i] = 0
             for row in range(table.shape[0]):
                 table[row, i] = samples[row, sample_index[i]]
+            length = (memory.shape[0] - wp.static(LINE)) // wp.static(LINES)
             for row in range(memory.shape[0]):
-                memory[row, i] = wp.where(row < wp.static(LINE), 0.0, joint_pos[i])
+                is_target = row >= wp.static(LINE) and row < wp.static(LINE) + length
+                memory[row, i] = wp.where(is_target, joint_pos[i], 0.0)
             memory[0, i] = joint_pos[i]
             memory[wp.static(REFERENCE_ROW), i] = joint_pos[i]
 
         motor_step(
-            i, table, memory, clock, command[i], joint_pos[i], joint_vel[i], h, torque, damping
+            i,
+            table,
+            memory,
+            clock,
+            command[i],
+            commanded_velocity[i],
+            commanded_torque[i],
+            joint_pos[i],
+            joint_vel[i],
+            h,
+            torque,
+            damping,
         )
 
     return motors_step
@@ -244,10 +273,12 @@ class WarpMotors:
         self._dt = dt
         self._device = device
 
-        table = motor_table(samples.constants(), dt, terms).astype(np.float32)
+        table = samples.table(dt).astype(np.float32)
         self._samples = wp.array(table, dtype=float, device=device)
         self.table = wp.zeros((len(table), count), dtype=float, device=device)
-        self.memory = wp.zeros((memory_rows(dt), count), dtype=float, device=device)
+        rows = LINE + LINES * (memory_rows(dt) - LINE)
+        self.memory = wp.zeros((rows, count), dtype=float, device=device)
+        self._zeros = wp.zeros(count, dtype=float, device=device)
         self.clock = wp.zeros(count, dtype=int, device=device)
         self.torque = wp.zeros(count, dtype=float, device=device)
         self.damping = wp.zeros(count, dtype=float, device=device)
@@ -256,10 +287,18 @@ class WarpMotors:
         first_samples = np.arange(count) % samples.num_motors
         self.sample_index = wp.array(first_samples, dtype=int, device=device)
 
-    def step(self, command: Any, joint_pos: Any, joint_vel: Any) -> None:
+    def step(
+        self,
+        command: Any,
+        joint_pos: Any,
+        joint_vel: Any,
+        velocity_target: Any = None,
+        torque_feedforward: Any = None,
+    ) -> None:
         """Write ``torque`` [N·m] and ``damping`` [N·m·s/rad] for the coming physics step.
 
-        Arguments are Warp arrays (n,). The engine gets torque - damping·joint_vel, of which it
+        Arguments are Warp arrays (n,); velocity target and feed-forward torque are 0 if not given.
+        The engine gets torque - damping·joint_vel, of which it
         integrates the damping implicitly, as for `Motors`.
         """
         inputs = [
@@ -270,6 +309,8 @@ class WarpMotors:
             self.memory,
             self.clock,
             command,
+            self._zeros if velocity_target is None else velocity_target,
+            self._zeros if torque_feedforward is None else torque_feedforward,
             joint_pos,
             joint_vel,
             self._dt,

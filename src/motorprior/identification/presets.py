@@ -9,7 +9,12 @@ from motorprior.actuator.motor_prior import FROZEN, MotorPrior
 from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
-from motorprior.logs.motor_log import OPERATING_CONDITIONS, MotorLog, channels
+from motorprior.logs.motor_log import (
+    OPERATING_CONDITIONS,
+    PHYSICAL_GAINS,
+    MotorLog,
+    channels,
+)
 
 
 class LoggedCondition(NamedTuple):
@@ -232,8 +237,11 @@ def with_logged_settings(recipe: Recipe, log: MotorLog) -> Recipe:
     """
     if not recipe.grey_boxes:
         return recipe
-    if log.logged_kp is not None:
+    if log.gains is not None:
         recipe = replace(recipe, gain_unit=log.gain_unit)
+    if log.command_mode == "torque":
+        # torques set the scale, and the gains of such motors are those that will be sent
+        recipe = replace(recipe, gain_unit=PHYSICAL_GAINS)
 
     operating_conditions = []
     for name in sorted(OPERATING_CONDITIONS.keys() & channels(log).keys()):

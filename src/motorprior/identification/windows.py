@@ -8,7 +8,7 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Recipe
-from motorprior.logs.motor_log import MotorLog, other_firmware
+from motorprior.logs.motor_log import MotorLog, gain_factors, other_firmware
 from motorprior.logs.operations import with_velocities, without_noise
 from motorprior.signals import rms
 
@@ -17,9 +17,9 @@ from motorprior.signals import rms
 class TrainingData:
     """Logs of M motors with R rows each."""
 
-    # (M, R, CHANNELS) float32. For a rollout, noisy joint_pos is smoothed (`smoothing`); as in a
-    # semi-implicit step, velocities are half a period older than the sample, and torques are
-    # averages centred on it
+    # (M, R, CHANNELS) float32; of logs with command frames (M, R, CHANNELS + FRAME_CHANNELS). For a
+    # rollout, noisy joint_pos is smoothed (`smoothing`); as in a semi-implicit step, velocities are
+    # half a period older than the sample, and torques are averages centred on it
     series: np.ndarray
     # (S,) first rows of the windows that lie inside one segment
     starts: np.ndarray
@@ -29,6 +29,10 @@ class TrainingData:
     scales: dict[str, float]
     # whether the log has joint_torque
     has_torque: bool
+    # command mode of the log, one of `motor_log.COMMAND_MODES`
+    command_mode: str = "position"
+    # whether the log states kd
+    logs_kd: bool = False
     # whether the encoders are on the rotors, which hides the gears' backlash, or on the joints
     at_rotor: bool = False
     # M names, or none
@@ -56,6 +60,13 @@ CHANNELS = 13
     STIFFNESS,  # load_stiffness [N·m/rad], 0 if missing
     READING,  # joint_reading [rad]
 ) = range(CHANNELS)
+FRAME_CHANNELS = 4
+(
+    VELOCITY_TARGET,  # velocity_target [rad/s]
+    FEEDFORWARD,  # torque_feedforward [N·m]
+    KP_FACTOR,  # kp in force over KP [-]
+    KD_FACTOR,  # kd in force over KD [-]
+) = range(CHANNELS, CHANNELS + FRAME_CHANNELS)
 VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 MIN_WINDOW = 64  # minimum number of steps of a window that is shortened for the segments of a log
 MIN_USED = 0.9  # share of the usable rows that windows of the chosen length must use
@@ -80,6 +91,13 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
         log = with_velocities(without_noise(log) if log.encoder == "joint" else log)
     _require_usable(log, recipe, where)
 
+    if log.has_command_frames and not recipe.grey_boxes:
+        raise LogError(
+            f"{log.command_mode} commands, or gains that change",
+            where=where,
+            remedy="use a preset of grey boxes, such as rollout or quick; networks learn position "
+            "commands at constant gains only",
+        )
     series = _stacked(log, recipe, where)
     segments = tuple(log.segment_slices())
     if is_rollout:
@@ -99,12 +117,14 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
         joint_classes=log.joint_classes,
         velocity_steps=_velocity_steps(log),
         has_torque=log.joint_torque is not None,
+        command_mode=log.command_mode,
+        logs_kd=log.logged_kd is not None,
         at_rotor=log.encoder == "rotor",
     )
 
 
 def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
-    """(R, M, CHANNELS) channels of the log; a missing channel is 0."""
+    """(R, M, CHANNELS) channels of the log, and FRAME_CHANNELS; a missing channel is 0."""
 
     def gains_of(segment: MotorLog) -> np.ndarray:
         return _gains(segment, recipe, where)
@@ -126,6 +146,13 @@ def _stacked(log: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
         log.load_stiffness,
         log.readings,
     )
+    if log.has_command_frames:
+        factors = [gain_factors(segment) for segment in log.segments()]
+        channels += (
+            log.velocity_target,
+            log.torque_feedforward,
+            *np.concatenate(factors, axis=1),
+        )
     missing = np.zeros_like(log.joint_pos)
     present = [missing if channel is None else channel for channel in channels]
     series = np.stack(present, axis=-1)
@@ -187,7 +214,7 @@ def _by_segment(log: MotorLog, values: Callable[[MotorLog], np.ndarray]) -> np.n
 
 def _gains(segment: MotorLog, recipe: Recipe, where: str) -> np.ndarray:
     """(2, M) logged kp and kd in the unit of the recipe; 1 if the recipe has no unit."""
-    if not recipe.gain_unit:
+    if not recipe.gain_unit or segment.command_mode == "torque":
         return np.ones((2, segment.num_joints))
     gains = segment.gains
     if gains is None or segment.gain_unit != recipe.gain_unit:
@@ -301,6 +328,8 @@ def _scales(log: MotorLog, where: str) -> dict[str, float]:
         "torque_scale": 1.0,
         "torque_limit": 3.0,
     }
+    if log.command_mode in ("velocity", "torque"):
+        scales["error_scale"] = 1.0  # no angle is commanded, and no network is trained
     if log.joint_torque is not None:
         scales["torque_scale"] = np.std(log.joint_torque)
         scales["torque_limit"] = 1.2 * np.quantile(np.abs(log.joint_torque), 0.9995)

@@ -41,6 +41,8 @@ SCALES: dict[str, dict[str, float]] = {
 # channel that may have its own sign or unit -> its quantity
 QUANTITIES = {
     "position_target": "angle",
+    "velocity_target": "velocity",
+    "torque_feedforward": "torque",
     "joint_pos": "angle",
     "joint_vel": "velocity",
     "joint_torque": "torque",
@@ -48,8 +50,14 @@ QUANTITIES = {
     "supply_voltage": "voltage",
     "motor_temperature": "temperature",
 }
-SERIES = (*QUANTITIES, "load_inertia", "load_stiffness")  # channels with a column per joint
 GAINS = ("kp", "kd")
+# channels with a column per joint; kp and kd are the gains in force in each row
+SERIES = (*QUANTITIES, "load_inertia", "load_stiffness", *GAINS)
+COMMANDS = ("position_target", "velocity_target", "torque_feedforward")
+BASE_ANGLES = ("base_roll", "base_pitch")
+MAX_NUMBER_BITS = 64
+# a velocity has the sign of its angle
+_ANGLE_OF_VELOCITY = {"joint_vel": "joint_pos", "velocity_target": "position_target"}
 # placeholders in column names
 JOINT = "{joint}"
 NAME = "{name}"
@@ -81,12 +89,28 @@ def _is_table_with_entries(value: Any) -> bool:
     return TABLE.accepts(value) and len(value) > 0
 
 
+def _is_name_or_pair(value: Any) -> bool:
+    is_pair = isinstance(value, list) and len(value) == 2 and all(map(_is_name, value))
+    return is_pair or _is_name(value)
+
+
+def _is_quaternion(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 4 and all(map(_is_name, value))
+
+
 _NAME = Field("a text of 1 to 200 letters", _is_name)
-_OPERATING_CONDITION = Field("the name of a column, or a number", _is_name_or_number)
+_NAME_OR_NUMBER = Field("the name of a column, or a number", _is_name_or_number)
+_TIME = Field(
+    "the name of a column, or those of seconds and nanoseconds in a list", _is_name_or_pair
+)
+_QUATERNION = Field("a list of the columns of w, x, y and z", _is_quaternion)
 _MAP = Schema(
     {
-        **dict.fromkeys(("motor", "robot", "time", "segment", *SERIES), _NAME),
-        **dict.fromkeys(OPERATING_CONDITIONS, _OPERATING_CONDITION),
+        **dict.fromkeys(("motor", "robot", "segment", *SERIES), _NAME),
+        **dict.fromkeys((*OPERATING_CONDITIONS, *BASE_ANGLES), _NAME_OR_NUMBER),
+        "base_quaternion": _QUATERNION,
+        "time": _TIME,
+        "time_bits": number(8, MAX_NUMBER_BITS),
         "rate": number(1e-3, 1e6, unit="Hz"),
         "encoder": one_of(*ENCODERS),
         "posture": one_of(*POSTURES),
@@ -95,11 +119,15 @@ _MAP = Schema(
     },
     REMEDY,
     optional=frozenset(
-        {"robot", "time", "rate", "segment", "posture", "encoder", "units", "firmware", *SERIES[2:]}
-    ),
+        {
+            *("robot", "time", "time_bits", "rate", "segment", "posture", "encoder"),
+            *("units", "firmware", "base_quaternion", *BASE_ANGLES, *SERIES),
+        }
+    )
+    - {"joint_pos"},
 )
 # entries that `ColumnMap` copies without a conversion
-_COPIED = ("motor", "robot", "encoder", "time", "rate", "segment", "posture")
+_COPIED = ("motor", "robot", "encoder", "time_bits", "rate", "segment", "posture")
 _MAPS = files("motorprior.logs").joinpath("maps")
 _UNIT_TABLE = {**_UNITS, "wraps": BOOLEAN, "time": one_of(*TIMES), "gain": one_of(*GAIN_UNITS)}
 _JOINT = {
@@ -142,8 +170,8 @@ class ColumnMap:
     """
 
     source: str  # file or name of the map
-    # channel -> name of its columns with the placeholder JOINT or NAME; a column of an operating
-    # condition without placeholder is for all joints
+    # channel, kp or kd -> name of its columns with the placeholder JOINT or NAME; a column of an
+    # operating condition or gain without placeholder is for all joints
     series: dict[str, str]
     joints: tuple[MappedJoint, ...]
     motor: str = ""
@@ -151,10 +179,15 @@ class ColumnMap:
     encoder: str = ""
     time: str | None = None  # column of the time; None if the rate is given
     time_scale: float = 1.0  # seconds per unit of the column ``time``
+    nanoseconds: str | None = None  # column of nanoseconds that add to the column ``time`` [s]
+    time_bits: float | None = None  # the column ``time`` restarts at 0 after 2^time_bits - 1
     rate: float | None = None  # row rate [Hz]
     segment: str | None = None  # column with the index of the recording
     posture: str | None = None
-    base_orientation: tuple[str, ...] = ()  # columns of roll and pitch [rad]
+    # columns of roll and pitch, or of the quaternion w, x, y, z of the base in the world
+    base_orientation: tuple[str, ...] = ()
+    base_angle_scale: float = 1.0  # rad per unit of the columns of roll and pitch
+    base_angles: tuple[float, float] | None = None  # constant roll and pitch [rad]
     # constant operating conditions, the same for all rows and joints
     operating_conditions: Mapping[str, float] = field(default_factory=dict)
     gain_unit: str = PHYSICAL_GAINS
@@ -197,11 +230,15 @@ def _from_table(table: dict[str, Any], where: str) -> ColumnMap:
     _check(units, _UNIT_TABLE, f"{where}[units]")
     _require_time_or_rate(table, where)
 
+    _require_command(table, where)
+
     constants = {name: table[name] for name in OPERATING_CONDITIONS if is_number(table.get(name))}
     scales = {name: _scale(QUANTITIES[name], (units,), where) for name in OPERATING_CONDITIONS}
     return ColumnMap(
         source=where,
         time_scale=TIMES[units.get("time", "s")],
+        **_time_columns(table, units, where),
+        **_base(table, units, where),
         series=_series(table, where),
         joints=_joints(table["joints"], units, where),
         gain_unit=units.get("gain", PHYSICAL_GAINS),
@@ -219,11 +256,61 @@ def _require_time_or_rate(table: dict[str, Any], where: str) -> None:
         raise ArtifactError("neither time, a column, nor rate [Hz]", where=where, remedy=remedy)
 
 
+def _require_command(table: dict[str, Any], where: str) -> None:
+    if not any(name in table for name in COMMANDS):
+        raise ArtifactError(
+            "no command",
+            where=where,
+            remedy=f"give the columns of every command that was sent: {', '.join(COMMANDS)}",
+        )
+
+
+def _time_columns(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
+    """The columns of the time; a list holds those of seconds and of nanoseconds."""
+    time = table.get("time")
+    if not isinstance(time, list):
+        return {"time": time}
+    if units.get("time", "s") != "s" or "time_bits" in table:
+        raise ArtifactError(
+            "time is a list, with a unit or time_bits",
+            where=where,
+            remedy="leave these out: its columns are seconds and nanoseconds",
+        )
+    return {"time": time[0], "nanoseconds": time[1]}
+
+
+def _base(table: dict[str, Any], units: dict[str, Any], where: str) -> dict[str, Any]:
+    """Orientation of the base, from base_quaternion, or from base_roll and base_pitch."""
+    given = [name for name in BASE_ANGLES if name in table]
+    if "base_quaternion" in table:
+        if given:
+            raise ArtifactError(
+                f"base_quaternion and {given[0]}", where=where, remedy="give one of the two"
+            )
+        return {"base_orientation": tuple(table["base_quaternion"])}
+    if not given:
+        return {}
+
+    values = [table.get(name, 0.0) for name in BASE_ANGLES]
+    scale = SCALES["angle"].get(units.get("angle", "rad"), 1.0)
+    if math.isnan(scale):  # the unit of the joints is an encoder's
+        scale = 1.0
+    if all(is_number(value) for value in values):
+        return {"base_angles": (scale * values[0], scale * values[1])}
+    if len(given) < len(BASE_ANGLES) or any(is_number(value) for value in values):
+        raise ArtifactError(
+            f"{' and '.join(BASE_ANGLES)} are not two columns or two numbers",
+            where=where,
+            remedy="give both as names of columns, or both as numbers",
+        )
+    return {"base_orientation": tuple(values), "base_angle_scale": scale}
+
+
 def _series(table: dict[str, Any], where: str) -> dict[str, str]:
     """Name of the columns of each channel, with a placeholder for the joint."""
     series = {name: table[name] for name in SERIES if isinstance(table.get(name), str)}
     for name, column in series.items():
-        may_be_shared = name in OPERATING_CONDITIONS or len(table["joints"]) == 1
+        may_be_shared = name in (*OPERATING_CONDITIONS, *GAINS) or len(table["joints"]) == 1
         if not may_be_shared and JOINT not in column and NAME not in column:
             raise ArtifactError(
                 f"{name} = {column[:40]!r} lacks {JOINT} or {NAME}",
@@ -274,8 +361,8 @@ def _conversion(
     tables = (changes, joint, units) if quantity == "angle" else (changes, units)
 
     sign = 1 if channel in OPERATING_CONDITIONS else joint.get("sign", 1)
-    if channel == "joint_vel":
-        sign = joint.get("joint_pos", {}).get("sign", sign)
+    if channel in _ANGLE_OF_VELOCITY:
+        sign = joint.get(_ANGLE_OF_VELOCITY[channel], {}).get("sign", sign)
 
     merged = ChainMap(*tables)  # the first table with an entry counts
     factor = float(changes.get("sign", sign) * _scale(quantity, tables, place))

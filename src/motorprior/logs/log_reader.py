@@ -9,7 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.column_map import GAINS, TURN, ColumnMap, Conversion, MappedJoint
+from motorprior.logs.column_map import (
+    BASE_ANGLES,
+    GAINS,
+    TURN,
+    ColumnMap,
+    Conversion,
+    MappedJoint,
+)
 from motorprior.logs.motor_log import (
     CORRECT,
     POSTURES,
@@ -20,6 +27,7 @@ from motorprior.logs.motor_log import (
 )
 from motorprior.robots.robot import Robot
 
+MAX_NORM_ERROR = 0.02  # maximum deviation of the norm of a quaternion from 1
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
 # reads named columns of a path, each (rows,) float64, or timedelta64 for time stamps
@@ -85,16 +93,13 @@ def read_mapped_log(
     for channel, names in series.items():
         values[channel] = _converted(table, channel, names, joints, path)
     _match_turns(values, joints)
+    _set_commands(values, joints, path)
 
-    for name in GAINS:
-        gains = [getattr(joint, name) for joint in joints]
-        if None not in gains:
-            values[f"logged_{name}"] = np.broadcast_to(gains, shape)
     for name, value in columns.operating_conditions.items():
         values[name] = np.full(shape, value)
-    if columns.base_orientation:
-        angles = [table[name] for name in columns.base_orientation]
-        values["base_orientation"] = np.stack(angles, axis=1)
+    orientation = _base_orientation(table, columns, shape[0], path)
+    if orientation is not None:
+        values["base_orientation"] = orientation
     if columns.segment:
         values["segment"] = _integers(table[columns.segment], columns.segment, path)
     if columns.posture:
@@ -113,9 +118,99 @@ def read_mapped_log(
     return checked(log)
 
 
+def _set_commands(values: dict[str, Any], joints: tuple[MappedJoint, ...], path: Path) -> None:
+    """Replace kp and kd by logged gains, and set the command mode and missing commands.
+
+    Gains of the file's columns count more than the numbers of the map. Gains of 0 in every row
+    stand for velocity or torque commands, and are left out.
+    """
+    angle = values["joint_pos"]
+    for name in GAINS:
+        gains = values.pop(name, None)
+        numbers = [getattr(joint, name) for joint in joints]
+        if gains is None and None not in numbers:
+            gains = np.broadcast_to(numbers, angle.shape)
+        if gains is not None:
+            values[f"logged_{name}"] = gains
+
+    # a target has no effect while its gain is 0, and some firmware then gets a huge number
+    kp = values.get("logged_kp")
+    kd = values.get("logged_kd")
+    if kp is not None and "position_target" in values:
+        values["position_target"] = np.where(kp == 0.0, angle, values["position_target"])
+    if kd is not None and "velocity_target" in values:
+        values["velocity_target"] = np.where(kd == 0.0, 0.0, values["velocity_target"])
+
+    has_no_kp = "position_target" not in values or (kp is not None and not np.any(kp))
+    if not has_no_kp:
+        is_position = "velocity_target" not in values and "torque_feedforward" not in values
+        values["command_mode"] = "position" if is_position else "mit"
+        return
+
+    has_no_kd = "velocity_target" not in values or (kd is not None and not np.any(kd))
+    if has_no_kd and "torque_feedforward" not in values:
+        raise LogError(
+            "kp and kd are 0 in every row, and no torque is commanded",
+            where=path,
+            remedy="give the column of the commanded torque as torque_feedforward",
+        )
+    values["command_mode"] = "torque" if has_no_kd else "velocity"
+    values["position_target"] = angle
+    values.pop("logged_kp", None)
+    if has_no_kd:
+        values.pop("velocity_target", None)
+        values.pop("logged_kd", None)
+
+
+def gain_contradictions(log: MotorLog, columns: ColumnMap) -> tuple[str, ...]:
+    """Warnings of gains of the file's columns that differ from the numbers of the map by > 1 %."""
+    warnings = []
+    for name in GAINS:
+        gains = getattr(log, f"logged_{name}")
+        if name not in columns.series or gains is None:
+            continue
+        largest = dict(zip(log.joint_names, gains.max(axis=0).tolist(), strict=True))
+        for joint in columns.joints:
+            number = getattr(joint, name)
+            logged = largest.get(joint.name)
+            if number is None or logged is None or abs(logged - number) <= 0.01 * abs(number):
+                continue
+            warnings.append(
+                f"{name} of {joint.name} is {logged:.4g} in the file (largest) and {number:.4g} in "
+                f"the column map {columns.source}; the file counts -> correct the map"
+            )
+    return tuple(warnings)
+
+
+def _base_orientation(
+    table: dict[str, np.ndarray], columns: ColumnMap, num_rows: int, path: Path
+) -> np.ndarray | None:
+    """(T, 2) roll and pitch [rad]; None if the map does not state them."""
+    if columns.base_angles is not None:
+        return np.tile(columns.base_angles, (num_rows, 1))
+    if not columns.base_orientation:
+        return None
+    values = np.stack([table[name] for name in columns.base_orientation], axis=1)
+    require_finite(values, list(columns.base_orientation), path)
+    if len(columns.base_orientation) == len(BASE_ANGLES):
+        return columns.base_angle_scale * values
+
+    norms = np.linalg.norm(values, axis=1)
+    is_off = np.abs(norms - 1.0) > MAX_NORM_ERROR
+    if is_off.any():
+        row = int(is_off.argmax())
+        names = ", ".join(columns.base_orientation)
+        raise bad_value(row, f"norm of {names}", norms[row], "1", path, CORRECT)
+    from motorprior.rotations import roll_pitch_yaw  # it compiles
+
+    quaternions = np.ascontiguousarray(values / norms[:, None])
+    return np.array([roll_pitch_yaw(quaternion)[:2] for quaternion in quaternions])
+
+
 def _column_names(columns: ColumnMap, series: dict[str, list[str]]) -> list[str]:
     """Each column that the log needs, once."""
-    names = [name for name in (columns.time, columns.segment) if name]
+    times = (columns.time, columns.nanoseconds, columns.segment)
+    names = [name for name in times if name]
     names += columns.base_orientation
     names += chain(*series.values())
     return list(dict.fromkeys(names))
@@ -140,6 +235,14 @@ def _time(
     if time.dtype.kind == "m":
         return time / np.timedelta64(1, "s")
     require_finite(time[:, None], [f"time (column {columns.time})"], path)
+    if columns.nanoseconds is not None:
+        # relative to the first row, since a float64 resolves 0.2 µs of the seconds since 1970
+        nanoseconds = table[columns.nanoseconds]
+        require_finite(nanoseconds[:, None], [f"time (column {columns.nanoseconds})"], path)
+        return (time - time[0]) + 1e-9 * nanoseconds
+    if columns.time_bits is not None:
+        restarts = np.cumsum(np.diff(time, prepend=time[0]) < 0.0)
+        time = time - time[0] + restarts * 2.0**columns.time_bits
     return columns.time_scale * time
 
 
@@ -169,6 +272,8 @@ def _converted(
 
 def _match_turns(values: dict[str, np.ndarray], joints: tuple[MappedJoint, ...]) -> None:
     """Put unwrapped angles into the turn of their command."""
+    if "position_target" not in values:
+        return
     for index, joint in enumerate(joints):
         if joint.conversions.get("joint_pos", Conversion()).wraps:
             angle = values["joint_pos"][:, index]

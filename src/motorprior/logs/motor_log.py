@@ -18,6 +18,8 @@ from motorprior.texts import Overview, Printable
 # channels of shape (T, J), and their units as written in column names
 JOINT_SERIES = {
     "position_target": "rad",
+    "velocity_target": "rad_per_s",
+    "torque_feedforward": "N_m",
     "joint_pos": "rad",
     "joint_reading": "rad",
     "joint_vel": "rad_per_s",
@@ -36,6 +38,14 @@ MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recor
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
+# What a command consists of:
+# position   a position target
+# mit        position target, velocity target and feed-forward torque:
+#            torque = kp·(position_target - angle) + kd·(velocity_target - velocity)
+#                     + torque_feedforward
+# velocity   the same with kp = 0
+# torque     the same with kp = kd = 0
+COMMAND_MODES = ("position", "mit", "velocity", "torque")
 
 
 class Range(NamedTuple):
@@ -76,12 +86,16 @@ class MotorLog(Printable):
     """
 
     time: np.ndarray  # (T,) [s], strictly increasing within a segment
-    position_target: np.ndarray  # (T, J) commanded angle [rad]
+    # (T, J) commanded angle [rad]; joint_pos for velocity and torque commands
+    position_target: np.ndarray
     joint_pos: np.ndarray  # (T, J) measured angle [rad]
     joint_names: tuple[str, ...]  # J names, in column order
     robot: str  # name of the robot or bench
     motor: str  # motor model
     source: str  # file of the recording
+    command_mode: str = "position"  # one of COMMAND_MODES
+    velocity_target: np.ndarray | None = None  # (T, J) commanded velocity [rad/s]
+    torque_feedforward: np.ndarray | None = None  # (T, J) commanded torque [N·m]
     joint_vel: np.ndarray | None = None  # (T, J) [rad/s]
     # (T, J) angle as it was read, where joint_pos is smoothed [rad]
     joint_reading: np.ndarray | None = None
@@ -101,9 +115,10 @@ class MotorLog(Printable):
     # "joint" encoder, or "rotor": without backlash and elasticity of the gear; angles are at the
     # output shaft in both
     encoder: str = "joint"
-    # (T, J) logged proportional gain, constant within a segment
+    # (T, J) logged proportional gain in force; none in velocity and torque mode
     logged_kp: np.ndarray | None = None
-    # (T, J) logged derivative gain, acting on the velocity; only with logged_kp
+    # (T, J) logged derivative gain in force, acting on the velocity; without logged_kp in velocity
+    # mode only, none in torque mode
     logged_kd: np.ndarray | None = None
     supply_voltage: np.ndarray | None = None  # (T, J) voltage at the motor [V]
     motor_temperature: np.ndarray | None = None  # (T, J) [°C]
@@ -128,6 +143,7 @@ class MotorLog(Printable):
             "robot": self.robot,
             "motor": self.motor,
             "source": self.source[-100:],
+            "commands": self.command_mode,
             "channels besides command and angle": ", ".join(optional) or "none",
             "loads": loads,
             "settings": settings_text(self),
@@ -220,16 +236,26 @@ class MotorLog(Printable):
 
     @property
     def gains(self) -> np.ndarray | None:
-        """(2, J) logged kp and kd [gain_unit]: medians over segments, in which they are constant.
+        """(2, J) logged kp and kd [gain_unit]: medians over the segments of the largest in each.
 
         kd equals kp if it is not logged, since models only use its ratio to the kd of other logs.
-        None without gains.
+        kp is 1 where it has no effect: in velocity mode, or if it is 0 in a whole segment. None
+        without gains.
         """
-        if self.logged_kp is None:
+        if self.logged_kp is None and self.logged_kd is None:
             return None
-        kd = self.logged_kp if self.logged_kd is None else self.logged_kd
-        first_rows = [segment.start for segment in self.segment_slices()]
-        return np.median([self.logged_kp[first_rows], kd[first_rows]], axis=1)
+        kp = np.ones_like(self.joint_pos) if self.logged_kp is None else self.logged_kp
+        kd = kp if self.logged_kd is None else self.logged_kd
+        largest = []
+        for segment in self.segment_slices():
+            max_kp = kp[segment].max(axis=0)
+            largest.append([np.where(max_kp > 0.0, max_kp, 1.0), kd[segment].max(axis=0)])
+        return np.median(largest, axis=0)
+
+    @property
+    def has_command_frames(self) -> bool:
+        """Whether commands consist of more than position targets at gains constant in segments."""
+        return self.command_mode != "position" or gains_change(self)
 
     @property
     def operating_conditions(self) -> dict[str, np.ndarray]:
@@ -244,6 +270,39 @@ class MotorLog(Printable):
 def channels(log: MotorLog) -> dict[str, np.ndarray]:
     """The arrays of the log by field name."""
     return {name: value for name, value in vars(log).items() if isinstance(value, np.ndarray)}
+
+
+def gains_change(log: MotorLog) -> bool:
+    """Whether logged gains change within a segment, for example in a ramp at the start."""
+    for gains in (log.logged_kp, log.logged_kd):
+        if gains is None:
+            continue
+        if any(np.any(gains[rows] != gains[rows.start]) for rows in log.segment_slices()):
+            return True
+    return False
+
+
+def reference_gains(log: MotorLog) -> np.ndarray:
+    """(2, J) gains to which `gain_factors` refer: `MotorLog.gains`, or 1 without any."""
+    gains = log.gains
+    return np.ones((2, log.num_joints)) if gains is None else gains
+
+
+def gain_factors(segment: MotorLog) -> np.ndarray:
+    """(2, T, J) gains in force over `reference_gains` of one segment [-].
+
+    They are 1 for gains that are not logged, and 0 for gains that the command mode does not have.
+    """
+    factors = np.ones((2, *segment.joint_pos.shape))
+    for factor, gains in zip(factors, (segment.logged_kp, segment.logged_kd), strict=True):
+        if gains is not None:
+            largest = gains.max(axis=0)
+            factor[:] = gains / np.where(largest > 0.0, largest, 1.0)
+    if segment.command_mode in ("velocity", "torque"):
+        factors[0] = 0.0
+    if segment.command_mode == "torque":
+        factors[1] = 0.0
+    return factors
 
 
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
@@ -283,11 +342,12 @@ def motion_digest(log: MotorLog) -> str:
 
 
 def settings_text(log: MotorLog) -> str:
-    """Gains, registers and operating conditions with units, and postures.
+    """Command mode, gains, registers and operating conditions with units, and postures.
 
     They are separated by semicolons; the text is empty without any.
     """
-    texts = gain_texts(log)
+    texts = [] if log.command_mode == "position" else [f"{log.command_mode} commands"]
+    texts += gain_texts(log)
     for name, value in log.firmware.items():
         texts.append(f"{name} {value:.4g} {FIRMWARE[name].unit}" if value else f"{name} off")
     for name, values in channels(log).items():
@@ -330,7 +390,7 @@ _TINY = float(np.nextafter(0.0, 1.0))
 # channel -> lowest and highest value, and what a value is
 _BOUNDS = {
     "load_inertia": (_TINY, np.inf, "a positive inertia [kg·m²]"),
-    "logged_kp": (_TINY, np.inf, "a positive gain"),
+    "logged_kp": (0.0, np.inf, "a gain of 0 or more"),
     "logged_kd": (0.0, np.inf, "a gain of 0 or more"),
     "posture": (0, len(POSTURES) - 1, f"the index of one of {', '.join(POSTURES)}"),
     **{
@@ -366,14 +426,15 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     Raises:
         ConfigError: something else than a motor log, such as a path.
         LogError: wrong shape, a value that is not finite or out of its bounds, time that does not
-            increase within a segment, a segment of fewer than 2 rows, gains that change within a
-            segment, or an unknown encoder, gain unit, posture or register; names ``where`` or the
-            log's source, row, column and value.
+            increase within a segment, a segment of fewer than 2 rows, channels that do not fit the
+            command mode, or an unknown encoder, gain unit, command mode, posture or register; names
+            ``where`` or the log's source, row, column and value.
     """
     if not isinstance(log, MotorLog):
         raise not_a_motor_log(log)
     where = where or log.source
-    for name, allowed in (("encoder", ENCODERS), ("gain_unit", GAIN_UNITS)):
+    texts = {"encoder": ENCODERS, "gain_unit": GAIN_UNITS, "command_mode": COMMAND_MODES}
+    for name, allowed in texts.items():
         value = getattr(log, name)
         if value not in allowed:
             raise LogError(f"{name} {value!r}", where=where, remedy=f"give {' or '.join(allowed)}")
@@ -383,6 +444,7 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     log = replace(_as_arrays(log, where), firmware=registers)
     for name, values in channels(log).items():
         _check_values(name, values, log.joint_names, where)
+    _check_command_mode(log, where)
     _check_segments(log, where)
     return log
 
@@ -460,10 +522,40 @@ def _as_array(name: str, value: Any, shape: tuple[int, ...], where: Where) -> An
     return array
 
 
-def _check_segments(log: MotorLog, where: Where) -> None:
-    if log.logged_kp is None and log.logged_kd is not None:
-        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
+# channels that logs of a command mode have, and channels that they cannot have
+_REQUIRED = {"velocity": ("velocity_target",), "torque": ("torque_feedforward",)}
+_EXCLUDED = {
+    "position": ("velocity_target", "torque_feedforward"),
+    "velocity": ("logged_kp",),
+    "torque": ("velocity_target", "logged_kp", "logged_kd"),
+}
 
+
+def _check_command_mode(log: MotorLog, where: Where) -> None:
+    mode = log.command_mode
+    remedy = "correct the command mode, or leave the channel out"
+    for name in _REQUIRED.get(mode, ()):
+        if getattr(log, name) is None:
+            raise LogError(f"{mode} commands without {name}", where=where, remedy=remedy)
+    for name in _EXCLUDED.get(mode, ()):
+        if getattr(log, name) is not None:
+            raise LogError(f"{mode} commands with {name}", where=where, remedy=remedy)
+
+    if log.logged_kp is None and log.logged_kd is not None and mode != "velocity":
+        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
+    if log.logged_kp is None:
+        return
+    is_off = ~np.any(log.logged_kp, axis=0)
+    if is_off.any():
+        joint = log.joint_names[int(is_off.argmax())]
+        raise LogError(
+            f"logged_kp/{joint} is 0 in every row",
+            where=where,
+            remedy="leave the joint out, or state another command mode (docs/your-motors.md)",
+        )
+
+
+def _check_segments(log: MotorLog, where: Where) -> None:
     for segment in log.segment_slices():
         num_rows = segment.stop - segment.start
         if num_rows < 2:
@@ -473,23 +565,6 @@ def _check_segments(log: MotorLog, where: Where) -> None:
             problem = f"segment {index} has {num_rows} rows, at least 2 are needed"
             raise LogError(problem, where=where, remedy="record longer, or drop the segment")
         require_increasing(log.time[segment], where, segment.start)
-        _require_constant_gains(log, segment, where)
-
-
-def _require_constant_gains(log: MotorLog, segment: slice, where: Where) -> None:
-    for name in ("logged_kp", "logged_kd"):
-        gains = getattr(log, name)
-        if gains is None:
-            continue
-        is_changed = gains[segment] != gains[segment.start]
-        if np.any(is_changed):
-            row, column = np.argwhere(is_changed)[0].tolist()
-            place = f"row {segment.start + row}, {name}/{log.joint_names[column]}"
-            raise LogError(
-                f"{place} changes within a segment",
-                where=where,
-                remedy="begin a segment where gains change, or leave them out",
-            )
 
 
 def bad_value(

@@ -23,6 +23,8 @@ from motorprior.logs.motor_log import (
 from motorprior.signals import mean_command
 
 GAP_FACTOR = 5.0  # a gap is a time step longer than this many medians of its segment
+# channels of commands, which are held until the next row; the grid has their means
+COMMANDS = ("position_target", "velocity_target", "torque_feedforward")
 _MAX_NAMED = 5  # gaps that the message lists
 # channels that are held until the next row; the others are interpolated
 _HELD = ("load_inertia", "logged_kp", "logged_kd", *INTEGER_CHANNELS)
@@ -134,12 +136,11 @@ def _resampled(segment: MotorLog, period: float) -> dict[str, np.ndarray]:
     # the last recorded row at each time of the grid, with a tolerance for rounding
     rows_after = np.searchsorted(segment.time, grid + 1e-6 * period, side="right")
     row_in_force = rows_after - 1
-    values = {
-        "position_target": mean_command(segment.time, segment.position_target, grid, period),
-        "time": grid,
-    }
+    values = {"time": grid}
     for name, channel in channels(segment).items():
-        if name in _HELD:
+        if name in COMMANDS:
+            values[name] = mean_command(segment.time, channel, grid, period)
+        elif name in _HELD:
             values[name] = channel[row_in_force]
         elif name not in values:
             columns = [np.interp(grid, segment.time, column) for column in channel.T]
@@ -184,7 +185,8 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
     The channel joint_reading has splines through the raw readings. Velocities are the derivatives
     of the smoothed angles' splines: recorded velocities are often filtered, and loads need
     accelerations. Commands are smoothed like the angles, because many logs record both up to a
-    sample late, but not across a change that the sender made at once (`command_steps`).
+    sample late, but not across a change that the sender made at once (`command_steps`). Gains are
+    never smoothed.
     """
     from scipy.interpolate import CubicSpline  # takes half a second
 
@@ -249,17 +251,18 @@ def _with_smooth_commands(
     """
     from motorprior.logs.smoothing import smoothed
 
-    commands = log.position_target.copy()
-    for joint in range(commands.shape[1]):
+    values = {name: channels(log)[name].copy() for name in COMMANDS if name in channels(log)}
+    for joint in range(log.num_joints):
         step_times = recorded[is_step[:, joint]]
         pieces = []
         for segment in log.segment_slices():
             pieces += _pieces_between(step_times, log.time, segment, log.period)
-        column = commands[:, joint, None]
-        smooth, _ = smoothed(column, tuple(pieces), log.period, noise, jerk_density)
-        for piece in pieces:
-            commands[piece, joint] = smooth[piece, 0]
-    return replace(log, position_target=commands)
+        for commands in values.values():
+            column = commands[:, joint, None]
+            smooth, _ = smoothed(column, tuple(pieces), log.period, noise, jerk_density)
+            for piece in pieces:
+                commands[piece, joint] = smooth[piece, 0]
+    return replace(log, **values)
 
 
 def _pieces_between(
@@ -337,7 +340,7 @@ def joined(logs: Sequence[MotorLog]) -> MotorLog:
 def _require_equal_settings(first: MotorLog, log: MotorLog) -> None:
     problems = [
         f"{name} {getattr(log, name)!r}, another log has {getattr(first, name)!r}"
-        for name in ("robot", "motor", "encoder", "gain_unit")
+        for name in ("robot", "motor", "encoder", "gain_unit", "command_mode")
         if getattr(first, name) != getattr(log, name)
     ]
     # registers and channels that only one of the two logs has

@@ -111,6 +111,8 @@ def prepare_log(
             _raise_errors(notes, path)
         for note in notes:
             progress.report(note)
+    for warning in recording.warnings:
+        progress.warn(f"{path}: {warning}")
     if recording.assumption:
         progress.note(f"{path}: {recording.assumption}")
     if period is not None and not recording.is_on_grid:

@@ -12,7 +12,12 @@ from pkgutil import iter_modules
 from motorprior.exceptions import ConfigError, LogError, MotorPriorError
 from motorprior.logs import readers
 from motorprior.logs.column_map import ColumnMap, load_column_map, shipped_maps
-from motorprior.logs.log_reader import GIVE_COLUMNS, LogReader, read_mapped_log
+from motorprior.logs.log_reader import (
+    GIVE_COLUMNS,
+    LogReader,
+    gain_contradictions,
+    read_mapped_log,
+)
 from motorprior.logs.motor_log import MotorLog
 from motorprior.robots.robot import Robot
 
@@ -32,6 +37,7 @@ class Recording:
     is_on_grid: bool = False
     # a sentence for the user about what the reader assumes, since the format lacks it
     assumption: str = ""
+    warnings: tuple[str, ...] = ()  # contradictions of the file and its column map
 
 
 def read_log(
@@ -72,7 +78,9 @@ def read_recording(
     """
     reader = reader_of(path, columns is not None)
     if columns is not None:
-        return Recording(_read_mapped(path, reader, load_column_map(columns), robot), path)
+        column_map = load_column_map(columns)
+        log = _read_mapped(path, reader, column_map, robot)
+        return Recording(log, path, warnings=gain_contradictions(log, column_map))
     if period is not None and reader.on_grid is not None:
         return Recording(reader.on_grid(path, robot, period, suspended), path, is_on_grid=True)
     assert reader.read is not None

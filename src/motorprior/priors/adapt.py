@@ -72,6 +72,7 @@ def adapt(
     log = checked(log)
     require_adaptable(prior, log)
     note_training_log(prior, log, progress)
+    note_command_mode(prior, log, progress)
 
     with progress.start(f"adapt to {log.num_joints} motors, {log.duration:.1f} s", 1) as task:
         posterior = adapt_to(prior, log)
@@ -82,7 +83,6 @@ def adapt(
     if progress is not SILENT:  # tuning a PD to compare with takes time
         _report_fit(prior, log, posterior, progress)
 
-    gains = log.gains if prior.model.gain_unit else None
     return MotorPosterior(
         prior,
         posterior.mean,
@@ -90,8 +90,15 @@ def adapt(
         log.joint_names,
         log.duration,
         tuple(p_values.tolist()),
-        gains,
+        _gains(prior, log),
     )
+
+
+def _gains(prior: MotorPrior, log: MotorLog) -> np.ndarray | None:
+    """(2, J) gains of the motors of a log; those of the prior if torques were commanded."""
+    if not prior.model.gain_unit or log.gains is not None:
+        return log.gains if prior.model.gain_unit else None
+    return prior.sampled_gains(prior.joint_classes(log))
 
 
 def _report_outliers(
@@ -221,6 +228,33 @@ def note_training_log(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
     if trained_on(prior, log):
         text = "errors, losses and p-values on it do not validate the prior"
         progress.warn(f"the prior was trained on {log.source}: {text}")
+
+
+def note_command_mode(prior: MotorPrior, log: MotorLog, progress: Progress) -> None:
+    """Warn if the prior was trained in another command mode than that of the log."""
+    if prior.command_mode == log.command_mode:
+        return
+    unmeasured = _unmeasured(prior.command_mode, log.command_mode)
+    if unmeasured:
+        progress.warn(
+            f"{log.source} has {log.command_mode} commands, the prior's logs "
+            f"{prior.command_mode} commands: friction, armature and delay carry over, the scale of "
+            f"{unmeasured} does not -> log commands of both modes"
+        )
+
+
+def _unmeasured(trained: str, commanded: str) -> str:
+    """What logs of the mode ``commanded`` use, and logs of the mode ``trained`` do not measure."""
+    used = {
+        "position": ("position gains",),
+        "mit": ("position gains", "feed-forward torques"),
+        "velocity": ("velocity gains",),
+        "torque": ("feed-forward torques",),
+    }
+    measured = used[trained]
+    if trained in ("position", "mit"):
+        measured += ("velocity gains",)
+    return " and ".join(name for name in used[commanded] if name not in measured)
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from motorprior.actuator.class_latents import ClassLatents
 from motorprior.actuator.gains import check_gain_units
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.motor_prior import MotorPrior
+from motorprior.actuator.motor_prior import COMMAND_MODE, MotorPrior
 from motorprior.actuator.prior_tables import SPREAD
 from motorprior.artifacts import read_tensors, write_tensors
 from motorprior.bounds import require_seed
@@ -50,6 +50,7 @@ from motorprior.logs.motor_log import (
     log_digest,
     motion_digest,
     motor_logs,
+    reference_gains,
 )
 from motorprior.logs.operations import joined
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
@@ -204,6 +205,8 @@ def _fitted(
         result = identify(data, recipe, seed, task.advance, checkpoint)
     recipe = result.recipe  # with the selected terms
     model = result.model
+    if isinstance(model, GreyBox) and log.command_mode != "position":
+        model = replace(model, command_mode=log.command_mode)
     mean = result.mean
     log_var = result.log_var
     classes = result.classes or ClassLatents.with_one_class(log.num_joints, model.num_latents)
@@ -244,6 +247,8 @@ def _fitted(
         "seed": seed,
         SPREAD: spread_source(model, classes),
     }
+    if log.command_mode != "position":
+        fit[COMMAND_MODE] = log.command_mode
     is_bench = log.joint_names == bench_names(log.num_joints)
     return MotorPrior(
         model=model,
@@ -255,7 +260,7 @@ def _fitted(
         provenance={**provenance, **fit},
         metrics=metrics,
         joint_names=() if is_bench else log.joint_names,
-        gains=log.gains if model.gain_unit else None,
+        gains=reference_gains(log) if model.gain_unit else None,
         given_classes=classes,
         misfit=misfit,
         estimates=result.estimates,

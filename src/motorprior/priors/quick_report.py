@@ -114,6 +114,12 @@ def report_on_responses(
     recipe = identification_preset("rollout")
     train = joined(list(response_split.train.values()))
     models = fitted_responses(train, recipe, seed, progress)
+    if not models:
+        raise LogError(
+            f"{train.command_mode} commands, and the loads are unknown",
+            where=train.source,
+            remedy="give the robot, whose model gives the loads, or log the loads",
+        )
     runs = {}
     for name, log in response_split.test.items():
         runs[name] = {WHOLE_RUN: whole_runs(with_placeholder_load(log), recipe)}

@@ -27,7 +27,7 @@ from motorprior.identification.presets import PRESETS, Recipe, recipe_of
 from motorprior.identification.windows import window_starts, with_window_that_fits
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import joined, train_test_halves
-from motorprior.priors.adapt import adapt_to, note_training_log
+from motorprior.priors.adapt import adapt_to, note_command_mode, note_training_log
 from motorprior.priors.fit_prior import fit_recipe, trained_on
 from motorprior.priors.prior_file import require_adaptable
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
@@ -109,6 +109,7 @@ def validate(
     train, test = _train_and_test(log, fitted_on, seconds)
     recipe = recipe_of(prior)
     note_training_log(prior, log, progress)
+    note_command_mode(prior, log, progress)
     for note in notes_on_log(test, recipe):
         progress.report(note)
 
@@ -245,6 +246,9 @@ def baseline_recipes(log: MotorLog, recipe: Recipe) -> dict[str, tuple[str, Reci
     is_servo_prior = recipe.window == PRESETS["long_runs"].window
     if is_servo_prior:
         presets_of_baselines |= SERVO_BASELINE_PRESETS
+
+    if log.has_command_frames:
+        del presets_of_baselines[POOLED_NETWORK]  # it learns position commands only
 
     recipes = {}
     for name, preset in presets_of_baselines.items():

@@ -91,13 +91,22 @@ class DrivenJoints:
         self._motors.reset(self._data.qpos[self._pos])
         self._time = -np.inf
 
-    def drive(self, position_target: np.ndarray) -> np.ndarray:
+    def drive(
+        self,
+        position_target: np.ndarray,
+        *,
+        velocity_target: np.ndarray | float = 0.0,
+        torque_feedforward: np.ndarray | float = 0.0,
+        kp_factor: np.ndarray | float = 1.0,
+        kd_factor: np.ndarray | float = 1.0,
+    ) -> np.ndarray:
         """Write the motors' effect in the next step to model and data.
 
-        Returns the torque without damping (n,) [N·m].
+        The command is that of `Motors.step`. Returns the torque without damping (n,) [N·m].
 
         Raises:
-            ConfigError: targets of another shape, or a state that is not finite.
+            ConfigError: commands of another shape, a state that is not finite, or motors that take
+                position commands only.
             SimulationFault: MuJoCo reset the simulation, since it diverged.
         """
         if self._data.warning.number[_DIVERGED].any():
@@ -111,7 +120,15 @@ class DrivenJoints:
 
         self._time = self._data.time
         vel = self._data.qvel[self._dof]
-        torque, damping = self._motors.step(position_target, self._data.qpos[self._pos], vel)
+        torque, damping = self._motors.step(
+            position_target,
+            self._data.qpos[self._pos],
+            vel,
+            velocity_target=velocity_target,
+            torque_feedforward=torque_feedforward,
+            kp_factor=kp_factor,
+            kd_factor=kd_factor,
+        )
         self._data.qfrc_applied[self._dof] = torque - damping * vel
         self._set_damping(damping)
         return torque

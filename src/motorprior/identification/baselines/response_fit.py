@@ -10,7 +10,8 @@ They need neither torque nor inertia, and hold for these gains and this load onl
 command, linear in time between two rows. "e less the dead band" is sign(e)·max(0, |e| - band). τ
 [N·m] is the log's external torque at the simulated angle; ``compliance`` [rad/(N·m)] is the
 compliance of a proportional control law. If a log has no load, ``sine`` and ``cosine`` [rad] of the
-joint's own angle replace it.
+joint's own angle replace it. In MIT mode, q̇ is relative to the velocity target in the damping, and
+τ includes the feed-forward torque, both as late as u. Velocity and torque commands have no u.
 
 The fit is joint by joint, by the search of the motors' own fit: unknowns are logarithms of positive
 constants within BOUNDS, and others in UNITS around their neutral values. Every model starts at the
@@ -37,7 +38,17 @@ from motorprior.identification.search import (
     Search,
     threads,
 )
-from motorprior.identification.windows import EXTERNAL, POS, READING, STIFFNESS, TARGET, VEL
+from motorprior.identification.windows import (
+    CHANNELS,
+    EXTERNAL,
+    FEEDFORWARD,
+    POS,
+    READING,
+    STIFFNESS,
+    TARGET,
+    VEL,
+    VELOCITY_TARGET,
+)
 from motorprior.logs.loads import with_placeholder_load
 from motorprior.logs.motor_log import MotorLog
 from motorprior.progress import Progress
@@ -113,6 +124,9 @@ def _respond(rows, first, constants, dt, out):
     delay_steps = delay / dt
     at_once = rate >= INFINITE_RATE
     depends_on_angle = sine != 0.0 or cosine != 0.0
+    has_frames = rows.shape[0] > CHANNELS
+    reference_vel = 0.0
+    feedforward = 0.0
 
     for run in range(out.shape[0]):
         start = first + run * out.shape[1]
@@ -125,9 +139,13 @@ def _respond(rows, first, constants, dt, out):
             age = max(0.0, row + at_once - delay_steps)
             earlier = min(int(age), target.shape[0] - 2)
             command = target[earlier] + (age - earlier) * (target[earlier + 1] - target[earlier])
+            if has_frames:
+                reference_vel = rows[VELOCITY_TARGET, earlier]
+                feedforward = rows[FEEDFORWARD, earlier]
 
             # the angle at which the joint would rest
-            aim = gain * command + offset + compliance * (external[row] + stiffness[row] * q)
+            load = external[row] + stiffness[row] * q + feedforward
+            aim = gain * command + offset + compliance * load
             if depends_on_angle:
                 aim += sine * np.sin(q) + cosine * np.cos(q)
 
@@ -136,6 +154,7 @@ def _respond(rows, first, constants, dt, out):
             else:
                 distance = max(0.0, abs(aim - q) - band)
                 push = rate * rate * (distance if aim > q else -distance)
+                push += 2.0 * damping * rate * reference_vel
                 # damping implicit: always stable
                 change = (dq + dt * push) / (1.0 + 2.0 * damping * rate * dt) - dq
                 change = min(dt * acceleration, max(-dt * acceleration, change))
@@ -382,7 +401,12 @@ def _without(
 def fitted_responses(
     log: MotorLog, recipe: Recipe, seed: int, progress: Progress
 ) -> dict[str, ResponseMotors]:
-    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity."""
+    """Fit MODELS to a log; without loads, a function of the joint's angle represents gravity.
+
+    There are none for velocity or torque commands.
+    """
+    if log.command_mode in ("velocity", "torque"):
+        return {}
     gravity = "angle" if log.external_torque is None else "torque"
     runs = whole_runs(with_placeholder_load(log), recipe)
     with progress.start("fit responses that need no load", len(MODELS) * RESTARTS) as task:

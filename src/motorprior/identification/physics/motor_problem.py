@@ -134,11 +134,11 @@ def scaled_center(runs: WindowRuns, terms: tuple[str, ...]) -> np.ndarray:
     If logged gains set the size, no other size is tried.
     """
     center = initial_center(terms, runs)
+    names = parameters_of(terms)
+    torques = np.isin(names, TORQUES)
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
         return center
 
-    names = parameters_of(terms)
-    torques = np.isin(names, TORQUES)
     kp = np.isin(names, ("kp",))
     centers = [center]
     for torque_factor, kp_factor in itertools.product(_LOG_FACTORS, _LOG_FACTORS):
@@ -230,9 +230,13 @@ def fixed_constants(terms: tuple[str, ...], runs: WindowRuns) -> np.ndarray:
     fixed = {*runs.recipe.lacks, *runs.recipe.logged_values}
     if runs.at_rotor:
         fixed.update(HIDDEN_FROM_ROTOR)
+    if runs.command_mode in ("velocity", "torque"):
+        fixed.add("kp")  # it has no effect; kd of velocity control is kp·kd_over_kp
+    if runs.command_mode == "torque":
+        fixed.add("kd_over_kp")
     if runs.recipe.gain_unit == PHYSICAL_GAINS:
         fixed.add("kp")
-        if logs_kd(runs):
+        if runs.logs_kd:
             fixed.add("kd_over_kp")
     return np.array([name in fixed for name in parameters_of(terms)])
 
@@ -291,7 +295,7 @@ def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[st
     kp and kd_over_kp become multiples of the logged gains. Gains in N·m/rad also give the size of
     the motor, and thereby its torques.
     """
-    kp = float(np.median(runs.gains[0]))
+    kp = _kp_of_size(runs)
     kd_over_kp = float(np.median(runs.gains[1] / runs.gains[0]))
     if kd_over_kp == 0.0:
         kd_over_kp = 1.0
@@ -309,14 +313,23 @@ def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[st
     scaled["torque_limit"] = float(np.sqrt(limit_of_size * high_limit))
 
     scaled["kp"] = 1.0
-    if logs_kd(runs):
+    if runs.logs_kd:
         scaled["kd_over_kp"] = 1.0
     return scaled
 
 
-def logs_kd(runs: WindowRuns) -> bool:
-    """Whether the logs have kd. If they do not, `windows` sets kd to kp."""
-    return bool(np.any(runs.gains[1] != runs.gains[0]))
+def _kp_of_size(runs: WindowRuns) -> float:
+    """Logged kp, or without position control the kp of a motor of this size [N·m/rad].
+
+    A motor under velocity control has the size of its kd. A motor under torque control commands a
+    third of the torque limit of its size.
+    """
+    if runs.command_mode == "velocity":
+        return float(np.median(runs.gains[1])) / INITIAL_MOTOR["kd_over_kp"]
+    if runs.command_mode == "torque":
+        max_torque = float(np.median(runs.max_request))
+        return INITIAL_MOTOR["kp"] * 3.0 * max_torque / INITIAL_MOTOR["torque_limit"]
+    return float(np.median(runs.gains[0]))
 
 
 def encoded(values: Mapping[str, Any], terms: tuple[str, ...]) -> np.ndarray:

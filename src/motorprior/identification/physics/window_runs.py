@@ -24,6 +24,8 @@ from typing import TypeAlias
 import numpy as np
 
 from motorprior.actuator.actuator import Actuator
+from motorprior.actuator.arrays import ActuatorArrays
+from motorprior.actuator.command_frame import SENT, framed_arrays
 from motorprior.actuator.geared_motor_step import StepConstants
 from motorprior.actuator.grey_box import (
     ROTOR_POS,
@@ -75,6 +77,16 @@ def sustained_speed(vel: np.ndarray, error: np.ndarray, period: float) -> np.nda
 
 
 @njit(cache=True, nogil=True)
+def _send_frame(frames: np.ndarray, row: np.ndarray, motor: np.ndarray) -> None:
+    """Send the command of a row (channels of `windows`, motors) to lanes of these motors."""
+    lanes = motor.shape[0]
+    for quantity in range(channel.FRAME_CHANNELS):
+        for lane in range(lanes):
+            value = row[channel.CHANNELS + quantity, motor[lane]]
+            frames[SENT, quantity * lanes + lane] = value
+
+
+@njit(cache=True, nogil=True)
 def _free_runs(
     observer, free, motor, rows, armature, dt, first, window, at_rotor, velocity_steps, out
 ):
@@ -83,7 +95,7 @@ def _free_runs(
     ``observer`` and ``free`` are the same motors, whose ``armature`` [kg·m²] (lanes,) adds to the
     load. Lane i simulates motor[i] of ``rows`` (steps, channels of `windows`, motors) of one
     segment, whose first window begins at row ``first``. ``velocity_steps`` are those of
-    `TrainingData`.
+    `TrainingData`. Rows with `windows.FRAME_CHANNELS` need motors with frames.
     """
     observer = without_refcounts(observer)
     free = without_refcounts(free)
@@ -104,6 +116,10 @@ def _free_runs(
     # both simulations start from the recorded joint
     pos = rows[0, channel.POS][motor]
     vel = rows[0, channel.VEL][motor]
+    has_frames = rows.shape[1] > channel.CHANNELS
+    if has_frames:
+        _send_frame(observer.frames, rows[0], motor)
+        free.frames[SENT, :] = observer.frames[SENT]
     q = pos.copy()
     dq = vel.copy()
     obs_q = pos.copy()
@@ -118,13 +134,18 @@ def _free_runs(
             target[lane] = rows[step, channel.TARGET, motor[lane]]
             external[lane] = rows[step, channel.EXTERNAL, motor[lane]]
             stiffness[lane] = rows[step, channel.STIFFNESS, motor[lane]]
+        if has_frames:
+            _send_frame(observer.frames, rows[step], motor)
 
         # every window starts from the observer
         if step >= first and within == 0:
             free.memory[:] = observer.memory
             free.history[:] = observer.history
+            free.frames[:] = observer.frames
             q[:] = obs_q
             dq[:] = obs_dq
+        if has_frames:
+            free.frames[SENT, :] = observer.frames[SENT]
         free.clock[0] = observer.clock[0]
 
         if at_rotor:
@@ -194,6 +215,31 @@ class SegmentArrays:
         return self.rows[0, [channel.KP, channel.KD]]
 
     @property
+    def has_frames(self) -> bool:
+        """Whether the rows have the command frames of `windows.FRAME_CHANNELS`."""
+        return self.rows.shape[1] > channel.CHANNELS
+
+    @property
+    def max_request(self) -> np.ndarray:
+        """(steps, M) magnitude of the commanded torque over the logged kp [rad].
+
+        It is the position error for position commands. In other modes, it also has the feed-forward
+        torque and kd times the velocity error, over the logged kp; a gain that is not logged counts
+        as 1 N·m/rad, or 1 N·m·s/rad.
+        """
+        error = self.rows[:, channel.TARGET] - self.rows[:, channel.POS]
+        if not self.has_frames:
+            return np.abs(error)
+        kp, kd = self.gains
+        vel_error = self.rows[:, channel.VELOCITY_TARGET] - self.rows[:, channel.VEL]
+        torque = (
+            self.rows[:, channel.KP_FACTOR] * kp * error
+            + self.rows[:, channel.KD_FACTOR] * kd * vel_error
+            + self.rows[:, channel.FEEDFORWARD]
+        )
+        return np.abs(torque) / kp
+
+    @property
     def operating_conditions(self) -> np.ndarray:
         """(2, M) supply voltage over the nominal one [-], and temperature above it [K]."""
         return self.rows[0, [channel.SUPPLY, channel.TEMPERATURE_RISE]]
@@ -213,6 +259,8 @@ class WindowRuns:
         segments: segments of the logs that have at least one window.
         num_motors: M.
         at_rotor: whether the log's encoders are on the rotors.
+        command_mode: command mode of the log.
+        logs_kd: whether the log states kd.
         channels: errors per sample: of position, velocity and, if measured, torque.
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the
             whole log.
@@ -228,6 +276,8 @@ class WindowRuns:
         self.num_motors = len(series)
         self.at_rotor = data.at_rotor
         self.channels = 3 if data.has_torque else 2
+        self.command_mode = data.command_mode
+        self.logs_kd = data.logs_kd
         self._velocity_steps = data.velocity_steps
 
         self.segments = []
@@ -265,11 +315,8 @@ class WindowRuns:
 
     @property
     def max_request(self) -> np.ndarray:
-        """(M,) 99.9 % quantile of logged kp times position error [rad]."""
-        requests = []
-        for segment in self.segments:
-            error = np.abs(segment.rows[:, channel.TARGET] - segment.rows[:, channel.POS])
-            requests.append(error * segment.gains[0])
+        """(M,) 99.9 % quantile of logged kp times position error [rad], or of torque commands."""
+        requests = [segment.max_request * segment.gains[0] for segment in self.segments]
         return np.quantile(np.concatenate(requests), 0.999, axis=0)
 
     def counting(self, windows: np.ndarray) -> "WindowRuns":
@@ -342,8 +389,9 @@ class WindowRuns:
         The motors replay the rows of the log's motors with the indices ``motor`` (L,).
         """
         recipe = self.recipe
-        observer = motors.arrays(recipe.period)
-        free = motors.arrays(recipe.period)
+        new_arrays = framed_arrays if segment.has_frames else _arrays
+        observer = new_arrays(motors, recipe.period)
+        free = new_arrays(motors, recipe.period)
 
         at_rotor = self.at_rotor and isinstance(motors, GreyBoxActuator)
         if self.at_rotor and isinstance(motors, GreyBoxActuator):
@@ -371,6 +419,10 @@ class WindowRuns:
         return out
 
 
+def _arrays(motors: Actuator, period: float) -> ActuatorArrays:
+    return motors.arrays(period)
+
+
 def grey_boxes(model: GreyBox) -> MotorsOf:
     """Motors of latents, at the gains and under the operating conditions of the segment."""
 
@@ -388,7 +440,7 @@ def with_gain_unit_of(recipe: Recipe, log: MotorLog) -> Recipe:
 
     The recipe stays the same if it already has a unit, or if the log has no gains.
     """
-    if log.logged_kp is None or recipe.gain_unit:
+    if log.gains is None or recipe.gain_unit:
         return recipe
     return replace(recipe, gain_unit=log.gain_unit)
 

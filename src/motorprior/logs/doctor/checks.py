@@ -26,11 +26,13 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     ``robot`` gives limits of the joints, and gravity if its base was suspended or is fixed.
     """
     log = checked(log)
+    commands_angles = log.command_mode in ("position", "mit")
     # jumps need a correct clock and correct units, checks of motion need angles without jumps
     stages = (
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
-        (*(check(log) for check in response.CHECKS), _joint_findings(log)),
+        tuple(check(log) for check in response.CHECKS),
+        (_joint_findings(log),) if commands_angles else (),
         (signs.gravity_signs(log, robot),) if robot else (),
     )
 

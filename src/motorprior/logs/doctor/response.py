@@ -375,6 +375,8 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
 
 def copied(log: MotorLog) -> Iterator[Finding]:
     """Angles that equal their command in over 90 % of the rows in which it changes (error)."""
+    if log.command_mode in ("velocity", "torque"):
+        return  # no angle is commanded
     for column in excited_joints(log):
         joint = log.joint_names[column]
         command = log.position_target[:, column]

@@ -1,7 +1,8 @@
 """Files of named arrays, read by a column map.
 
 They are of PyTorch (.pt), NumPy (.npz, .npy), MATLAB (.mat), or pickles (.pkl). A column is an
-array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Arrays in tables and lists have names
+array ``x`` (T,), or column 2 of an array (T, J), ``x[2]``. Element 2 of an array (J,), such as a
+gain of a joint, is also ``x[2]``, and holds for all rows. Arrays in tables and lists have names
 with dots (`named_arrays`); the last part is enough where it is the only such name. Nothing in a
 file is executed. The array of a .npy is ``data``.
 """
@@ -31,15 +32,18 @@ def array_columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str,
     """
     arrays = _arrays(path)
     values = {name: _column(name, arrays, path) for name in names}
-    lengths = {name: len(column) for name, column in values.items()}
+    constants = [name for name, column in values.items() if column.ndim == 0]
+    lengths = {name: len(values[name]) for name in names if name not in constants}
     if len(set(lengths.values())) > 1:
         raise LogError(
             f"columns of different lengths: {quoted(lengths, 200)}", where=path, remedy=CORRECT
         )
-    return values
+    num_rows = next(iter(lengths.values()), 1)
+    return values | {name: np.full(num_rows, values[name]) for name in constants}
 
 
 def _column(name: str, arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
+    """(T,) column, or () element of an array (J,), which holds for all rows."""
     key, index = element_of(name)
     array = arrays.get(key)
     if array is None:
@@ -48,6 +52,8 @@ def _column(name: str, arrays: dict[str, np.ndarray], path: Path) -> np.ndarray:
             raise missing_column("array", key, arrays, path)
         array = arrays[longer_names[0]]
 
+    if array.ndim == 1 and index is not None and index < len(array):
+        return np.asarray(array[index], np.float64)
     table = array[:, None] if array.ndim == 1 else array
     is_column = table.ndim == 2 and (index or 0) < table.shape[1]
     if not is_column or (index is None and table.shape[1] > 1):

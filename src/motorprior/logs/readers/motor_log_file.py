@@ -34,7 +34,7 @@ METADATA_KEY = b"motorprior"
 REWRITE = "write the log again with this version of motorprior"
 _CHANNELS = (*JOINT_SERIES, *INTEGER_CHANNELS, "base_orientation")
 _UNITS = {"time": "s", **JOINT_SERIES, "base_orientation": "rad"}
-_TEXTS = ("robot", "motor", "source", "encoder", "gain_unit")
+_TEXTS = ("robot", "motor", "source", "encoder", "gain_unit", "command_mode")
 _HEADER = Schema(
     {
         "schema_version": exactly(SCHEMA_VERSION),
@@ -50,7 +50,8 @@ _HEADER = Schema(
         "firmware": TABLE,
     },
     REWRITE,
-    optional=frozenset({"firmware", "joint_classes"}),
+    # a log of an older version has position commands
+    optional=frozenset({"firmware", "joint_classes", "command_mode"}),
     name="header",
 )
 
@@ -110,7 +111,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     table = parquet_table(path)
     header = _header(table.schema.metadata or {}, path)
 
-    values: dict[str, Any] = {key: header[key] for key in _TEXTS}
+    values: dict[str, Any] = {key: header[key] for key in _TEXTS if key in header}
     values["firmware"] = header.get("firmware", {})
     values["given_classes"] = tuple(header.get("joint_classes", ()))
     values["joint_names"] = tuple(header["joint_names"])

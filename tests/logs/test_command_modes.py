@@ -1,0 +1,164 @@
+"""Commands of every mode: read by a column map, checked, put on a grid, written and read."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motor_logs import log_of
+
+import motorprior as mp
+from motorprior.exceptions import ArtifactError, LogError
+from motorprior.logs.motor_log import MotorLog, checked, gain_factors, settings_text
+from motorprior.logs.operations import joined, resample
+from motorprior.logs.readers.motor_log_file import read_parquet, write_log
+
+ROWS = 200
+TIME = 0.002 * np.arange(ROWS)
+COLUMNS = ("t", "goal", "speed", "tau", "p", "d", "pos")
+HEAD = 'motor = "drive"\ntime = "t"\njoint_pos = "pos"\n'
+COMMANDS = 'position_target = "goal"\nvelocity_target = "speed"\ntorque_feedforward = "tau"\n'
+GAINS = 'kp = "p"\nkd = "d"\n'
+JOINT = "[joints.a]\n"
+
+
+def table(folder: Path, kp: np.ndarray | float = 40.0, kd: np.ndarray | float = 1.0) -> Path:
+    """A CSV with COLUMNS."""
+    shape = (ROWS,)
+    goal = np.sin(5.0 * TIME)
+    speed = 5.0 * np.cos(5.0 * TIME)
+    gains = [np.broadcast_to(kp, shape), np.broadcast_to(kd, shape)]
+    rows = np.column_stack([TIME, goal, speed, 0.3 * goal, *gains, goal - 0.01])
+    path = folder / "run.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(COLUMNS), comments="")
+    return path
+
+
+def map_of(folder: Path, text: str) -> Path:
+    path = folder / "map.toml"
+    path.write_text(text)
+    return path
+
+
+def mit_log(**fields: object) -> MotorLog:
+    ramp = np.minimum(1.0, TIME / 0.1)[:, None]
+    target = np.sin(5.0 * TIME)[:, None]
+    commands = {
+        "command_mode": "mit",
+        "velocity_target": 5.0 * np.cos(5.0 * TIME)[:, None],
+        "torque_feedforward": 0.3 * target,
+        "logged_kp": 40.0 * ramp,
+        "logged_kd": np.ones_like(ramp),
+    }
+    return checked(log_of(TIME, target, **(commands | fields)))
+
+
+@pytest.mark.parametrize(
+    ("entries", "kp", "kd", "mode"),
+    [
+        ('position_target = "goal"\n', 40.0, 1.0, "position"),
+        (COMMANDS + GAINS, 40.0, 1.0, "mit"),
+        (COMMANDS + GAINS, 0.0, 1.0, "velocity"),
+        (COMMANDS + GAINS, 0.0, 0.0, "torque"),
+        ('velocity_target = "speed"\n', 40.0, 1.0, "velocity"),
+        ('torque_feedforward = "tau"\n', 40.0, 1.0, "torque"),
+    ],
+)
+def test_the_columns_of_a_map_and_gains_of_zero_give_the_command_mode(
+    tmp_path: Path, entries: str, kp: float, kd: float, mode: str
+):
+    columns = map_of(tmp_path, HEAD + entries + JOINT)
+    log = mp.read_log(table(tmp_path, kp, kd), columns=columns)
+
+    assert log.command_mode == mode
+    assert f"{mode} commands" in settings_text(log) or mode == "position"
+
+
+def test_gains_of_every_row_are_read_from_columns(tmp_path: Path):
+    ramp = np.linspace(0.0, 40.0, ROWS)
+    columns = map_of(tmp_path, HEAD + COMMANDS + GAINS + JOINT)
+
+    log = mp.read_log(table(tmp_path, ramp), columns=columns)
+
+    assert log.logged_kp is not None
+    np.testing.assert_allclose(log.logged_kp[:, 0], ramp)
+    np.testing.assert_allclose(gain_factors(log)[0, :, 0], ramp / 40.0)
+
+
+def test_gains_of_the_map_that_contradict_the_file_are_a_warning_with_both(tmp_path: Path):
+    columns = map_of(tmp_path, HEAD + COMMANDS + GAINS + JOINT + "kp = 25\nkd = 1\n")
+
+    with pytest.warns(UserWarning, match="kp of a is 40 in the file.* 25 in the column map"):
+        log = mp.load_log(table(tmp_path), columns=columns)
+
+    assert log.logged_kp is not None
+    assert log.logged_kp[0, 0] == 40.0
+
+
+def test_gains_of_a_joint_are_elements_of_an_array(tmp_path: Path):
+    path = tmp_path / "run.npz"
+    motion = np.tile(np.sin(5.0 * TIME)[:, None], (1, 2))
+    np.savez(path, t=TIME, goal=motion, pos=motion - 0.01, kp=[40.0, 80.0], kd=[1.0, 2.0])
+    text = (
+        'motor = "drive"\ntime = "t"\nposition_target = "goal[{joint}]"\n'
+        'joint_pos = "pos[{joint}]"\nkp = "kp[{joint}]"\nkd = "kd[{joint}]"\n'
+        "[joints.0]\n[joints.1]\n"
+    )
+
+    log = mp.read_log(path, columns=map_of(tmp_path, text))
+
+    assert log.gains is not None
+    np.testing.assert_array_equal(log.gains, [[40.0, 80.0], [1.0, 2.0]])
+
+
+def test_a_map_without_any_command_is_refused(tmp_path: Path):
+    with pytest.raises(ArtifactError, match="no command") as refused:
+        mp.read_log(table(tmp_path), columns=map_of(tmp_path, HEAD + JOINT))
+
+    assert "torque_feedforward" in str(refused.value.remedy)
+
+
+@pytest.mark.parametrize(
+    ("fields", "named"),
+    [
+        ({"command_mode": "position"}, "velocity_target"),
+        ({"command_mode": "velocity"}, "logged_kp"),
+        ({"command_mode": "torque"}, "velocity_target"),
+        ({"command_mode": "current"}, "current"),
+        ({"logged_kp": np.zeros((ROWS, 1))}, "logged_kp/a"),
+    ],
+)
+def test_channels_that_do_not_fit_the_command_mode_are_refused(
+    fields: dict[str, object], named: str
+):
+    with pytest.raises(LogError, match=named):
+        mit_log(**fields)
+
+
+def test_a_log_in_mit_mode_survives_its_file(tmp_path: Path):
+    log = mit_log()
+    write_log(tmp_path / "log.parquet", log)
+    read = read_parquet(tmp_path / "log.parquet")
+
+    assert read.command_mode == "mit"
+    for name in ("velocity_target", "torque_feedforward", "logged_kp", "logged_kd"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(log, name))
+
+
+def test_on_a_grid_gains_are_held_and_commands_are_means():
+    log = mit_log(torque_feedforward=(TIME >= 0.011)[:, None].astype(float))
+    step = np.where(TIME >= 0.011, 40.0, 10.0)[:, None]
+
+    grid = resample(replace(log, logged_kp=step), 0.005)
+
+    assert grid.logged_kp is not None
+    assert grid.torque_feedforward is not None
+    assert set(grid.logged_kp.ravel()) == {10.0, 40.0}
+    # the command of 12 ms holds for 3 of the 5 ms from 10 ms on
+    assert grid.torque_feedforward[2, 0] == pytest.approx(0.6)
+
+
+def test_logs_of_different_command_modes_are_not_joined():
+    position = log_of(TIME, np.sin(5.0 * TIME), joint_names=("b",))
+    with pytest.raises(LogError, match="command_mode"):
+        joined([mit_log(), checked(position)])
