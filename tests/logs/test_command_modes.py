@@ -9,7 +9,8 @@ from motor_logs import log_of
 
 import motorprior as mp
 from motorprior.exceptions import ArtifactError, LogError
-from motorprior.logs.motor_log import MotorLog, checked, gain_factors, settings_text
+from motorprior.logs.command_modes import gain_factors
+from motorprior.logs.motor_log import MotorLog, checked, settings_text
 from motorprior.logs.operations import joined, resample
 from motorprior.logs.readers.motor_log_file import read_parquet, write_log
 

@@ -9,7 +9,8 @@ from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.command_frame import SENT, Frames, framed_arrays
 from motorprior.actuator.kernels import measure_joint_pos, reset_actuator, step_actuator
 from motorprior.compiled import njit
-from motorprior.logs.motor_log import MotorLog, gain_factors
+from motorprior.logs.command_modes import gain_factors
+from motorprior.logs.motor_log import MotorLog
 
 BENCH = "bench"  # robot name in the log of a bench
 

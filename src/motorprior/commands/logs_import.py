@@ -44,9 +44,9 @@ class LogsImport:
     """Operating conditions of all motors: supply_voltage [V] and motor_temperature [°C]. The
     setting overrides the log and ``columns``."""
     suspended: bool = False
-    """The robot was suspended with a level body, so that its model gives the loads of the motors,
-    which `identify` and `adapt` need. Logs that record another posture are rejected. A robot with a
-    fixed base does not need this setting."""
+    """The robot was suspended in the air, level unless the log has its orientation, so that its
+    model gives the loads of the motors, which `identify` and `adapt` need. Logs that record another
+    posture are rejected. A robot with a fixed base does not need this setting."""
     fit_load: bool = False
     """Fit the unknown load of each motor, and print its inertia and weight with standard
     deviations. The motors must be on a static base, each with a rigid body that is the same in all

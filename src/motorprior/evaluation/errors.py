@@ -29,7 +29,8 @@ from motorprior.identification.physics.term_selection import TERM_OF, min_condit
 from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import relative_operating_conditions, seconds_since_cold
-from motorprior.logs.motor_log import MotorLog, operating_condition_text, reference_gains
+from motorprior.logs.command_modes import reference_gains
+from motorprior.logs.motor_log import MotorLog, operating_condition_text
 from motorprior.logs.operations import static_joints
 from motorprior.progress import Note, Progress
 from motorprior.signals import rms

@@ -8,7 +8,8 @@ import numpy as np
 
 from motorprior.exceptions import LogError
 from motorprior.identification.presets import Recipe
-from motorprior.logs.motor_log import MotorLog, gain_factors, other_firmware
+from motorprior.logs.command_modes import gain_factors
+from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.operations import with_velocities, without_noise
 from motorprior.signals import rms
 

@@ -30,8 +30,9 @@ def load_log(
         columns: a column map, the name of a shipped one, or its file (docs/your-motors.md).
         robot: the recorded robot, its name or its .toml file. Its model gives the loads, and its
             description the joints of formats that do not name them.
-        suspended: the robot was suspended with a level body; a robot with a fixed base needs no
-            such statement. `loads.load_source` states which loads the log gets.
+        suspended: the robot was suspended in the air, level unless the log has its orientation; a
+            robot with a fixed base needs no such statement. `loads.load_source` states which loads
+            the log gets.
         settings: the grid, and what the recording lacks.
         allow_errors: whether to load a recording in which `check_log` finds errors, such as another
             unit or sign; they are then reported as warnings.

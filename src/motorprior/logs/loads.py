@@ -7,6 +7,9 @@ the known loads of a `MotorLog`:
     J_j·q̈_j = τ_j + (-b_j - Σ_{k≠j} M_jk·q̈_k - (M_jj - J_j)·q̈_j)
     load_inertia     external_torque
 
+With the base at roll r and pitch p (`MotorLog.base_orientation`), gravity in the frame of the base
+is g·(sin p, -sin r·cos p, -cos r·cos p). A base without a logged orientation is level.
+
 J_j is the mean of M_jj over the segment, since the inertia of a bench is constant. A simulated
 joint soon leaves the recorded angle, so the change of gravity with the joint's own angle is needed
 too. With hinge axis a, mass m of the links beyond the joint and r to their centre of mass, the
@@ -34,7 +37,7 @@ from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
 LOADS = ("load_inertia", "external_torque", "load_stiffness")
-MAX_TILT = 0.15  # median roll or pitch of a level body [rad]
+MAX_SWAY = 0.15  # maximum deviation of roll and pitch from their medians in 90 % of the rows [rad]
 
 
 @dataclass(frozen=True)
@@ -55,11 +58,12 @@ def load_source(
 
     Logged loads stay. Otherwise the model of the robot gives them if its base does not move: a
     fixed base, a base that the user states to be suspended, or the logged posture "suspended" in
-    every row. The log then needs all joints of the robot in their order, and a level base.
+    every row. The log then needs all joints of the robot in their order, and a base that does not
+    sway.
 
     Raises:
         ConfigError: ``suspended`` without a robot, or for a log that has loads.
-        LogError: ``suspended``, and the log lacks joints, is tilted or has another posture.
+        LogError: ``suspended``, and the log lacks joints, sways or has another posture.
     """
     logged = [name for name in LOADS if getattr(log, name) is not None]
     if suspended and logged:
@@ -90,7 +94,7 @@ def load_source(
         return LoadSource("unknown", f"unknown, posture of {robot.name}: {postures} ({remedy})")
 
     try:
-        _require_level_robot(log, robot)
+        _require_fixed_robot(log, robot)
     except LogError as error:
         if suspended:
             raise
@@ -131,8 +135,8 @@ def require_posture(log: MotorLog, robot: Robot, where: str | Path) -> None:
     )
 
 
-def _require_level_robot(log: MotorLog, robot: Robot) -> None:
-    """Raise LogError unless the log has all joints of the robot in its order and a level base.
+def _require_fixed_robot(log: MotorLog, robot: Robot) -> None:
+    """Raise LogError unless the log has all joints of the robot in its order and a fixed base.
 
     The load of each joint depends on the motion of all joints.
     """
@@ -154,15 +158,22 @@ def _require_level_robot(log: MotorLog, robot: Robot) -> None:
 
     if log.base_orientation is None:
         return
-    tilts = np.median(np.abs(log.base_orientation), axis=0)
-    for axis, tilt in zip(BASE_AXES, tilts, strict=True):
-        if tilt > MAX_TILT:
+    deviations = np.abs(log.base_orientation - np.median(log.base_orientation, axis=0))
+    for axis, sway in zip(BASE_AXES, np.quantile(deviations, 0.9, axis=0), strict=True):
+        if sway > MAX_SWAY:
             raise LogError(
-                f"{axis} is {tilt:.2f} rad off level, by its median",
+                f"{axis} of the base sways by {sway:.2f} rad in 10 % of the rows",
                 where=log.source,
-                remedy="suspend the robot with its body level, to "
-                f"{MAX_TILT:g} rad, and record again",
+                remedy="fix the body, or suspend it from more than one rope, so that it moves by "
+                f"less than {MAX_SWAY:g} rad, and record again",
             )
+
+
+def _gravity(orientation: np.ndarray, magnitude: float) -> np.ndarray:
+    """(…, 3) gravity in the frame of a base with roll and pitch (…, 2) [rad]."""
+    roll, pitch = np.moveaxis(orientation, -1, 0)
+    down = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
+    return magnitude * np.stack(down, axis=-1)
 
 
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
@@ -173,10 +184,9 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     `operations.smooth_on_grid`.
 
     Raises:
-        LogError: not the joints of this robot, no velocities, or a base that was not level or not
-            fixed.
+        LogError: not the joints of this robot, no velocities, or a base that was not fixed.
     """
-    _require_level_robot(log, robot)
+    _require_fixed_robot(log, robot)
     if log.joint_vel is None:
         raise LogError(
             "no velocities, and loads need accelerations",
@@ -190,14 +200,18 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     stiffness = np.empty_like(log.joint_pos)
     axis = np.empty((*log.joint_pos.shape, 3))
     arm = np.empty((*log.joint_pos.shape, 3))
+    gravity = dynamics.gravity_of(log)
 
     for segment in log.segment_slices():
         acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
         rows = range(segment.start, segment.stop)
         for row, joint_acc in zip(rows, acceleration, strict=True):
+            dynamics.set_gravity(gravity[row])
             load = dynamics.load(log.joint_pos[row], log.joint_vel[row], joint_acc)
             inertia[row], external[row], axis[row], arm[row] = load
-        stiffness[segment] = dynamics.gravity_stiffness(axis[segment], arm[segment])
+        stiffness[segment] = dynamics.gravity_stiffness(
+            axis[segment], arm[segment], gravity[segment]
+        )
 
         mean_inertia = inertia[segment].mean(axis=0)
         external[segment] -= (inertia[segment] - mean_inertia) * acceleration
@@ -259,17 +273,17 @@ def with_placeholder_load(log: MotorLog) -> MotorLog:
 def gravity_torque(log: MotorLog, robot: Robot) -> Callable[[np.ndarray], np.ndarray] | None:
     """Torque of gravity on the joints (N, J) [N·m] at angles (N, J) [rad], by the robot's model.
 
-    None if the log has other joints, its base was not level and fixed, or a free base has no logged
-    posture.
+    None if the log has other joints, its base was not fixed, or a free base has no logged posture.
     """
     try:
-        _require_level_robot(log, robot)
+        _require_fixed_robot(log, robot)
     except LogError:
         return None
     if robot.base == "free" and log.posture is None:
         return None
 
     dynamics = _Dynamics(robot)
+    dynamics.set_gravity(np.median(dynamics.gravity_of(log), axis=0))
     at_rest = np.zeros(log.num_joints)
 
     def torque(angles: np.ndarray) -> np.ndarray:
@@ -290,6 +304,17 @@ class _Dynamics:
         self._model = build_model(robot, suspended=robot.base == "free")
         self._data = mujoco.MjData(self._model)
         self._units = np.eye(self._model.nv)
+
+    def gravity_of(self, log: MotorLog) -> np.ndarray:
+        """(T, 3) gravity in the frame of the base in every row [m/s²]."""
+        gravity = np.array(self._model.opt.gravity)
+        if log.base_orientation is None:
+            return np.tile(gravity, (log.num_rows, 1))
+        return _gravity(log.base_orientation, float(np.linalg.norm(gravity)))
+
+    def set_gravity(self, gravity: np.ndarray) -> None:
+        """Set the gravity (3,) in the frame of the base [m/s²]."""
+        self._model.opt.gravity[:] = gravity
 
     def load(self, joint_pos: np.ndarray, joint_vel: np.ndarray, joint_acc: np.ndarray) -> tuple:
         """Load of each joint in one state.
@@ -319,10 +344,12 @@ class _Dynamics:
         self._mujoco.mj_fwdVelocity(self._model, self._data)
         return self._data.qfrc_bias.copy()
 
-    def gravity_stiffness(self, axis: np.ndarray, arm: np.ndarray) -> np.ndarray:
-        """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3)."""
+    def gravity_stiffness(
+        self, axis: np.ndarray, arm: np.ndarray, gravity: np.ndarray
+    ) -> np.ndarray:
+        """(T, joints) load_stiffness [N·m/rad] at axes and arms (T, joints, 3), gravity (T, 3)."""
         mass = self._model.body_subtreemass[self._model.jnt_bodyid]
-        weight = mass[:, None] * self._model.opt.gravity
+        weight = mass[:, None] * gravity[:, None]
         is_hinge = self._model.jnt_type == self._mujoco.mjtJoint.mjJNT_HINGE
         torque = np.cross(np.cross(axis, arm), weight)
         return np.where(is_hinge, np.einsum("tji,tji->tj", axis, torque), 0.0)

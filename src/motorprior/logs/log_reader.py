@@ -27,6 +27,7 @@ from motorprior.logs.motor_log import (
 )
 from motorprior.robots.robot import Robot
 
+IN_MAP = "in the column map"
 MAX_NORM_ERROR = 0.02  # maximum deviation of the norm of a quaternion from 1
 FOLDER = "/"  # the ending of a folder's name
 GIVE_COLUMNS = "with columns, the file of a column map (docs/your-motors.md)"
@@ -243,7 +244,50 @@ def _time(
     if columns.time_bits is not None:
         restarts = np.cumsum(np.diff(time, prepend=time[0]) < 0.0)
         time = time - time[0] + restarts * 2.0**columns.time_bits
+    elif columns.segment is None:
+        _require_clock(time, columns, path)
     return columns.time_scale * time
+
+
+COUNTER_BITS = (16, 24, 32)  # of the counters of microcontrollers
+_PAIR = 'time = ["SECONDS", "NANOSECONDS"], the columns of both'
+_MONOTONIC = "record a monotonic clock"
+
+
+def _require_clock(time: np.ndarray, columns: ColumnMap, path: Path) -> None:
+    """Raise LogError with its cause, unless the column ``time`` (T,) increases, in its own unit."""
+    steps = np.diff(time)
+    if not np.any(steps <= 0.0):
+        return
+    row = 1 + int(np.argmax(steps <= 0.0))
+    problem, remedy = _fault_of_clock(time, columns.time_scale)
+    name = f"time (column {columns.time})"
+    raise LogError(f"row {row}, {name}: {problem}", where=path, remedy=f"{remedy} {IN_MAP}")
+
+
+def _fault_of_clock(time: np.ndarray, scale: float) -> tuple[str, str]:
+    """Cause and remedy of times (T,), in their own unit of ``scale`` [s], that do not increase."""
+    steps = np.diff(time)
+    largest_fall = -float(steps.min())
+    if time.min() >= 0.0 and time.max() < 1e9 and largest_fall > 0.9e9:
+        return "nanoseconds of a stamp, without its seconds", f"give {_PAIR},"
+    for bits in COUNTER_BITS:
+        if time.min() >= 0.0 and time.max() < 2.0**bits and largest_fall > 0.5 * 2.0**bits:
+            return f"the counter restarts at 2^{bits}", f"state time_bits = {bits}"
+
+    resolution = float(np.spacing(np.float32(np.abs(time).max())))
+    if np.array_equal(time.astype(np.float32), time) and resolution * scale > 1e-4:
+        problem = f"it has a resolution of {resolution * scale:.3g} s (float32, or few digits)"
+        return problem, "write it as float64 with all digits; or state rate, in place of time,"
+    if largest_fall > 0.0:
+        problem = f"the clock was set back by {largest_fall * scale:.3g} s"
+        remedy = f"{_MONOTONIC}; or give a column that begins a segment there as segment"
+        return problem, remedy
+    if scale == 1.0 and np.array_equal(np.rint(time), time):
+        return "whole seconds", f"give {_PAIR},"
+    resolution = float(steps[steps > 0.0].min()) * scale if np.any(steps > 0.0) else 0.0
+    problem = f"it repeats; the clock resolves {1e3 * resolution:.3g} ms"
+    return problem, f"{_MONOTONIC}; or state rate, in place of time,"
 
 
 def _converted(

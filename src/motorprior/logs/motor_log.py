@@ -11,6 +11,7 @@ import numpy as np
 
 from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import ConfigError, LogError, listed, quoted
+from motorprior.logs.command_modes import COMMAND_MODES, check_command_mode, gains_change
 from motorprior.robots.joint_classes import motor_classes
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
@@ -38,14 +39,6 @@ MIN_ROWS = 4  # minimum length of a segment next to a gap, or of a robot's recor
 ENCODERS = ("joint", "rotor")
 PHYSICAL_GAINS = "N·m/rad"
 GAIN_UNITS = (PHYSICAL_GAINS, "firmware")
-# What a command consists of:
-# position   a position target
-# mit        position target, velocity target and feed-forward torque:
-#            torque = kp·(position_target - angle) + kd·(velocity_target - velocity)
-#                     + torque_feedforward
-# velocity   the same with kp = 0
-# torque     the same with kp = kd = 0
-COMMAND_MODES = ("position", "mit", "velocity", "torque")
 
 
 class Range(NamedTuple):
@@ -272,39 +265,6 @@ def channels(log: MotorLog) -> dict[str, np.ndarray]:
     return {name: value for name, value in vars(log).items() if isinstance(value, np.ndarray)}
 
 
-def gains_change(log: MotorLog) -> bool:
-    """Whether logged gains change within a segment, for example in a ramp at the start."""
-    for gains in (log.logged_kp, log.logged_kd):
-        if gains is None:
-            continue
-        if any(np.any(gains[rows] != gains[rows.start]) for rows in log.segment_slices()):
-            return True
-    return False
-
-
-def reference_gains(log: MotorLog) -> np.ndarray:
-    """(2, J) gains to which `gain_factors` refer: `MotorLog.gains`, or 1 without any."""
-    gains = log.gains
-    return np.ones((2, log.num_joints)) if gains is None else gains
-
-
-def gain_factors(segment: MotorLog) -> np.ndarray:
-    """(2, T, J) gains in force over `reference_gains` of one segment [-].
-
-    They are 1 for gains that are not logged, and 0 for gains that the command mode does not have.
-    """
-    factors = np.ones((2, *segment.joint_pos.shape))
-    for factor, gains in zip(factors, (segment.logged_kp, segment.logged_kd), strict=True):
-        if gains is not None:
-            largest = gains.max(axis=0)
-            factor[:] = gains / np.where(largest > 0.0, largest, 1.0)
-    if segment.command_mode in ("velocity", "torque"):
-        factors[0] = 0.0
-    if segment.command_mode == "torque":
-        factors[1] = 0.0
-    return factors
-
-
 def time_steps(log: MotorLog) -> tuple[np.ndarray, np.ndarray]:
     """Rows (S,) that follow a row of the same segment, and the time steps (S,) to them [s]."""
     segments = log.segment_slices()
@@ -444,7 +404,7 @@ def checked(log: MotorLog, where: Where = None) -> MotorLog:
     log = replace(_as_arrays(log, where), firmware=registers)
     for name, values in channels(log).items():
         _check_values(name, values, log.joint_names, where)
-    _check_command_mode(log, where)
+    check_command_mode(log, where)
     _check_segments(log, where)
     return log
 
@@ -520,39 +480,6 @@ def _as_array(name: str, value: Any, shape: tuple[int, ...], where: Where) -> An
             remedy="give one row per time and one column per joint name",
         )
     return array
-
-
-# channels that logs of a command mode have, and channels that they cannot have
-_REQUIRED = {"velocity": ("velocity_target",), "torque": ("torque_feedforward",)}
-_EXCLUDED = {
-    "position": ("velocity_target", "torque_feedforward"),
-    "velocity": ("logged_kp",),
-    "torque": ("velocity_target", "logged_kp", "logged_kd"),
-}
-
-
-def _check_command_mode(log: MotorLog, where: Where) -> None:
-    mode = log.command_mode
-    remedy = "correct the command mode, or leave the channel out"
-    for name in _REQUIRED.get(mode, ()):
-        if getattr(log, name) is None:
-            raise LogError(f"{mode} commands without {name}", where=where, remedy=remedy)
-    for name in _EXCLUDED.get(mode, ()):
-        if getattr(log, name) is not None:
-            raise LogError(f"{mode} commands with {name}", where=where, remedy=remedy)
-
-    if log.logged_kp is None and log.logged_kd is not None and mode != "velocity":
-        raise LogError("kd without kp", where=where, remedy="give both, or kp alone")
-    if log.logged_kp is None:
-        return
-    is_off = ~np.any(log.logged_kp, axis=0)
-    if is_off.any():
-        joint = log.joint_names[int(is_off.argmax())]
-        raise LogError(
-            f"logged_kp/{joint} is 0 in every row",
-            where=where,
-            remedy="leave the joint out, or state another command mode (docs/your-motors.md)",
-        )
 
 
 def _check_segments(log: MotorLog, where: Where) -> None:

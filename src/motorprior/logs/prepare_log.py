@@ -78,7 +78,7 @@ def prepare_log(
     Args:
         recording: the log as it was read.
         robot: the recorded robot; gives the loads.
-        suspended: the robot was suspended with a level body.
+        suspended: the robot was suspended in the air, level unless the log has its orientation.
         settings: the grid, and what the recording lacks.
         progress: where to report to; by default warnings are Python warnings.
         allow_errors: whether errors that `check_log` finds are reported as warnings, or raised.

@@ -43,6 +43,7 @@ from motorprior.identification.windows import (
     with_window_that_fits,
 )
 from motorprior.logs.bench_names import bench_names
+from motorprior.logs.command_modes import reference_gains
 from motorprior.logs.motor_log import (
     PHYSICAL_GAINS,
     MotorLog,
@@ -50,7 +51,6 @@ from motorprior.logs.motor_log import (
     log_digest,
     motion_digest,
     motor_logs,
-    reference_gains,
 )
 from motorprior.logs.operations import joined
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress

@@ -8,11 +8,12 @@ They need the extra ``ros``. A column of a column map is a number in the message
 
 FIELD is a path of fields separated by points. A list element is given by its index or, in a message
 that lists joint names (``name`` or ``joint_names``), by a joint's name. ``log_time`` is the
-recorder's clock. A row is a message of the topic of the angles, with the last message before it of
-every other topic.
+recorder's clock. A row is a message with the angle of the first joint, with the last value before
+it of every other column. A message that lists joint names has values of these joints only, so that
+several publishers may share a topic.
 
 Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in
-any namespace, and the commands. A velocity or effort that the first message lacks is not read.
+any namespace, and the commands. A velocity or effort that a first message lacks is not read.
 """
 
 import re
@@ -20,6 +21,7 @@ from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +44,8 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 _POINT = re.compile(r"\.(?![^\[]*\])")  # between fields, not within a joint's name
 _STEP = re.compile(r"([A-Za-z]\w*)(?:\[([^\[\]]+)\])?", re.ASCII)
 _RECOVER = "repair it with `mcap recover`, or copy it again from its source"
+# messages at the beginning of a topic from which the names of its joints are read
+_FIRST_MESSAGES = 100
 _REMEDY = (
     f"give one topic joint_states and one of commands, both {JOINT_STATE}; "
     f"or read the bag {GIVE_COLUMNS}"
@@ -103,8 +107,8 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
     state = next(topic for topic in messages if _is_state(topic))
     command = next(topic for topic in messages if topic != state)
 
-    names = tuple(messages[command].name)
-    missing = sorted(set(names) - set(messages[state].name))
+    names = _joint_names(messages[command])
+    missing = sorted(set(names) - set(_joint_names(messages[state])))
     if missing:
         raise LogError(
             f"the command has a joint {missing[0]!r}, the states have none",
@@ -117,9 +121,9 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
         "joint_pos": state + ":position[{joint}]",
     }
     for channel, name in (("joint_vel", "velocity"), ("joint_torque", "effort")):
-        values = np.array(getattr(messages[state], name))
+        values = [np.array(getattr(message, name)) for message in messages[state]]
         # ros2_control writes NaN for a missing interface
-        if values.size and not np.isnan(values).any():
+        if all(array.size and not np.isnan(array).any() for array in values):
             series[channel] = f"{state}:{name}[{{joint}}]"
 
     robot = robot_of_joints(robot, names)
@@ -137,15 +141,25 @@ def _is_state(topic: str) -> bool:
     return topic.rsplit("/", 1)[-1] == "joint_states"
 
 
-def _first_joint_states(path: Path) -> dict[str, Any]:
-    """First JointState of the topic of states and of the topic of commands."""
-    messages = {}
+def _joint_names(messages: list[Any]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for message in messages for name in message.name))
+
+
+def _first_joint_states(path: Path) -> dict[str, list[Any]]:
+    """First JointStates of the topic of states and of the topic of commands.
+
+    There is one for each set of joints that a message names.
+    """
+    messages: dict[str, list[Any]] = {}
     with _opened(path) as (reader, types):
         for topic in types:
             if types[topic] == JOINT_STATE:
-                first = next(reader.iter_decoded_messages(topics=[topic]), None)
-                if first is not None:
-                    messages[topic] = first.decoded_message
+                first = islice(reader.iter_decoded_messages(topics=[topic]), _FIRST_MESSAGES)
+                of_joints = {}
+                for item in first:
+                    of_joints.setdefault(tuple(item.decoded_message.name), item.decoded_message)
+                if of_joints:
+                    messages[topic] = list(of_joints.values())
 
     if len(messages) != 2 or sum(map(_is_state, messages)) != 1:
         topics = [f"{topic} ({message_type})" for topic, message_type in sorted(types.items())]
@@ -169,7 +183,7 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
     Rows begin when every topic has a message. An error names topic, message and field.
     """
     fields = [_field(name, path) for name in names if name != CLOCK]
-    row_topic = _field(columns.columns_of("joint_pos", columns.joints)[0], path).topic
+    row_field = _field(columns.columns_of("joint_pos", columns.joints)[0], path)
     count = dict.fromkeys((field.topic for field in fields), 0)
 
     times = array("q")
@@ -181,17 +195,26 @@ def _columns(path: Path, names: list[str], columns: ColumnMap) -> dict[str, np.n
 
         for message in reader.iter_decoded_messages(topics=list(count)):  # in order of time
             topic = message.channel.topic
+            content = message.decoded_message
             for field in fields:
-                if field.topic == topic:
-                    latest[field.name] = _number(message.decoded_message, field, count, path)
+                if field.topic == topic and _has_joint(content, field):
+                    latest[field.name] = _number(content, field, count, path)
             count[topic] += 1
-            if topic == row_topic and len(latest) == len(fields):
+            is_row = topic == row_field.topic and _has_joint(content, row_field)
+            if is_row and len(latest) == len(fields):
                 times.append(message.message.log_time)
                 values.extend(latest[field.name] for field in fields)
 
     for topic, messages in count.items():
         if not messages:
             raise LogError(f"no message of {quoted(topic)}", where=path, remedy=CORRECT)
+    for field in fields:
+        if field.name not in latest:
+            raise LogError(
+                f"no message has the joint of {quoted(field.name, 120)}",
+                where=path,
+                remedy=CORRECT,
+            )
 
     table = np.array(values).reshape(len(times), len(fields))
     clock = np.array(times)
@@ -222,6 +245,15 @@ def _number(message: Any, field: _Field, count: dict[str, int], path: Path) -> f
         reason = str(error)[:120]
         problem = f"message {number} has no number {quoted(field.name, 120)} ({reason})"
         raise LogError(problem, where=path, remedy=CORRECT) from error
+
+
+def _has_joint(message: Any, field: _Field) -> bool:
+    """Whether a message that lists joint names lists the joint of the field."""
+    names = [*getattr(message, "name", ()), *getattr(message, "joint_names", ())]
+    elements = [element for _, element in field.steps if element is not None]
+    if not names or len(elements) != 1 or elements[0].isdecimal():
+        return True
+    return elements[0] in names
 
 
 def _value(message: Any, field: _Field) -> float:
