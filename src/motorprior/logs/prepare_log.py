@@ -238,6 +238,7 @@ def _raise_errors(notes: Sequence[Note], path: Path) -> None:
 
 
 def _is_doubtful(finding: Finding) -> bool:
-    """Whether columns may be exchanged, or in another unit."""
+    """Whether columns may be wrong, or commands and motion do not belong together."""
     is_early = finding.check == "tracking" and finding.value < 0.0
-    return finding.severity == "warning" and (finding.check == "excitation" or is_early)
+    is_doubtful = finding.check in ("excitation", "command_rate", "torque_off") or is_early
+    return finding.severity == "warning" and is_doubtful

@@ -9,14 +9,19 @@ from itertools import chain
 
 import numpy as np
 
-from motorprior.logs.doctor import readings, response, signs
+from motorprior.logs.doctor import commands, readings, response, signs
 from motorprior.logs.doctor.findings import Finding, LogReport
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import excited_joints
 from motorprior.robots.robot import Robot
 
 # checks of the window of a joint in which its command travels farthest; tracking comes first
-PER_JOINT = (response.tracking, response.saturation, signs.torque_sign)
+PER_JOINT = (
+    response.tracking,
+    response.saturation,
+    signs.torque_sign,
+    commands.command_rate,
+)
 _SEVERITIES = ("error", "warning", "info")
 
 
@@ -31,7 +36,7 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     stages = (
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
-        tuple(check(log) for check in response.CHECKS),
+        tuple(check(log) for check in (*response.CHECKS, *commands.CHECKS)),
         (_joint_findings(log),) if commands_angles else (),
         (signs.gravity_signs(log, robot),) if robot else (),
     )

@@ -1,0 +1,168 @@
+"""Checks of commands: a rate below the sender's, a feed-forward torque that is none, torque off."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from motorprior.logs.doctor.findings import IN_MAP, Finding
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import excited_joints, with_velocities
+from motorprior.signals import rms, runs_of_true
+
+MIN_HELD_ROWS = 3  # median number of rows between changes of a command that is logged slowly
+MAX_DELAY = 0.08  # maximum delay of a command that `command_rate` tries [s]
+# share of the unexplained acceleration that straight lines between commands must leave
+MAX_REMAINING = 0.6
+FULL_FRICTION_SPEED = 0.1  # [rad/s]
+MIN_LAW_SHARE = 0.98  # share of a feed-forward torque that the control law explains
+BLOCK = 0.5  # duration of the blocks of `torque_off` [s]
+MIN_BLOCKS = 3
+MIN_ERROR = 0.15  # minimum error of a joint whose torque is off [rad]
+ERROR_RATIO = 6.0  # minimum error of such a block over the lower quartile of all blocks
+MAX_CROSSING = 4  # blocks in which the command may cross the angle of a joint without torque
+MIN_FALL = 0.4  # share of that error at which a joint that falls slowly counts as without torque
+MIN_CORRELATION = 0.5  # minimum correlation of an angle with its command if the torque is on
+
+
+def command_rate(window: MotorLog) -> Iterator[Finding]:
+    """Commands that change every few rows, while the angle answers a line between them.
+
+    Both commands, held and linear between their changes, explain the acceleration of the angle by
+    linear regression,
+
+        q̈ = a·(command(t - delay) - q) - b·q̇ - c·sign q̇ + d·sin q + e·cos q + f.
+    """
+    command = window.position_target[:, 0]
+    changes = 1 + np.flatnonzero(np.diff(command))
+    if len(changes) < 10:
+        return
+    held_rows = float(np.median(np.diff(changes)))
+    if held_rows < MIN_HELD_ROWS:
+        return
+
+    linear = np.interp(window.time, window.time[changes], command[changes])
+    half_width = max(1, int(held_rows // 4))
+    held_error = _unexplained(window, command, half_width)
+    linear_error = _unexplained(window, linear, half_width)
+    if linear_error >= MAX_REMAINING * held_error:
+        return
+    joint = window.joint_names[0]
+    milliseconds = 1e3 * held_rows * window.period
+    message = (
+        f"the command of {joint} changes every {milliseconds:.3g} ms, but the angle follows a "
+        f"line between the commands: {100 * linear_error:.0f} % of its acceleration is unexplained "
+        f"by the line, {100 * held_error:.0f} % by held commands"
+    )
+    remedy = (
+        "commands were sent between the logged ones: log every command that is sent; armature, "
+        "delay and gear of this log are not identifiable"
+    )
+    yield Finding("warning", "command_rate", milliseconds, message, remedy, joint)
+
+
+def _unexplained(window: MotorLog, command: np.ndarray, half_width: int) -> float:
+    """Share of the variance of the acceleration that a command (T,) does not explain [-].
+
+    The acceleration is a second difference over ``half_width`` rows, which is a triangular mean of
+    the acceleration; the other terms have the same mean.
+    """
+    angle = window.joint_pos[:, 0]
+    rising = np.arange(1, half_width + 1)
+    triangle = np.concatenate([rising, rising[-2::-1]]) / half_width**2
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.convolve(values, triangle, "same")
+
+    before = np.roll(angle, half_width)
+    after = np.roll(angle, -half_width)
+    acceleration = (after - 2.0 * angle + before) / (half_width * window.period) ** 2
+    velocity = mean(np.gradient(angle, window.period))
+    friction = np.tanh(velocity / FULL_FRICTION_SPEED)
+    inside = slice(3 * half_width, -3 * half_width)
+    variance = np.var(acceleration[inside])
+
+    errors = []
+    for delay in range(max(1, int(MAX_DELAY / window.period))):
+        delayed = np.concatenate([np.full(delay, command[0]), command[: len(command) - delay]])
+        terms = [mean(delayed - angle), velocity, friction, np.sin(angle), np.cos(angle)]
+        table = np.column_stack([*terms, np.ones_like(angle)])[inside]
+        coefficients = np.linalg.lstsq(table, acceleration[inside], rcond=None)[0]
+        errors.append(np.mean((acceleration[inside] - table @ coefficients) ** 2))
+    return float(min(errors) / max(variance, 1e-300))
+
+
+def whole_torque(log: MotorLog) -> Iterator[Finding]:
+    """Feed-forward torques that are the torque of the control law, kp·error + kd·velocity error."""
+    if log.torque_feedforward is None or log.command_mode != "mit":
+        return
+    velocity = with_velocities(log).joint_vel
+    assert velocity is not None
+    for column, joint in enumerate(log.joint_names):
+        feedforward = log.torque_feedforward[:, column]
+        error = log.position_target[:, column] - log.joint_pos[:, column]
+        variance = np.var(feedforward)
+        if variance < 1e-12:
+            continue
+        table = np.column_stack([error, velocity[:, column], np.ones_like(error)])
+        coefficients = np.linalg.lstsq(table, feedforward, rcond=None)[0]
+        share = 1.0 - np.var(feedforward - table @ coefficients) / variance
+        kp = coefficients[0]
+        negative_kd = coefficients[1]
+        if share < MIN_LAW_SHARE or kp <= 0.0:
+            continue
+        message = (
+            f"torque_feedforward/{joint} is {kp:.3g}·(position_target - joint_pos) "
+            f"{negative_kd:+.3g}·joint_vel: the torque of the control law, not a feed-forward"
+        )
+        remedy = f"leave torque_feedforward out {IN_MAP}"
+        yield Finding("error", "feedforward", float(share), message, remedy, joint)
+
+
+def torque_off(log: MotorLog) -> Iterator[Finding]:
+    """Joints that stop following their command for seconds, as after an overload."""
+    if log.command_mode in ("velocity", "torque"):
+        return
+    rows = max(2, round(BLOCK / log.period))
+    for column in excited_joints(log):
+        error = log.joint_pos[:, column] - log.position_target[:, column]
+        num_blocks = len(error) // rows
+        if num_blocks < 2 * MIN_BLOCKS:
+            continue
+        blocks = rms(error[: num_blocks * rows].reshape(num_blocks, rows), axis=1)
+        limit = max(MIN_ERROR, ERROR_RATIO * float(np.quantile(blocks, 0.25)))
+        is_far = blocks > limit
+        for first, after in runs_of_true(~is_far).tolist():
+            if first and after < num_blocks and after - first <= MAX_CROSSING:
+                is_far[first:after] = True
+        for first, after in runs_of_true(is_far).tolist():
+            while first and blocks[first - 1] > MIN_FALL * limit:
+                first -= 1
+            stretch = slice(first * rows, after * rows)
+            if after - first < MIN_BLOCKS or _follows(log, column, stretch):
+                continue
+            row = stretch.start
+            seconds = (after - first) * BLOCK
+            joint = log.joint_names[column]
+            message = (
+                f"{joint} does not follow its command from row {row} on ({log.time[row]:.4g} s), "
+                f"for {seconds:.3g} s: is its torque off?"
+            )
+            remedy = "delete these rows, or record again"
+            yield Finding("warning", "torque_off", seconds, message, remedy, joint, row)
+
+
+def _follows(log: MotorLog, column: int, stretch: slice) -> bool:
+    """Whether the angle correlates with its command, at the best delay up to 0.25 s."""
+    command = log.position_target[stretch, column]
+    angle = log.joint_pos[stretch, column]
+    best = 0.0
+    for delay in range(0, max(1, min(int(0.25 / log.period), len(angle) // 2))):
+        motion = angle[delay:] - angle[delay:].mean()
+        commanded = command[: len(command) - delay]
+        commanded = commanded - commanded.mean()
+        norm = np.sqrt((motion @ motion) * (commanded @ commanded))
+        best = max(best, float(motion @ commanded) / max(norm, 1e-300))
+    return best >= MIN_CORRELATION
+
+
+CHECKS = (whole_torque, torque_off)

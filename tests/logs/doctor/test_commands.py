@@ -1,0 +1,73 @@
+"""Commands that were logged slowly, feed-forward torques that are none, and torque that goes off."""
+
+import numpy as np
+import pytest
+from motor_logs import log_of, of_check
+
+from motorprior.logs.doctor.checks import check_log
+from motorprior.logs.motor_log import MotorLog
+
+PERIOD = 0.005  # [s]
+TIME = PERIOD * np.arange(8000)
+SMOOTH = sum(
+    np.sin(2 * np.pi * frequency * TIME + phase) / (1.0 + 2.0 * frequency)
+    for frequency, phase in ((0.13, 0.0), (0.31, 1.0), (0.7, 2.0), (1.3, 3.0))
+)
+SLOW = np.repeat(SMOOTH[::10], 10)  # the command at 20 Hz, held
+
+
+def answer(command: np.ndarray, kp: float = 200.0, kd: float = 20.0) -> np.ndarray:
+    """Angle of a joint of unit inertia under a PD, at 1 ms, with encoder noise."""
+    angle = np.zeros(len(command))
+    q = command[0]
+    dq = 0.0
+    for row, target in enumerate(command):
+        angle[row] = q
+        for _ in range(5):
+            dq += 0.001 * (kp * (target - q) - kd * dq)
+            q += 0.001 * dq
+    return angle + 1e-4 * np.random.default_rng(0).standard_normal(len(command))
+
+
+def mit_log(feedforward: np.ndarray) -> MotorLog:
+    angle = answer(SMOOTH)
+    return log_of(TIME, SMOOTH, angle, command_mode="mit", torque_feedforward=feedforward[:, None])
+
+
+def test_a_command_that_was_sent_faster_than_logged_is_reported():
+    (finding,) = of_check(check_log(log_of(TIME, SLOW, answer(SMOOTH))), "command_rate")
+
+    assert finding.severity == "warning"
+    assert finding.value == pytest.approx(50.0)
+    assert "log every command" in finding.remedy
+
+
+@pytest.mark.parametrize(("command", "kp"), [(SLOW, 200.0), (SLOW, 40.0), (SMOOTH, 200.0)])
+def test_a_command_that_was_logged_as_it_was_sent_is_not(command: np.ndarray, kp: float):
+    log = log_of(TIME, command, answer(command, kp))
+
+    assert not of_check(check_log(log), "command_rate")
+
+
+def test_a_feed_forward_torque_that_is_the_torque_of_the_law_is_an_error():
+    angle = answer(SMOOTH)
+    law = 80.0 * (SMOOTH - angle) - 2.5 * np.gradient(angle, TIME)
+
+    (finding,) = of_check(check_log(mit_log(law)), "feedforward")
+
+    assert finding.severity == "error"
+    assert "80" in finding.message
+    assert not of_check(check_log(mit_log(3.0 * np.sin(SMOOTH))), "feedforward")
+
+
+def test_a_joint_whose_torque_goes_off_is_reported_with_its_row():
+    driven = answer(SMOOTH, 2000.0, 60.0)
+    angle = driven.copy()
+    falling = np.exp(-4.0 * (TIME[5600:] - TIME[5600]))
+    angle[5600:] = -1.5 + (angle[5600] + 1.5) * falling
+
+    findings = of_check(check_log(log_of(TIME, SMOOTH, angle)), "torque_off")
+
+    assert len(findings) == 1
+    assert findings[0].row == pytest.approx(5600, abs=150)
+    assert not of_check(check_log(log_of(TIME, SMOOTH, driven)), "torque_off")
