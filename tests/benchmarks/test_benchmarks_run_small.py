@@ -33,6 +33,7 @@ SMALL_RUNS = {
         "--prior pupper_v2 --out {out} --robots 1 --seeds 1 --walks 1 --iterations 1 --further 1 "
         "--episode-steps 10 --directions 1 --walk-seconds 1 --record-seconds 5"
     ),
+    "command_modes": SmallRun("--out {out} --mit 1 --torque 1 --seconds 4"),
     "engines": SmallRun(
         "--prior pupper_v2 --figure {out}/engines.png --trots 1 --steps 20",
         files=("engines.png",),

@@ -1,4 +1,4 @@
-"""Commands that were logged slowly, feed-forward torques that are none, and torque that goes off."""
+"""Doctor of commands: logged too slowly, the torque of the law as feed-forward, torque off."""
 
 import numpy as np
 import pytest
