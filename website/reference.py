@@ -41,7 +41,7 @@ OPTIONAL = {
 }
 # constants in the table of motor cards
 CARD_CONSTANTS = ("armature", "coulomb", "viscous_damping", "kp", "delay")
-WIDTH = "100"  # columns of the help of commands
+WIDTH = "118"  # columns of the help of commands, so that lines of docstrings are not broken
 
 
 def pages() -> dict[str, str]:
