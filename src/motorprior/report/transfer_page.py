@@ -31,8 +31,8 @@ class _Format(NamedTuple):
 
 
 METRICS = {
-    "upright": _Format("time upright [%]", 100.0, ".0f"),
-    "speed": _Format("speed [m/s]", 1.0, ".2f"),
+    "upright": _Format("time upright [%]", 100.0, "z.0f"),
+    "speed": _Format("speed [m/s]", 1.0, "z.2f"),
 }
 # how the robots step, see `gait_quality.walk_metrics`
 STEPS = {
