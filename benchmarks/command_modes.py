@@ -147,6 +147,7 @@ def recorded(rng: np.random.Generator, constants: Constants, mode: str, seconds:
     integrate(table, target, velocity, feedforward, kp_factor, angle)
 
     reading = angle + NOISE * rng.standard_normal(shape)
+    channels.setdefault("position_target", reading)
     log = MotorLog(
         time=time,
         joint_pos=reading,
@@ -159,7 +160,7 @@ def recorded(rng: np.random.Generator, constants: Constants, mode: str, seconds:
         load_inertia=np.broadcast_to(inertia, shape),
         external_torque=-weight * np.sin(reading),
         load_stiffness=-weight * np.cos(reading),
-        **({"position_target": reading} | channels),
+        **channels,
     )
     return checked(log)
 

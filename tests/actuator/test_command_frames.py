@@ -114,8 +114,14 @@ def test_the_delay_holds_for_the_whole_frame(command: Frames):
 def test_torque_control_accelerates_rotor_and_load_by_the_commanded_torque():
     armature = 0.003
     inertia = 0.01
-    frictionless = {"coulomb": 1e-9, "stribeck_torque": 1e-9, "viscous_damping": 1e-9}
-    box = make_grey_box(spread=0.0, armature=armature, load_friction=1e-9, **frictionless)
+    box = make_grey_box(
+        spread=0.0,
+        armature=armature,
+        coulomb=1e-9,
+        stribeck_torque=1e-9,
+        viscous_damping=1e-9,
+        load_friction=1e-9,
+    )
     motors = Motors(box.motors(np.zeros((1, 3))), H, np.zeros(1))
     q = np.zeros(1)
     dq = np.zeros(1)

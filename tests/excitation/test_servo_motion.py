@@ -55,7 +55,7 @@ def test_equal_seeds_give_equal_targets_and_others_differ():
     same = [np.concatenate([part.targets for part in parts_of(seed=3)]) for _ in range(2)]
     other = np.concatenate([part.targets for part in parts_of(seed=4)])
 
-    np.testing.assert_array_equal(*same)
+    np.testing.assert_array_equal(same[0], same[1])
     assert not np.array_equal(same[0], other)
 
 

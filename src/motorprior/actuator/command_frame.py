@@ -82,7 +82,7 @@ def delay_frames(frames: np.ndarray, now: int, delay: np.ndarray, shift: float) 
     newest = write_line(frames, LINE, now, frames[SENT])
     num_motors = delay.shape[0]
     for column in range(frames.shape[1]):
-        age = delay[column % num_motors] + shift
+        age = float(delay[column % num_motors]) + shift
         frames[IN_FORCE, column] = interpolated(frames, LINE, newest, age, column)
     for motor in range(num_motors):
         age = delay[motor] + shift

@@ -72,10 +72,10 @@ def gain_factors(segment: Log) -> np.ndarray:
     They are 1 for gains that are not logged, and 0 for gains that the command mode does not have.
     """
     factors = np.ones((2, *segment.joint_pos.shape))
-    for factor, gains in zip(factors, (segment.logged_kp, segment.logged_kd), strict=True):
+    for row, gains in enumerate((segment.logged_kp, segment.logged_kd)):
         if gains is not None:
             largest = gains.max(axis=0)
-            factor[:] = gains / np.where(largest > 0.0, largest, 1.0)
+            factors[row] = gains / np.where(largest > 0.0, largest, 1.0)
     if segment.command_mode in ("velocity", "torque"):
         factors[0] = 0.0
     if segment.command_mode == "torque":

@@ -74,7 +74,9 @@ def series(box: GreyBox, z: np.ndarray) -> np.ndarray:
 
 def loss(box: GreyBox, series: np.ndarray, z: np.ndarray, at_rotor: bool) -> float:
     rows = series.shape[1]
-    data = TrainingData(series, np.arange(1), (slice(0, rows),), SCALES, False, at_rotor)
+    data = TrainingData(
+        series, np.arange(1), (slice(0, rows),), SCALES, has_torque=False, at_rotor=at_rotor
+    )
     return float(motor_search(box, WindowRuns(data, PRESET)).losses(z).mean())
 
 

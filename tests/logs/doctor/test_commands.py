@@ -9,10 +9,9 @@ from motorprior.logs.motor_log import MotorLog
 
 PERIOD = 0.005  # [s]
 TIME = PERIOD * np.arange(8000)
-SMOOTH = sum(
-    np.sin(2 * np.pi * frequency * TIME + phase) / (1.0 + 2.0 * frequency)
-    for frequency, phase in ((0.13, 0.0), (0.31, 1.0), (0.7, 2.0), (1.3, 3.0))
-)
+FREQUENCY = np.array([0.13, 0.31, 0.7, 1.3])  # [Hz]
+SINES = np.sin(2 * np.pi * FREQUENCY * TIME[:, None] + np.arange(4.0))
+SMOOTH = (SINES / (1.0 + 2.0 * FREQUENCY)).sum(axis=1)
 SLOW = np.repeat(SMOOTH[::10], 10)  # the command at 20 Hz, held
 
 
