@@ -47,7 +47,8 @@ if not args.pd:
 
     # a step that resolves the gears of all samples, at the same control rate
     gains_of_samples = np.tile([[kp], [kd]], 3072)
-    samples = prior.sample(3072, seed=0, gains=gains_of_samples)
+    classes = np.resize(prior.classes.of_motors, 3072).tolist()
+    samples = prior.sample(classes, seed=0, gains=gains_of_samples)
     control_dt = cfg.sim.mujoco.timestep * cfg.decimation
     needed = int(np.ceil(control_dt / float(max_steps(samples).min())))
     cfg.decimation = max(cfg.decimation, needed)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,7 @@ from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.artifacts import read_tensors, write_tensors
-from motorprior.exceptions import ArtifactError
+from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import Joint
 
@@ -146,11 +147,41 @@ def test_a_recorded_joint_gets_its_motor_whatever_the_robot_calls_its_class(relo
 
 
 def test_a_joint_of_an_unknown_class_gets_any_motor(reloaded: MotorPrior):
-    motors = reloaded.sample(("tail",) * 500, 0)
+    joints = tuple(joints_named(tuple(f"tail{index}" for index in range(500))))
+    motors = reloaded.sample(replace(PUPPER_V2, joints=joints, given_classes=("tail",) * 500), 0)
 
     # the means of the classes are up to 10 apart
     assert motors.z.std() > 3.5
     assert np.abs(motors.z.mean()) < 0.4
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("calff", "calf"), ("FL_thig_joint", "thigh"), ("tail", "hip, thigh, calf")],
+)
+def test_an_unknown_name_is_an_error_with_the_nearest_names(
+    reloaded: MotorPrior, name: str, nearest: str
+):
+    uses = (partial(reloaded.constants, name), partial(reloaded.sample, (name,), 0))
+    for use in uses:
+        with pytest.raises(ConfigError, match=f"'{name}'") as error:
+            use()
+        assert nearest in (error.value.remedy or "")
+
+
+def test_a_prior_of_one_class_has_it_for_any_joint_but_no_constants_of_another(
+    gain_scaled: MotorPrior,
+):
+    assert len(gain_scaled.sample(("wrist", "elbow"), 0).z) == 2
+    with pytest.raises(ConfigError, match="'wrist'"):
+        gain_scaled.constants("wrist")
+
+
+def test_a_number_of_motors_of_a_prior_with_classes_is_an_error(reloaded: MotorPrior):
+    assert len(reloaded.sample(3, 0).z) == 3  # one per training motor
+    with pytest.raises(ConfigError, match="12 motors") as error:
+        reloaded.sample(12, 0)
+    assert "('hip',) * 12" in (error.value.remedy or "")
 
 
 def test_a_joint_without_gains_gets_the_logged_gains_of_its_class(reloaded: MotorPrior):

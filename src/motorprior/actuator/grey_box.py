@@ -125,10 +125,13 @@ class GreyBox:
         By default the motors are cold, at nominal supply voltage and temperature. With a
         ``gain_unit``, kp and kd_over_kp are multiples of the logged gains (`with_logged_gains`).
         """
+        return decode(self.outputs(z), self.terms, operating_conditions)
+
+    def outputs(self, z: np.ndarray) -> np.ndarray:
+        """(n, P) decoder outputs of motors with latents z (n, Z)."""
         # einsum instead of @, whose rounding depends on the number of motors
         shift = np.einsum("nz,zp->np", self.decoder_latents(z), self.slope)
-        raw = self.center + np.clip(shift, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-        return decode(raw, self.terms, operating_conditions)
+        return self.center + np.clip(shift, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
 
     def armature(self, z: np.ndarray) -> np.ndarray:
         """(n,) decoded armature [kg·m²] of motors with latents z (n, Z)."""

@@ -45,7 +45,7 @@ from motorprior.bounds import (
 )
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
-from motorprior.robots.joint_classes import classes_among
+from motorprior.robots.joint_classes import classes_among, unknown_joint
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
@@ -185,7 +185,7 @@ class MotorPrior(Printable):
         Args:
             joints: the robot, whose joints have classes; a class or a joint's name per motor; or a
                 number of motors. As many motors as the training motors have the classes of these,
-                in order; another number of motors has the classes of random training motors.
+                in order. Another number is allowed for priors with one class.
             seed: seed, or a generator to continue.
             gains: (2, count) kp and kd in the model's ``gain_unit``, ignored if that is "". The
                 default is the gains of the robot; without a robot, the gains of the training motors
@@ -195,13 +195,14 @@ class MotorPrior(Printable):
                 classes.
 
         Raises:
-            ConfigError: an argument out of range.
+            ConfigError: an argument out of range, a name that is neither a class nor a joint of the
+                prior, or a number of motors whose classes are unknown.
         """
         rng = generator_of(seed)
         robot = None if isinstance(joints, int | np.integer | Iterable) else joints
         if robot is not None and gains is None:
             gains = robot_gains(self, robot)
-        classes = self._sampled_classes(joints, rng)
+        classes = self._sampled_classes(joints)
         require_number("spread", spread)
         mean, std = self.classes.mean_and_std(classes)
         z = mean + spread * std * rng.standard_normal(mean.shape)
@@ -250,32 +251,47 @@ class MotorPrior(Printable):
         slope = np.where(is_frozen, 0.0, model.slope)
         return replace(self, model=replace(model, center=center, slope=slope))
 
-    def _sampled_classes(
-        self, joints: "int | Robot | Sequence[str]", rng: np.random.Generator
-    ) -> tuple[str, ...]:
+    def _sampled_classes(self, joints: "int | Robot | Sequence[str]") -> tuple[str, ...]:
         if isinstance(joints, str):
-            return self._classes_named((joints,))
+            return self.classes_named((joints,))
         if isinstance(joints, Iterable):
-            return self._classes_named(tuple(joints))
+            return self.classes_named(tuple(joints))
         if not isinstance(joints, int | np.integer):
             return self.joint_classes(joints)
 
-        count = joints
-        require_count("count", count)
+        require_count("count", joints)
         training_classes = self.classes.of_motors
-        if count == len(training_classes):
+        if joints == len(training_classes):
             return training_classes
-        if len(self.classes.names) == 1:
-            return (training_classes[0],) * count
-        rows = rng.integers(len(training_classes), size=count)
-        return tuple(training_classes[row] for row in rows)
+        names = self.classes.names
+        if len(names) > 1:
+            problem = f"{joints} motors of a prior with the classes {listed(names, 8)}"
+            remedy = f"give the robot, or a class per motor, such as ({names[0]!r},) * {joints}"
+            raise ConfigError(problem, remedy=remedy, argument="joints")
+        return (training_classes[0],) * joints
 
-    def _classes_named(self, names: Sequence[str]) -> tuple[str, ...]:
-        """The class of each name, which is the name of a class or of a joint."""
+    def classes_named(self, names: Sequence[str]) -> tuple[str, ...]:
+        """The class of each name, which is the name of a class or of a joint.
+
+        Raises `ConfigError` for other names, unless the prior has a single class.
+        """
         classes = []
         for name, class_of_joint in zip(names, self.joint_classes(names), strict=True):
-            classes.append(name if name in self.classes.names else class_of_joint)
+            joint_class = name if name in self.classes.names else class_of_joint
+            if len(self.classes.names) > 1 and joint_class not in self.classes.names:
+                raise self._unknown_name(name)
+            classes.append(joint_class)
         return tuple(classes)
+
+    def _unknown_name(self, name: str) -> ConfigError:
+        """Error of a name that is neither a class nor a joint, with the nearest names."""
+        names = [*self.classes.names, *self.joint_names]
+        if not any(names):
+            problem = f"{name!r}: the prior has one class, without a name"
+            return ConfigError(problem, remedy="leave it out", argument="joints")
+        return unknown_joint(
+            name, [known for known in names if known], "joint or class of the prior"
+        )
 
     def sampled_gains(
         self, classes: Sequence[str], gains: np.ndarray | None = None
@@ -346,11 +362,19 @@ class MotorPrior(Printable):
 
         New motors are of the class ``joint_class``, or of the class of the joint of this name;
         without one, they have the classes of the training motors, in their proportions. The
-        estimates are those of the joint, or medians over the training motors of the class.
+        estimates are those of the joint, or medians over the training motors of the class. Raises
+        `ConfigError` for another name.
         """
         joint_name = joint_class
         if joint_class is not None:
-            (joint_class,) = self._classes_named((joint_class,))
+            is_joint = joint_class in self.joint_names
+            if (
+                not is_joint
+                and joint_class not in self.classes.names
+                and len(self.classes.names) < 2
+            ):
+                raise self._unknown_name(joint_class)
+            (joint_class,) = self.classes_named((joint_class,))
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=NUM_SAMPLES)
         classes = [

@@ -58,7 +58,7 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
 def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:
     """The log of a bench's folder, or all logs as one, and its provenance.
 
-    The source of the log is its first file.
+    The source of the log are its files.
 
     Raises:
         ConfigError: no log.
@@ -85,4 +85,5 @@ def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:
             where=first,
             remedy="give the folder that `motorprior bench` wrote: `motorprior identify FOLDER`",
         )
-    return replace(log, source=str(first)), provenance_of(logs, log=log.source)
+    source = "; ".join(str(path) for path in paths)
+    return replace(log, source=source), provenance_of(logs, log=log.source)

@@ -23,7 +23,6 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
-from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.term_selection import TERM_OF, min_condition_difference
 from motorprior.identification.physics.window_runs import TorqueMotors
@@ -46,7 +45,8 @@ SIMPLER_MODELS = (
     "coulomb_viscous",
     "stribeck",
 )
-MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which a model lacks physics
+MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which samples of a prior vary more
+MIN_ADVANTAGE = 0.1  # share by which the error of a simpler model must be smaller
 # error [rad] that no model can explain; an encoder of 12 bits resolves 1.5 mrad
 ENCODER_ERROR = 0.002
 # maximum error [rad]: a simulation with a larger error, or an error that is not finite, diverged
@@ -153,32 +153,16 @@ class LogErrors:
             return np.nansum(errors, axis=0) / np.isfinite(errors).sum(axis=0)
 
     def warnings(self, model: str) -> list[str]:
-        """Warnings that simpler models have smaller errors, or that errors of joints remain large.
-
-        The error of a joint is large if it exceeds MAX_UNEXPLAINED times the tuned PD's error.
-        """
+        """Warnings that simpler models have errors that are smaller by more than MIN_ADVANTAGE."""
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
-        remedy = "try preset long_runs, another seed or longer logs"
         warnings = []
         for name in SIMPLER_MODELS:
-            if mean.get(name, np.inf) < mean[model]:
-                errors = f"{mean[name]:.2f} instead of {mean[model]:.2f} mrad"
+            if mean.get(name, np.inf) < (1.0 - MIN_ADVANTAGE) * mean[model]:
                 warnings.append(
-                    f"{name} replays {logs} better than {model}: {errors} -> do not use this "
-                    f"model; {remedy}"
+                    f"{name} has smaller errors on {logs} than {model}: {mean[name]:.2f} instead "
+                    f"of {mean[model]:.2f} mrad -> prefer it there"
                 )
-
-        share = self.unexplained(model)
-        large = np.flatnonzero(share > MAX_UNEXPLAINED)
-        if large.size:
-            joints = [f"{self.joints[joint]} {100 * share[joint]:.0f} %" for joint in large]
-            warnings.append(
-                f"more than {100 * MAX_UNEXPLAINED:.0f} % of the tuned PD's error remains on "
-                f"{logs}: {listed(joints, 10)}. The model lacks physics of these motors, they "
-                "differ from the prior's, or the fit did not converge -> do not interpret their "
-                f"constants; {remedy}"
-            )
         return warnings
 
 

@@ -64,7 +64,11 @@ def _page(prior: MotorPrior, name: str, about: FrontMatter) -> str:
     lines += ["---", ""]
 
     lines += [f"# {prior.motor}", ""]
-    lines += [f'`mp.from_pretrained("{name}").sample(n, seed=0)` samples n of these motors.', ""]
+    first_class = prior.classes.names[0]
+    joints = f'["{first_class}"] * n' if first_class else "n"
+    which = f" of the class {first_class}" if first_class else ""
+    sample = f'`mp.from_pretrained("{name}").sample({joints}, seed=0)`'
+    lines += [f"{sample} samples n motors{which}.", ""]
     lines += [f"![Step, chirp and friction of samples and training motors]({PICTURE})", ""]
     lines += [f"- {note}" for note in prior.spread_notes()]
     lines += [""]

@@ -15,6 +15,7 @@ from motorprior.bench.dynamometer import Trial
 from motorprior.bounds import generator_of
 from motorprior.exceptions import ConfigError
 from motorprior.exports.mjcf_document import Mjcf
+from motorprior.robots.joint_classes import unknown_joint
 
 UNSTABLE = 1.0  # error of a replay that has diverged [rad]
 # (n,) or (K, J) by name, in SI units at the output shaft
@@ -100,8 +101,11 @@ def sampled(
 
     joints: Any = num_joints
     if isinstance(source, MotorPrior):
-        joints = source.joint_classes(joint_names)
-    elif set(joint_names) <= set(source.joint_names):
+        joints = source.classes_named(joint_names)
+    elif len(source.joint_names) > 1:
+        for name in joint_names:
+            if name not in source.joint_names:
+                raise unknown_joint(name, source.joint_names, "joint of the posterior")
         source = source.take([source.joint_names.index(name) for name in joint_names])
 
     gains_of_joints = None

@@ -355,6 +355,7 @@ def _with_loads(log: MotorLog, loads: Sequence[FittedLoad]) -> MotorLog:
         load_inertia=np.tile([load.inertia for load in loads], (log.num_rows, 1)),
         external_torque=torque,
         load_stiffness=stiffness,
+        bodies="",
         posture=np.full(log.num_rows, POSTURES.index("fixed")),
         joint_torque=None,
         source=f"{log.source} (loads fitted)",

@@ -388,13 +388,17 @@ class Search:
             report()
         return best
 
-    def curvatures(self, x: np.ndarray, diff_step: float = NARROW) -> np.ndarray:
-        """(M, K, K) Gauss-Newton matrices of the loss at unknowns x (M, K).
+    def curvatures(
+        self, x: np.ndarray, diff_step: float = NARROW, problems: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(m, K, K) Gauss-Newton matrices of the loss at unknowns x (M, K) of ``problems`` (m,).
 
-        They are weight·mean of huber''(r)·∇r·∇rᵀ, with huber''(r) = (1 + r²)^(-3/2).
+        They are weight·mean of huber''(r)·∇r·∇rᵀ, with huber''(r) = (1 + r²)^(-3/2). Without
+        ``problems`` they are of all problems.
         """
+        problems = self.all_problems if problems is None else problems
         every_unknown = np.arange(x.shape[1])
-        _, curvature = self._derivatives(x, diff_step, self.all_problems, every_unknown, -1.5)
+        _, curvature = self._derivatives(x[problems], diff_step, problems, every_unknown, -1.5)
         return curvature
 
     def _derivatives(

@@ -72,6 +72,9 @@ VELOCITY_NOISE = 0.02  # maximum noise of differences of readings [rad/s]
 MIN_WINDOW = 64  # minimum number of steps of a window that is shortened for the segments of a log
 MIN_USED = 0.9  # share of the usable rows that windows of the chosen length must use
 PAUSE = 60.0  # time between two segments after which motors count as cold again [s]
+# rows per motor and least number of windows of `spread_windows`
+SPREAD_ROWS = 2500
+MIN_SPREAD_WINDOWS = 8
 MEANS = (VEL, TORQUE, EXTERNAL)  # channels that a rollout averages with the row before
 # optional channels of a log that an objective needs
 _NEEDED = {
@@ -367,6 +370,25 @@ def subsampled(data: TrainingData, recipe: Recipe, rows: int) -> TrainingData:
     piece_rows = pieces[0].stop - pieces[0].start
     count = max(2, min(len(pieces), rows // piece_rows))
     kept = np.unique(np.linspace(0, len(pieces) - 1, count).astype(int))
+    return replace(data, segments=tuple(pieces[index] for index in kept))
+
+
+def spread_windows(
+    data: TrainingData, recipe: Recipe, is_faulty: np.ndarray | None = None
+) -> TrainingData:
+    """Single windows with their warm-ups, evenly spread over the segments: about SPREAD_ROWS.
+
+    Windows with a faulty row (R,) are left out. There may be none.
+    """
+    length = recipe.history + recipe.window + 1
+    pieces = []
+    for segment in data.segments:
+        for first in range(segment.start, segment.stop - length + 1, length):
+            piece = slice(first, first + length)
+            if is_faulty is None or not is_faulty[piece].any():
+                pieces.append(piece)
+    count = min(len(pieces), max(MIN_SPREAD_WINDOWS, SPREAD_ROWS // length))
+    kept = np.unique(np.linspace(0, len(pieces) - 1, count).round().astype(int))
     return replace(data, segments=tuple(pieces[index] for index in kept))
 
 

@@ -17,9 +17,8 @@ gravity torque is a·(r × m·g), and
 
     load_stiffness = ∂(torque of gravity)/∂q_j = a·((a × r) × m·g);  0 for a slide
 
-joint_torque is dropped: a torque from the motor's current differs from the torque on the joint by
-rotor and gear friction. The loads have the errors of the encoders, which differ from the joints by
-backlash, twist and zero offset.
+joint_torque stays: `torque_use` decides whether a fit can use it. The loads have the errors of the
+encoders, which differ from the joints by backlash, twist and zero offset.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -33,6 +32,7 @@ from typing import Any, Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
+from motorprior.logs.loads_bodies import bodies_of
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
@@ -225,7 +225,7 @@ def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
             load_inertia=inertia,
             external_torque=external,
             load_stiffness=stiffness,
-            joint_torque=None,
+            bodies=dynamics.bodies,
             posture=np.full(log.num_rows, POSTURES.index(_posture(robot))),
         )
     )
@@ -256,7 +256,7 @@ def with_torque_balance(log: MotorLog, robot: Robot) -> MotorLog:
         external[segment] = inertia * acceleration - log.joint_torque[segment]
 
     rows_of_inertia = np.tile(inertia, (log.num_rows, 1))
-    return checked(replace(log, load_inertia=rows_of_inertia, external_torque=external))
+    return checked(replace(log, load_inertia=rows_of_inertia, external_torque=external, bodies=""))
 
 
 def with_placeholder_load(log: MotorLog) -> MotorLog:
@@ -335,6 +335,11 @@ class _Dynamics:
 
         arm = self._data.subtree_com[self._model.jnt_bodyid] - self._data.xanchor
         return inertia, external, self._data.xaxis, arm
+
+    @property
+    def bodies(self) -> str:
+        """MJCF of joints and inertias."""
+        return bodies_of(self._model)
 
     def bias(self, joint_pos: np.ndarray, joint_vel: np.ndarray) -> np.ndarray:
         """(joints,) torque against gravity and Coriolis torques [N·m]; the state stays set."""

@@ -122,6 +122,8 @@ class MotorLog(Printable):
     firmware: Mapping[str, float] = field(default_factory=dict)
     # classes of the joints in the robot's description; if empty, the joints' names give the classes
     given_classes: tuple[str, ...] = ()
+    # MJCF of the rigid bodies that the loads come from; "" for loads from elsewhere
+    bodies: str = ""
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""

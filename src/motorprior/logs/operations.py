@@ -393,6 +393,7 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
         first,
         joint_names=names,
         given_classes=classes if len(classes) == len(names) else (),
+        bodies="",
         **values,
     )
 

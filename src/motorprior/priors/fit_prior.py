@@ -27,6 +27,7 @@ from motorprior.evaluation.errors import (
 )
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of, unsaved
+from motorprior.identification.explanations.explain import explain
 from motorprior.identification.identify import identify, work_of
 from motorprior.identification.latents.standardise import (
     MIN_MOTORS,
@@ -34,8 +35,11 @@ from motorprior.identification.latents.standardise import (
     spread_source,
     with_scaled_spread,
 )
+from motorprior.identification.physics.motor_problem import grey_box
 from motorprior.identification.physics.window_runs import TorqueMotors
 from motorprior.identification.presets import Recipe, identification_preset, with_logged_settings
+from motorprior.identification.torque_use import with_usable_torque
+from motorprior.identification.training_result import TrainingResult
 from motorprior.identification.windows import (
     TrainingData,
     training_data,
@@ -53,7 +57,7 @@ from motorprior.logs.motor_log import (
     motor_logs,
 )
 from motorprior.logs.operations import joined
-from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Progress
+from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Note, Progress
 from motorprior.stage import description, is_finished, locked, working
 
 PRIOR_FILE = "prior.safetensors"
@@ -200,6 +204,10 @@ def _fitted(
     checkpoint: Checkpoint,
 ) -> MotorPrior:
     """Fit the prior and its metrics."""
+    if recipe.grey_boxes:
+        data, notes = with_usable_torque(log, data, recipe)
+        for note in notes:
+            progress.report(note)
     _report_data(log, recipe, data, progress)
     with progress.start(f"identify {preset}", work_of(recipe)) as task:
         result = identify(data, recipe, seed, task.advance, checkpoint)
@@ -219,6 +227,8 @@ def _fitted(
     )
     metrics = training_errors.with_training_errors(metrics, model, data, recipe, mean, log)
     for note in result.notes:
+        progress.report(note)
+    for note in _explanations(log, data, result):
         progress.report(note)
 
     misfit = np.ones(log.num_joints)
@@ -265,6 +275,17 @@ def _fitted(
         misfit=misfit,
         estimates=result.estimates,
     )
+
+
+def _explanations(log: MotorLog, data: TrainingData, result: TrainingResult) -> list[Note]:
+    """What in the log explains the errors of the fitted motors."""
+    model = result.model
+    if not isinstance(model, GreyBox):
+        return []
+    outputs = model.outputs(result.mean)
+    center = np.median(outputs, axis=0)
+    separate = grey_box(center, model.terms, result.recipe)
+    return explain(log, data, result.recipe, separate, outputs - center).notes()
 
 
 def _report_data(log: MotorLog, recipe: Recipe, data: TrainingData, progress: Progress) -> None:

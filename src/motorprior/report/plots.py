@@ -60,7 +60,8 @@ def plot_steps(motors: MotorPrior | MotorPosterior) -> Figure:
     """Step responses of samples of a prior, or of a posterior; see `step_responses`."""
     if isinstance(motors, MotorPrior):
         title = f"{motors.motor or 'motors'}: {NUM_SAMPLES} samples of the prior"
-        return step_responses(motors.sample(NUM_SAMPLES, 0), title, motors.model.period)
+        classes = np.resize(motors.classes.of_motors, NUM_SAMPLES).tolist()
+        return step_responses(motors.sample(classes, 0), title, motors.model.period)
 
     count = len(motors.mean) if len(motors.mean) > 1 else NUM_SAMPLES
     samples = motors.sample(count, 0)

@@ -6,6 +6,9 @@ it is in the joints' names.
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from difflib import get_close_matches
+
+from motorprior.exceptions import ConfigError, listed
 
 # words of a joint's name that state its side or its leg, not its class
 _SIDES = frozenset((
@@ -75,3 +78,17 @@ def classes_among(
         uses_description = described_class in existing or inferred not in existing
         classes.append(described_class if uses_description else inferred)
     return tuple(classes)
+
+
+def unknown_joint(name: str, existing: Sequence[str], description: str) -> ConfigError:
+    """Error of a ``name`` that is not among the ``existing`` ones, with the nearest of these.
+
+    ``description`` states what the name should be, such as "joint of the robot".
+    """
+    existing = list(dict.fromkeys(existing))
+    nearest = get_close_matches(name, existing, 3)
+    nearest = nearest or get_close_matches(class_in_name(name), existing, 3)
+    remedy = f"use one of {listed(existing, 16)}"
+    if nearest:
+        remedy = f"did you mean {' or '.join(nearest)}?"
+    return ConfigError(f"{name!r} is no {description}", remedy=remedy, argument="joints")

@@ -178,20 +178,23 @@ def test_errors_of_static_joints_do_not_count():
     assert error_table(rows, {"e": "all"})[1] == [["prior", "6.0", "6.0", "9.0 (knee)"]]
 
 
-def test_joints_with_an_unexplained_error_are_named_in_a_warning():
+def test_a_share_of_the_tuned_pds_error_is_unexplained():
     models = {"prior": np.array([[0.002, 0.004]]), "tuned_pd": np.array([[0.001, 0.01]])}
     errors = LogErrors(("log",), ("hip", "knee"), models)
 
     # relative to the tuned PD; 0.002 rad is the error of the encoder
     expected = [0.0, np.sqrt(0.004**2 - 0.002**2) / 0.01]
     np.testing.assert_allclose(errors.unexplained("prior"), expected)
-    assert errors.warnings("prior") == []
 
-    worse = LogErrors(("log",), ("hip", "knee"), models | {"prior": np.array([[0.002, 0.005]])})
-    (line,) = worse.warnings("prior")
 
-    assert "knee 46 %" in line
-    assert "hip" not in line
+@pytest.mark.parametrize(("pd_error", "count"), [(0.0098, 0), (0.008, 1)])
+def test_a_simpler_model_is_preferred_if_it_is_clearly_better(pd_error: float, count: int):
+    models = {"prior": np.array([[0.01]]), "tuned_pd": np.array([[pd_error]])}
+
+    warnings = LogErrors(("log",), ("hip",), models).warnings("prior")
+
+    assert len(warnings) == count
+    assert all("8.00 instead of 10.00 mrad" in warning for warning in warnings)
 
 
 def test_a_validation_prints_as_a_table():

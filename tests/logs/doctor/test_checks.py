@@ -99,7 +99,12 @@ CASES: dict[str, tuple[str, str, int | None, Callable[[MotorLog], MotorLog]]] = 
     "end stop": (
         "saturation", "warning", None, changed(joint_pos=lambda angle: np.minimum(angle, 0.15)),
     ),
+    "end stop that gives way": (
+        "saturation", "warning", None,
+        changed(joint_pos=lambda angle: np.minimum(angle, 0.15 + 2e-4 * NOISE)),
+    ),
     # response to the command
+    "scaled actions": ("scale", "warning", 0, changed(position_target=lambda angle: 3.0 * angle)),
     "reversed command": ("tracking", "error", 0, changed(position_target=np.negative)),
     "other command": ("tracking", "warning", 0, changed(position_target=lambda _: NOISE)),
     "late": ("tracking", "warning", 0, changed(position_target=shifted(-30))),
@@ -114,6 +119,9 @@ CASES: dict[str, tuple[str, str, int | None, Callable[[MotorLog], MotorLog]]] = 
     "reversed torque of a load": ("torque_sign", "warning", 0, changed(joint_torque=np.negative)),
     "torque in N·cm": (
         "torque_scale", "warning", 0, changed(joint_torque=lambda torque: 100.0 * torque),
+    ),
+    "wrong torque constant": (
+        "torque_scale", "warning", 0, changed(joint_torque=lambda torque: 1.4 * torque),
     ),
     "|current|": ("unsigned_torque", "warning", 0, changed(joint_torque=np.abs)),
 }  # fmt: skip

@@ -27,11 +27,15 @@ VELOCITY_SLOPES = (0.7, 1.4)  # plausible range of joint_vel / derivative of joi
 # an angle [rad]
 MIN_CONTINUATION = 0.1
 MIN_CONTINUATION_ANGLE = 0.03
+STOP_SHARE = 0.005  # movement of a joint in its end stop, over the range of its angle
 MAX_OFFSET = 1.2  # maximum offset of an angle from its command [rad]; loads deflect servos less
 CERTAIN_CORRELATION = 0.8  # correlation above which sign and order of a joint are certain
 # plausible range of the standard deviations' ratio angle / command; outside of it the motion failed
 # or the units differ
 MOTION_RATIOS = (0.1, 3.0)
+# an angle with this correlation follows its command; its slope is then in a plausible range
+SCALED_CORRELATION = 0.95
+SCALES = (0.45, 2.0)
 MIN_REVERSALS = 4
 # minimum and maximum rows of a window
 MIN_ROWS = 20
@@ -243,6 +247,27 @@ def tracking(window: MotorLog) -> Iterator[Finding]:
             f"or {IN_MAP}"
         )
         yield Finding("warning", "offset", offset, message, remedy, joint)
+    if positive_peak >= SCALED_CORRELATION:
+        yield from _scale(window, peaks.delay)
+
+
+def _scale(window: MotorLog, delay: int) -> Iterator[Finding]:
+    """An angle that follows its command ``delay`` rows later, but with another amplitude."""
+    joint = window.joint_names[0]
+    count = window.num_rows - delay
+    command = window.position_target[:count, 0]
+    angle = window.joint_pos[delay:, 0]
+    variance = float(np.var(command))
+    if variance == 0.0:
+        return
+    slope = float(np.mean((command - command.mean()) * angle)) / variance
+    low, high = SCALES
+    is_failed_motion = not MOTION_RATIOS[0] <= slope <= MOTION_RATIOS[1]
+    if low <= slope <= high or is_failed_motion:
+        return
+    message = f"{joint} moves {slope:.2g} times its command"
+    remedy = f"scaled actions, or another unit? set scale {IN_MAP}, in [joints.….position_target]"
+    yield Finding("warning", "scale", slope, message, remedy, joint)
 
 
 def _tracking(window: MotorLog, peaks: Peaks) -> Finding:
@@ -351,8 +376,10 @@ def saturation(window: MotorLog) -> Iterator[Finding]:
         top = angle.max()
         min_continuation = max(MIN_CONTINUATION * np.ptp(command), MIN_CONTINUATION_ANGLE)
 
+        # an end stop gives way a little, and readings have noise
+        tolerance = max(encoder_step(angle), STOP_SHARE * np.ptp(angle))
         stops = []
-        for first, after in runs_of_true(angle >= top - encoder_step(angle)).tolist():
+        for first, after in runs_of_true(angle >= top - tolerance).tolist():
             acting_start = max(0, first - delay)
             acting_stop = max(1, after - delay)
             acting_command = command[acting_start:acting_stop]

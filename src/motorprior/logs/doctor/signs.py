@@ -10,6 +10,7 @@ from motorprior.logs.doctor.findings import IN_MAP, Finding
 from motorprior.logs.doctor.response import MIN_REVERSALS, reversals
 from motorprior.logs.loads import gravity_torque
 from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.torque_column import torque_column
 from motorprior.robots.robot import Robot
 
 # maximum fitted offset between angle and command [rad]; a larger offset would absorb the effect of
@@ -20,9 +21,8 @@ MAX_OFFSET = 0.01
 MIN_REDUCTION = 0.25
 MIN_RMS = 2e-3  # minimum root-mean-square error, and minimum of its reduction [rad]
 MIN_ROWS = 20  # minimum rows of steady motion, and of a window with a known load
-# maximum ratio of the standard deviations of joint_torque and of the load's torque, either way [-];
-# friction and armature explain a smaller ratio
-MAX_RATIO = 3.0
+MAX_FACTOR = 1.2  # of joint_torque on the torque of the load, either way [-]
+MIN_EXPLAINED = 0.7  # share of the variance of joint_torque that the load must explain
 _REVERSE = f"reverse it in the file, or {IN_MAP}: sign = -1 in [joints.….joint_torque]"
 
 
@@ -86,18 +86,24 @@ def _against_load(window: MotorLog) -> Iterator[Finding]:
     torque = window.joint_torque[rows, 0]
 
     correlation = float(np.corrcoef(torque, load)[0, 1]) if np.ptp(load) > 0.0 else 0.0
-    ratio = float(np.std(torque) / max(np.std(load), 1e-300))
-    message = (
-        f"joint_torque/{joint} has a correlation of {correlation:.2f} with the torque of its "
-        f"known load, and {ratio:.2g} times its standard deviation"
-    )
     if correlation < -0.5:
-        yield Finding("warning", "torque_sign", correlation, message, _REVERSE, joint)
-    elif correlation > 0.8 and not 1.0 / MAX_RATIO <= ratio <= MAX_RATIO:
-        remedy = (
-            f"convert it to N·m at the joint in the file, or {IN_MAP} by scale; or correct the load"
+        message = (
+            f"joint_torque/{joint} has a correlation of {correlation:.2f} with the torque of its "
+            "known load"
         )
-        yield Finding("warning", "torque_scale", ratio, message, remedy, joint)
+        yield Finding("warning", "torque_sign", correlation, message, _REVERSE, joint)
+        return
+
+    column = torque_column(window, 0)
+    if column is None or column.explained < MIN_EXPLAINED:
+        return
+    if not 1.0 / MAX_FACTOR <= column.factor <= MAX_FACTOR:
+        message = f"joint_torque/{joint} is {column}, by the known load"
+        remedy = (
+            f"convert it to N·m at the joint in the file, or {IN_MAP}: "
+            f"scale = {1.0 / column.factor:.3g} in [joints.….joint_torque]; or correct the load"
+        )
+        yield Finding("warning", "torque_scale", column.factor, message, remedy, joint)
 
 
 @dataclass(frozen=True)

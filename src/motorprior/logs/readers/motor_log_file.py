@@ -48,10 +48,11 @@ _HEADER = Schema(
         **dict.fromkeys(("joint_names", "joint_classes"), many(TEXT)),
         **dict.fromkeys(_TEXTS, TEXT),
         "firmware": TABLE,
+        "bodies": TEXT,
     },
     REWRITE,
     # a log of an older version has position commands
-    optional=frozenset({"firmware", "joint_classes", "command_mode"}),
+    optional=frozenset({"firmware", "joint_classes", "command_mode", "bodies"}),
     name="header",
 )
 
@@ -81,6 +82,8 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         header["firmware"] = dict(log.firmware)
     if log.given_classes:
         header["joint_classes"] = list(log.given_classes)
+    if log.bodies:
+        header["bodies"] = log.bodies
 
     columns: dict[str, np.ndarray] = {}
     for channel, names in _column_names(channels, log.joint_names).items():
@@ -115,6 +118,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     values["firmware"] = header.get("firmware", {})
     values["given_classes"] = tuple(header.get("joint_classes", ()))
     values["joint_names"] = tuple(header["joint_names"])
+    values["bodies"] = header.get("bodies", "")
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():
         for name in names:
             if name not in table.column_names:

@@ -1,0 +1,1 @@
+"""Explanations of a bad fit: what in the logs contradicts the model, and what cures it."""

@@ -1,0 +1,306 @@
+"""Fit an explanation together with the constants of each motor, and measure what it leaves.
+
+Every attempt starts from the fitted motor, and from motors around it and around the initial motor,
+since a fit to contradictory inputs may be far from the truth. The attempt without an explanation
+comes first, and the others start from it. Its error is what an explanation must reduce.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.identification.explanations.explanation import Explanation
+from motorprior.identification.physics.motor_problem import (
+    TORQUES,
+    MotorProblem,
+    fixed_constants,
+    initial_center,
+    rigid_motor,
+    scaled_center,
+)
+from motorprior.identification.physics.window_runs import (
+    POSITION_SCALE,
+    SegmentArrays,
+    WindowRuns,
+    grey_boxes,
+)
+from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Search, threads
+from motorprior.logs.motor_log import PHYSICAL_GAINS
+from motorprior.signals import rms
+
+_CANDIDATES = 64
+_STD_NEAR = 0.3  # of candidates around the fitted motor
+_STD_INITIAL = 0.7  # of candidates around the initial motor
+_FIRST_STEPS = ((4, WIDE),)
+_STEPS = ((9, WIDE), (3, NARROW))
+_RESTARTS = 1
+_MAX_PARAMETER = 3.0  # largest parameter of candidates, over its unit
+_STD_RESTART = 0.5
+_LANES = 32  # motors simulated at a time; each has its own rows
+_STREAM = 83
+_Z90 = 1.645  # half width of the central 90 % of N(0, 1)
+# weaker than the prior of a fit, since its mean is a fit to contradictory inputs
+_CONSTANT_PRECISION = 1e-6
+_PARAMETER_PRECISION = 1e-6
+_FILTER_PRECISION = 1e-4
+
+
+class _ExplainedProblem(MotorProblem):
+    """Free runs of motors; the last P unknowns are parameters of an explanation, over its units.
+
+    ``is_changed`` states for each segment whether the explanation changes it.
+    """
+
+    def __init__(
+        self,
+        model: GreyBox,
+        runs: WindowRuns,
+        explanation: Explanation | None,
+        is_changed: list[bool],
+    ):
+        super().__init__(model, runs)
+        self.explanation = explanation
+        self.is_changed = is_changed
+
+    def residuals(self, x: np.ndarray, problems: np.ndarray) -> np.ndarray:
+        """(L, windows·channels·steps) scaled errors, as `MotorProblem.residuals`."""
+        if self.explanation is None:
+            return super().residuals(x, problems)
+        chunks = []
+        for first in range(0, len(x), _LANES):
+            lanes = slice(first, first + _LANES)
+            chunks.append((x[lanes], problems[lanes]))
+        return np.concatenate(list(threads().map(self._errors, chunks))).reshape(len(x), -1)
+
+    def _errors(self, lanes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """(L, windows, channels, steps) scaled errors of L lanes, with changed inputs."""
+        assert self.explanation is not None
+        x, problems = lanes
+        size = len(self.explanation.units)
+        theta = (x[:, -size:] * self.explanation.units).T
+        every_lane = np.arange(len(x))
+        errors = []
+        for segment, is_changed in zip(self.runs.segments, self.is_changed, strict=True):
+            rows = segment.rows[:, :, problems]
+            if is_changed:
+                rows = self.explanation.change(rows, theta, self.runs.recipe.period)
+            changed = SegmentArrays(rows, segment.windows)
+            motors = grey_boxes(self.model)(x[:, :-size], every_lane, changed)
+            errors.append(self.runs.run(motors, every_lane, changed))
+        return np.concatenate(errors, axis=1)[:, self.runs.counted]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A fit of M motors with one explanation."""
+
+    problem: _ExplainedProblem
+    prior: GaussianPrior
+    fixed: np.ndarray  # (K,) mask of the constants that are not fitted
+    units: np.ndarray  # (P,)
+    unknowns: np.ndarray  # (M, K + P)
+    errors: np.ndarray  # (M,) position error [rad]; inf for joints that are not fitted
+    half_widths: np.ndarray | None = None  # (M, P) of the 90 % intervals
+
+    @property
+    def values(self) -> np.ndarray:
+        """(M, P) parameters."""
+        count = self.unknowns.shape[1] - len(self.units)
+        return self.unknowns[:, count:] * self.units
+
+
+class Attempts:
+    """Fits of explanations to the same logs.
+
+    ``model`` decodes constants from ``fitted`` (M, K) relative to a central motor; `unchanged`
+    replaces ``fitted``. Refined attempts have ``restarts``.
+    """
+
+    def __init__(
+        self, model: GreyBox, fitted: np.ndarray, runs: WindowRuns, restarts: int = _RESTARTS
+    ):
+        self.runs = runs
+        self.fixed = fixed_constants(model.terms, runs)
+        self._restarts = restarts
+
+        # the decoder reaches the fitted motors and the initial motors from halfway between them
+        scaled = scaled_center(runs, model.terms)
+        rigid = rigid_motor(scaled, model.terms, runs)[0]
+        initial = np.stack([scaled, rigid, initial_center(model.terms, runs)])
+        outputs = model.center + fitted
+        center = np.where(self.fixed, model.center, 0.5 * (np.median(outputs, axis=0) + scaled))
+        self.fitted = np.clip(outputs - center, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+        self.initial = np.clip(initial - center, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+        # without stated gains, all gains are 1 and can be changed
+        self.model = replace(model, center=center, gain_unit=model.gain_unit or PHYSICAL_GAINS)
+
+    def unchanged(self) -> Attempt:
+        """The best fit to the logs as they are. Later attempts start from it."""
+        every_joint = np.arange(len(self.fitted))
+        attempt = self.refined(self.begun(None, every_joint), every_joint)
+        self.fitted = attempt.unknowns
+        return attempt
+
+    def errors_on(self, runs: WindowRuns) -> np.ndarray:
+        """(M,) position errors [rad] of the fitted motors in other runs."""
+        problem = _ExplainedProblem(self.model, runs, None, [])
+        return self._errors(problem, self.fitted, np.arange(len(self.fitted)))
+
+    def begun(
+        self,
+        explanation: Explanation | None,
+        joints: np.ndarray,
+        is_changed: list[bool] | None = None,
+        runs: WindowRuns | None = None,
+    ) -> Attempt:
+        """A few steps of some ``joints`` (indices) with this explanation.
+
+        The explanation changes the segments ``is_changed``, all by default. ``runs`` replaces the
+        runs.
+        """
+        runs = runs or self.runs
+        is_changed = is_changed or [True] * len(runs.segments)
+        problem = _ExplainedProblem(self.model, runs, explanation, is_changed)
+        search = Search(problem)
+        units = () if explanation is None else explanation.units
+        size = len(units)
+
+        fixed, fitted = self._fixed(explanation)
+        x = np.concatenate([fitted, np.zeros((len(fitted), size))], axis=1)
+        prior = self._prior(x, fixed, size)
+        candidates = self._candidates(explanation, runs)[joints]
+        candidates[:, 0] = x[joints]
+        near_fitted, near_initial = np.split(candidates, 2, axis=1)
+        start = search.best_of(near_fitted, prior, joints)
+        fit = search.descend(start, prior, _FIRST_STEPS, joints)
+        start = search.best_of(near_initial, prior, joints)
+        x[joints] = fit.better(search.descend(start, prior, _FIRST_STEPS, joints)).x
+        return Attempt(problem, prior, fixed, np.array(units), x, self._errors(problem, x, joints))
+
+    def refined(self, attempt: Attempt, joints: np.ndarray) -> Attempt:
+        """The best fit of some ``joints``, with intervals; others have an infinite error."""
+        search = Search(attempt.problem)
+        x = attempt.unknowns.copy()
+        errors = np.full(len(x), np.inf)
+        half_widths = np.full((len(x), len(attempt.units)), np.inf)
+        if joints.size:
+            x[joints] = self._refined(search, x[joints], attempt.prior, attempt.fixed, joints)
+            errors = self._errors(attempt.problem, x, joints)
+        if joints.size and len(attempt.units):
+            half_widths[joints] = self._half_widths(search, x, joints, attempt)
+        return replace(attempt, unknowns=x, errors=errors, half_widths=half_widths)
+
+    def _fixed(self, explanation: Explanation | None) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) mask of constants that are not fitted, and (M, K) motors to start from."""
+        if explanation is None:
+            return self.fixed, self.fitted
+        names = parameters_of(self.model.terms)
+        is_replaced = np.isin(names, explanation.replaces)
+        is_held = np.isin(names, explanation.held)
+        fitted = np.where(is_replaced, -self.model.center, self.fitted)
+        fitted = np.where(is_held, self.initial[0], fitted)
+        return self.fixed | is_replaced | is_held, fitted
+
+    def _refined(
+        self,
+        search: Search,
+        x: np.ndarray,
+        prior: GaussianPrior,
+        fixed: np.ndarray,
+        joints: np.ndarray,
+    ) -> np.ndarray:
+        """(m, K + P) best points of descents from x, and from points around the best one."""
+        rng = np.random.default_rng(_STREAM)
+        fit = search.descend(x, prior, _STEPS, joints)
+        size = x.shape[1] - len(fixed)
+        is_free = np.append(~fixed, np.ones(size, bool))
+        for _ in range(self._restarts):
+            shape = (len(joints), _CANDIDATES, x.shape[1])
+            is_changed = is_free & (rng.random(shape) < 0.5)
+            noise = _STD_RESTART * rng.standard_normal(shape)
+            changed = fit.x[:, None] + noise
+            # every second candidate has some constants of an initial motor
+            initial = self.initial[rng.integers(len(self.initial), size=shape[:2])]
+            changed[:, ::2, : len(fixed)] = (initial + noise[..., : len(fixed)])[:, ::2]
+            start = search.best_of(np.where(is_changed, changed, fit.x[:, None]), prior, joints)
+            fit = fit.better(search.descend(start, prior, _STEPS, joints))
+        return fit.x
+
+    def _errors(self, problem: _ExplainedProblem, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """(M,) position errors [rad] of ``joints`` at the unknowns x (M, K + P); others inf."""
+        errors = np.full(len(x), np.inf)
+        for joint in joints:
+            residuals = problem.residuals(x[[joint]], np.array([joint]))
+            shape = (len(problem.runs.counted), problem.runs.channels, -1)
+            positions = residuals.reshape(shape)[:, 0].astype(np.float64)
+            with np.errstate(over="ignore", invalid="ignore"):
+                error = float(rms(positions.ravel()))
+            errors[joint] = POSITION_SCALE * error if np.isfinite(error) else np.inf
+        return errors
+
+    def _prior(self, fitted: np.ndarray, fixed: np.ndarray, size: int) -> GaussianPrior:
+        """Weak prior around the fitted motors; around the initial motor for the velocity filter."""
+        count = self.fitted.shape[1]
+        velocity_filter = PARAMETERS.index("velocity_filter")
+        mean = fitted.copy()
+        mean[:, velocity_filter] = self.initial[0, velocity_filter]
+        precision = np.full(fitted.shape, _PARAMETER_PRECISION)
+        precision[:, :count] = _CONSTANT_PRECISION
+        precision[:, velocity_filter] = _FILTER_PRECISION
+
+        is_fixed = np.append(fixed, np.zeros(size, bool))
+        precision = np.where(is_fixed, FIXED, precision)
+        return GaussianPrior(np.where(is_fixed, fitted, mean), precision)
+
+    def _candidates(self, explanation: Explanation | None, runs: WindowRuns) -> np.ndarray:
+        """(M, C, K + P) candidates with parameters of any size.
+
+        Half of them are the fitted motors and motors near them, half the initial motors and motors
+        around them.
+        """
+        rng = np.random.default_rng(_STREAM)
+        fixed, fitted = self._fixed(explanation)
+        motors, count = fitted.shape
+        size = 0 if explanation is None else len(explanation.units)
+        index = np.arange(_CANDIDATES)
+        is_noisy = (index % 3 == 2)[:, None]
+        noise = rng.standard_normal((motors, _CANDIDATES, count)) * is_noisy
+        initial = self.initial[index % len(self.initial)]
+        is_initial = (index >= _CANDIDATES // 2)[:, None]
+        constants = np.where(
+            is_initial, initial + _STD_INITIAL * noise, fitted[:, None] + _STD_NEAR * noise
+        )
+
+        # parameters fill a cube
+        parameters = np.empty((motors, _CANDIDATES, size))
+        for column in range(size):
+            grid = np.linspace(-_MAX_PARAMETER, _MAX_PARAMETER, _CANDIDATES)
+            parameters[..., column] = rng.permutation(grid)
+        if explanation is not None and explanation.guess is not None:
+            rows = np.concatenate([segment.rows for segment in runs.segments])
+            guess = explanation.guess(rows) / explanation.units
+            parameters[:, ::2] = guess[:, None] + 0.05 * parameters[:, ::2]
+        if explanation is not None and explanation.scales_torques:
+            is_torque = np.isin(parameters_of(self.model.terms), TORQUES)
+            constants = constants + is_torque * parameters[..., :1] * explanation.units[0]
+
+        constants = np.clip(constants, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+        constants = np.where(fixed, fitted[:, None], constants)
+        return np.concatenate([constants, parameters], axis=2)
+
+    def _half_widths(
+        self, search: Search, x: np.ndarray, joints: np.ndarray, attempt: Attempt
+    ) -> np.ndarray:
+        """(m, P) half widths of 90 % intervals, if each window is one observation."""
+        size = len(attempt.units)
+        free = np.append(~attempt.fixed, np.ones(size, bool))
+        count = int(free.sum())
+        loss = search.losses(x[joints], joints)
+        curvature = search.curvatures(x, NARROW, joints) / loss[:, None, None]
+        information = 0.5 * search.problem.observations * curvature
+        matrix = information[:, free][:, :, free] + 1e-2 * np.eye(count)
+        covariance = np.linalg.inv(matrix)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, count - size :]
+        return _Z90 * np.sqrt(variance) * attempt.units

@@ -1,0 +1,465 @@
+"""Explain a fit whose inputs contradict the model: which cause removes most of the error.
+
+Every explanation of the registry is fitted together with the constants (`attempt`), also where the
+error is small. It is reported if it makes the error of a joint several times smaller. Of several
+explanations, the one that cures most joints with the fewest parameters comes first.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motorprior.actuator.grey_box import GreyBox
+from motorprior.exceptions import listed
+from motorprior.identification import windows
+from motorprior.identification.explanations.attempt import Attempt, Attempts
+from motorprior.identification.explanations.explanation import (
+    AXIS,
+    CHANNELS_WITH_GRAVITY,
+    IS_TURNED,
+    LEVER,
+    SLOPE,
+    TURNED_POS,
+    Estimate,
+    Explanation,
+    Facts,
+    RowExplanation,
+)
+from motorprior.identification.explanations.registry import EXPLANATIONS
+from motorprior.identification.explanations.rows import ROW_EXPLANATIONS
+from motorprior.identification.physics.motor_problem import logs_kd
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import Recipe
+from motorprior.identification.windows import TrainingData, spread_windows
+from motorprior.logs.loads_bodies import GravityLevers, gravity_levers
+from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
+from motorprior.progress import Note
+from motorprior.signals import rms
+
+CURED = 0.5  # an explanation leaves at most this share of the error of a joint that it cures
+# joints with a smaller error [rad] need no explanation; nor does an explanation count that leaves
+# more than this share of the motion
+MIN_ERROR = 0.5e-3
+MISSING_PHYSICS = 0.03  # share of the motion that remains where physics is missing
+_MAX_HALF_WIDTH = 1.5  # of the interval of an identified parameter, over its unit
+_PROMISING = 0.8  # share of the error that a promising explanation leaves after a few steps
+_MAX_PROMISING = 3  # of each joint
+_EQUAL_VALUES = 0.03  # parameters of joints are equal if they differ by less, or by their intervals
+# explanations are equally good if their errors differ by less than this factor, or this error [rad]
+_EQUAL = 1.3
+_EQUAL_ERROR = 0.4e-3
+_MAX_MOTORS = 10  # motors that are explained: those with the largest errors
+_MAX_WINDOW = 250  # steps: short runs are fast, and have few local optima
+_MIN_WINDOWS = 3  # that an explanation by rows must leave
+
+
+@dataclass(frozen=True)
+class Trial:
+    """An explanation of all logs or of one, or of the zero of one joint, and its attempt."""
+
+    name: str
+    units: tuple[float, ...]  # of the parameters
+    is_shared: bool
+    attempt: Attempt
+    # (joint, estimate) -> problem and remedy
+    describe: Callable[[int, Estimate], tuple[str, str]]
+    turned_joint: int | None = None
+
+    def share(self, errors: np.ndarray) -> np.ndarray:
+        """(M,) remaining share of the errors (M,)."""
+        return self.attempt.errors / np.maximum(errors, 1e-12)
+
+    def estimate(self, joint: int) -> Estimate:
+        """Parameters of one joint."""
+        return Estimate(self.attempt.values[joint], self._half_widths([joint])[0])
+
+    def _half_widths(self, joints: Sequence[int]) -> np.ndarray:
+        """(n, P) half widths of the intervals of some joints."""
+        half_widths = self.attempt.half_widths
+        assert half_widths is not None
+        return half_widths[list(joints)]
+
+    def is_identified(self, joint: int) -> bool:
+        """Whether the log of a joint identifies the parameters."""
+        return bool(np.all(self._half_widths([joint])[0] <= _MAX_HALF_WIDTH * np.array(self.units)))
+
+    def common_estimate(self, joints: Sequence[int]) -> Estimate | None:
+        """Parameters that several joints have in common, or None if they disagree."""
+        values = self.attempt.values[list(joints)]
+        half_widths = np.maximum(self._half_widths(joints), 1e-6)
+        weights = half_widths**-2.0
+        mean = np.sum(weights * values, axis=0) / np.sum(weights, axis=0)
+        is_equal = np.abs(values - mean) <= 2.0 * half_widths + _EQUAL_VALUES
+        if not is_equal.all():
+            return None
+        return Estimate(mean, np.sum(weights, axis=0) ** -0.5)
+
+    def parameters(self, joints: Sequence[int]) -> int:
+        """Number of parameters for these joints; equal parameters of joints count once."""
+        size = len(self.units)
+        return size if self.common_estimate(joints) else size * len(joints)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """Joints whose errors one cause explains."""
+
+    joints: tuple[int, ...]
+    trials: tuple[Trial, ...]  # the first is the best; the others are equally good
+
+
+@dataclass(frozen=True)
+class Explanations:
+    """What explains the errors of a fit."""
+
+    facts: Facts
+    errors: np.ndarray  # (M,) of the best fit to the log as it is [rad]
+    causes: tuple[Explained, ...]
+
+    def notes(self) -> list[Note]:
+        """Warnings of causes and of missing physics, and the joints whose figures stand."""
+        return list(_notes(self.errors, self.causes, self.facts))
+
+
+def explain(
+    log: MotorLog, data: TrainingData, recipe: Recipe, model: GreyBox, outputs: np.ndarray
+) -> Explanations:
+    """Find what explains the errors of fitted motors.
+
+    ``data`` are the rows of ``log`` that were fitted; ``outputs`` (M, K) are the decoder outputs of
+    the motors, relative to the centre of ``model``, which decodes each constant from one latent.
+    """
+    recipe = replace(recipe, window=min(recipe.window, _MAX_WINDOW))
+    levers = gravity_levers(log)
+    segment_logs = _log_of_segments(log)
+    first_rows = {rows.start: name for rows, name in zip(data.segments, segment_logs, strict=True)}
+
+    subset = spread_windows(data, recipe)
+    motors = np.arange(len(data.series))
+    if len(motors) > _MAX_MOTORS:
+        errors = WindowRuns(subset, recipe).errors(model.motors(outputs))
+        worst = np.argsort(np.mean(errors[:, :, 0] ** 2, axis=(1, 2)))[-_MAX_MOTORS:]
+        motors = np.sort(worst)
+        levers = None
+
+    runs = WindowRuns(subset, recipe, motors)
+    log_names = _log_names(log, len(set(segment_logs)))
+    facts = _facts(log, data, runs, model, outputs, motors, log_names, levers is not None)
+    attempts = Attempts(model, outputs[motors], runs)
+
+    starts = np.array(sorted(first_rows))
+    logs_of_runs = []
+    for segment in subset.segments:
+        first = int(starts[np.searchsorted(starts, segment.start, side="right") - 1])
+        logs_of_runs.append(first_rows[first])
+
+    errors = attempts.unchanged().errors
+    joints = np.flatnonzero(errors > MIN_ERROR)
+    with_gravity = None if levers is None else _with_gravity(subset, levers)
+    logs = _Logs(runs, _of_motors(data, motors), with_gravity, logs_of_runs, levers)
+    begun = [
+        *_row_trials(attempts, joints, logs, facts),
+        *_input_trials(attempts, joints, logs, facts),
+    ]
+    trials = _refined(attempts, begun, errors)
+    return Explanations(facts, errors, tuple(causes_of(errors, trials)))
+
+
+def _with_gravity(data: TrainingData, levers: GravityLevers) -> TrainingData:
+    """The data with channels of gravity."""
+    motors, rows, _ = data.series.shape
+    series = np.zeros((motors, rows, CHANNELS_WITH_GRAVITY), data.series.dtype)
+    series[..., : data.series.shape[2]] = data.series
+    series[..., LEVER] = levers.lever.transpose(1, 0, 2)
+    series[..., SLOPE] = levers.slope.transpose(1, 0, 2)
+    return replace(data, series=series)
+
+
+def _log_of_segments(log: MotorLog) -> list[int]:
+    """Index of the log of each segment: a new log begins where the clock restarts."""
+    indices = []
+    index = 0
+    end = -np.inf
+    for segment in log.segment_slices():
+        if log.time[segment.start] < end:
+            index += 1
+        end = log.time[segment.stop - 1]
+        indices.append(index)
+    return indices
+
+
+def _log_names(log: MotorLog, count: int) -> tuple[str, ...]:
+    """Names of the logs: their sources, if there are as many, else numbers."""
+    sources = [source.strip() for source in log.source.split(";")]
+    if len(sources) == count:
+        return tuple(source.rsplit("/", 1)[-1] for source in sources)
+    return tuple(f"log {index + 1}" for index in range(count))
+
+
+def _of_motors(data: TrainingData, motors: np.ndarray) -> TrainingData:
+    return replace(data, series=data.series[motors])
+
+
+def _facts(
+    log: MotorLog,
+    data: TrainingData,
+    runs: WindowRuns,
+    model: GreyBox,
+    outputs: np.ndarray,
+    motors: np.ndarray,
+    log_names: tuple[str, ...],
+    has_gravity: bool,
+) -> Facts:
+    gains = None
+    kd_over_kp = model.constants(outputs[motors])["kd_over_kp"]
+    has_kd = logs_kd(runs)
+    if runs.recipe.gain_unit:
+        kd_over_kp = kd_over_kp * runs.gains[1] / runs.gains[0]
+    if runs.recipe.gain_unit == PHYSICAL_GAINS:
+        gains = runs.gains
+    names = tuple(log.joint_names[motor] for motor in motors)
+    return Facts(
+        joint_names=names,
+        period=runs.recipe.period,
+        logs=log_names,
+        gains=gains,
+        has_kd=has_kd,
+        has_torque=data.has_torque,
+        has_gravity=has_gravity,
+        at_rotor=data.at_rotor,
+        motion=np.std(log.joint_pos[:, motors], axis=0),
+        kd_over_kp=kd_over_kp,
+    )
+
+
+def _refined(attempts: Attempts, begun: list[Trial], errors: np.ndarray) -> list[Trial]:
+    """The most promising trials of each joint, fitted further.
+
+    A trial is promising if it leaves less than _PROMISING of the errors (M,) after a few steps.
+    """
+    if not begun:
+        return []
+    first_errors = np.stack([trial.attempt.errors for trial in begun])  # (trials, M)
+    rank = np.argsort(np.argsort(first_errors, axis=0), axis=0)
+    is_promising = (first_errors < _PROMISING * errors) & (rank < _MAX_PROMISING)
+    trials = []
+    for trial, joints in zip(begun, is_promising, strict=True):
+        if joints.any():
+            attempt = attempts.refined(trial.attempt, np.flatnonzero(joints))
+            trials.append(replace(trial, attempt=attempt))
+    return trials
+
+
+@dataclass(frozen=True)
+class _Logs:
+    """Rows that the explanations are tried on."""
+
+    runs: WindowRuns
+    data: TrainingData  # all rows
+    with_gravity: TrainingData | None  # rows of the runs, if the bodies are known
+    logs_of_segments: list[int]  # index of the log of each segment of the runs
+    levers: GravityLevers | None
+
+
+def _input_trials(
+    attempts: Attempts, joints: np.ndarray, logs: _Logs, facts: Facts
+) -> Iterator[Trial]:
+    """Trials of `EXPLANATIONS`, for all logs, for single logs and for single joints."""
+    levers = logs.levers
+    for explanation in EXPLANATIONS:
+        if not explanation.applies(facts):
+            continue
+        scopes: list[int | None] = [None]
+        if explanation.per_log and len(facts.logs) > 1:
+            scopes += list(range(len(facts.logs)))
+        if explanation.only_per_log:
+            scopes = scopes[1:]
+        turned: list[int | None] = [None]
+        if explanation.turns and levers is not None:
+            turned = list(range(len(facts.joint_names)))
+
+        for joint in turned:
+            changed_joints = joints
+            changed_runs = logs.runs
+            if levers is not None and logs.with_gravity is not None:
+                if joint is not None:
+                    changed_joints = joints[levers.carries[joint, joints]]
+                    changed_data = _with_axis(logs.with_gravity, levers, joint)
+                    changed_runs = WindowRuns(changed_data, logs.runs.recipe)
+                elif explanation.is_shared:
+                    changed_runs = WindowRuns(logs.with_gravity, logs.runs.recipe)
+            if not changed_joints.size:
+                continue
+            for scope in scopes:
+                is_changed = [scope is None or log == scope for log in logs.logs_of_segments]
+                attempt = attempts.begun(explanation, changed_joints, is_changed, changed_runs)
+                yield _trial(explanation, attempt, facts, scope, joint)
+
+
+def _with_axis(data: TrainingData, levers: GravityLevers, moved: int) -> TrainingData:
+    """The data with the axis of the moved joint, for the joints that it carries."""
+    series = data.series.copy()
+    series[moved, :, IS_TURNED] = 1.0
+    for joint in np.flatnonzero(levers.carries[moved]):
+        series[joint, :, AXIS] = levers.axis[:, moved]
+        series[joint, :, TURNED_POS] = series[moved, :, windows.POS]
+    return replace(data, series=series)
+
+
+def _trial(
+    explanation: Explanation, attempt: Attempt, facts: Facts, scope: int | None, turned: int | None
+) -> Trial:
+    where = "" if scope is None else f" in {facts.logs[scope]}"
+
+    def describe(joint: int, estimate: Estimate) -> tuple[str, str]:
+        problem, remedy = explanation.describe(estimate, joint, facts)
+        name = facts.joint_names[joint if turned is None else turned]
+        return problem.replace("{joint}", name) + where, remedy
+
+    name = explanation.name if scope is None else f"{explanation.name} of log {scope}"
+    is_shared = explanation.is_shared or turned is not None
+    return Trial(name, explanation.units, is_shared, attempt, describe, turned)
+
+
+def _row_trials(
+    attempts: Attempts, joints: np.ndarray, logs: _Logs, facts: Facts
+) -> Iterator[Trial]:
+    """Trials of `ROW_EXPLANATIONS`, each on the windows that it leaves."""
+    runs = logs.runs
+    recipe = runs.recipe
+    for explanation in ROW_EXPLANATIONS:
+        mask = np.zeros(logs.data.series.shape[:2], bool).T
+        for segment in logs.data.segments:
+            rows = logs.data.series[:, segment].transpose(1, 2, 0)
+            mask[segment] = explanation.faulty(rows, facts.motion, recipe.period)
+
+        # one joint at a time: the other joints keep their rows
+        for joint in joints[mask[:, joints].any(axis=0)]:
+            left = spread_windows(logs.data, recipe, mask[:, joint])
+            if len(left.segments) >= _MIN_WINDOWS:
+                left_runs = WindowRuns(left, recipe)
+                attempt = attempts.begun(None, np.array([joint]), runs=left_runs)
+                yield _row_trial(explanation, attempt, mask, recipe)
+
+
+def _row_trial(
+    explanation: RowExplanation, attempt: Attempt, mask: np.ndarray, recipe: Recipe
+) -> Trial:
+    def describe(joint: int, estimate: Estimate) -> tuple[str, str]:
+        rows = np.flatnonzero(mask[:, joint])
+        seconds = recipe.period * len(rows)
+        where = f"from {recipe.period * rows[0]:.3g} s to {recipe.period * rows[-1]:.3g} s"
+        return explanation.problem.format(seconds=seconds, where=where), explanation.remedy
+
+    return Trial(explanation.name, (), False, attempt, describe)
+
+
+def causes_of(errors: np.ndarray, trials: Sequence[Trial]) -> list[Explained]:
+    """What explains the errors (M,) [rad] of joints: the best trials, one cause after the other."""
+    remaining = errors > MIN_ERROR
+    causes = []
+    while remaining.any():
+        gains = [_gain(trial, errors, remaining) for trial in trials]
+        best_gain = max(gains, default=0.0)
+        if best_gain <= 0.0:
+            break
+        best = trials[int(np.argmax(gains))]
+        joints = _cured(best, errors, remaining)
+        left = rms(best.attempt.errors[joints])
+        limit = max(_EQUAL * left, left + _EQUAL_ERROR)
+        equal = []
+        for trial in trials:
+            is_identified = all(trial.is_identified(joint) for joint in joints.tolist())
+            if is_identified and rms(trial.attempt.errors[joints]) <= limit:
+                equal.append(trial)
+        indices = tuple(joints.tolist())
+        equal.sort(key=lambda trial: _cost(trial, indices))
+        causes.append(Explained(indices, tuple(equal)))
+        remaining[joints] = False
+    return causes
+
+
+def _cured(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> np.ndarray:
+    """Indices of the remaining joints that a trial cures.
+
+    A cause that is shared cures none if the joints disagree about it.
+    """
+    is_cured = remaining & (trial.share(errors) < CURED)
+    for joint in np.flatnonzero(is_cured):
+        is_cured[joint] = trial.is_identified(int(joint))
+    cured = np.flatnonzero(is_cured)
+    if trial.is_shared and cured.size and trial.common_estimate(cured.tolist()) is None:
+        return cured[:0]
+    return cured
+
+
+def _cost(trial: Trial, joints: tuple[int, ...]) -> float:
+    """Error of some joints [rad], larger by 5 % for every parameter."""
+    error = max(float(rms(trial.attempt.errors[list(joints)])), 0.5 * _EQUAL_ERROR)
+    return error * (1.0 + 0.05 * trial.parameters(joints))
+
+
+def _gain(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> float:
+    """Sum over the cured joints of the logarithm of the factor by which the error falls."""
+    cured = _cured(trial, errors, remaining)
+    left = np.maximum(trial.attempt.errors[cured], _EQUAL_ERROR)
+    return float(np.sum(np.log(errors[cured] / left)))
+
+
+def _notes(errors: np.ndarray, causes: Sequence[Explained], facts: Facts) -> Iterator[Note]:
+    """A warning per cause, one on joints without a cause, and a note on the other joints."""
+    names = np.array(facts.joint_names)
+    is_bad = np.zeros(len(names), bool)
+    for cause in causes:
+        joints = list(cause.joints)
+        is_bad[joints] = True
+        yield _note_on_cause(cause, errors, names)
+
+    is_missing = ~is_bad & (errors > MISSING_PHYSICS * facts.motion) & (errors > 4.0 * MIN_ERROR)
+    if is_missing.any():
+        texts = []
+        for joint in np.flatnonzero(is_missing):
+            share = 100.0 * errors[joint] / max(facts.motion[joint], 1e-9)
+            texts.append(
+                f"{names[joint]} {1e3 * errors[joint]:.1f} mrad, {share:.0f} % of its motion"
+            )
+        yield Note(
+            "warning",
+            f"{listed(texts, 6)}: no single error of the log explains this, so the model lacks "
+            "physics of these joints (contact, slip, a changing load, a nonlinear transmission)",
+        )
+    is_bad |= is_missing
+    if is_bad.any() and not is_bad.all():
+        largest = 1e3 * errors[~is_bad].max()
+        good = listed(names[~is_bad].tolist(), 6)
+        yield Note("info", f"the figures of {good} stand (errors up to {largest:.1f} mrad)")
+
+
+def _note_on_cause(cause: Explained, errors: np.ndarray, names: np.ndarray) -> Note:
+    joints = list(cause.joints)
+    best = cause.trials[0]
+    problem, remedy = _description(best, joints, names)
+    before = 1e3 * rms(errors[joints])
+    after = 1e3 * rms(best.attempt.errors[joints])
+    text = f"{problem}; the error is then {after:.2g} instead of {before:.3g} mrad -> {remedy}"
+    others = [_description(trial, joints, names)[0] for trial in cause.trials[1:4]]
+    if others:
+        text += f". Equally good: {'; or '.join(others)}"
+    return Note("warning", text)
+
+
+def _description(trial: Trial, joints: list[int], names: np.ndarray) -> tuple[str, str]:
+    """Problem, after the names of the joints, and remedy; one problem per joint if they differ."""
+    first = joints[0]
+    common = trial.common_estimate(joints)
+    if common is not None:
+        problem, remedy = trial.describe(first, common)
+        return f"{listed(names[joints].tolist(), 6)}: {problem}", remedy
+
+    problems = []
+    for joint in joints:
+        problem, _ = trial.describe(joint, trial.estimate(joint))
+        problems.append(f"{names[joint]}: {problem}")
+    _, remedy = trial.describe(first, trial.estimate(first))
+    return listed(problems, 4), remedy

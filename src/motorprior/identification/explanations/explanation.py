@@ -1,0 +1,124 @@
+"""The interface of an explanation: a few parameters that change the inputs of a fit.
+
+An explanation states what may be wrong with a log, for example a factor on its gains. Its
+parameters θ are 0 if the log is right. `attempt` fits them together with the constants of each
+motor.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from motorprior.identification import windows
+
+# Channels of gravity, after the channels of `windows`: lever and slope (`GravityLevers`); of the
+# joint that an explanation turns, its axis, its angle, and whether it is this joint itself. Vectors
+# have the directions x, y and z
+LEVER = slice(windows.CHANNELS, windows.CHANNELS + 3)
+SLOPE = slice(windows.CHANNELS + 3, windows.CHANNELS + 6)
+AXIS = slice(windows.CHANNELS + 6, windows.CHANNELS + 9)
+TURNED_POS = windows.CHANNELS + 9
+IS_TURNED = windows.CHANNELS + 10
+CHANNELS_WITH_GRAVITY = windows.CHANNELS + 11
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is known about the logs of M motors that are explained."""
+
+    joint_names: tuple[str, ...]  # M
+    period: float  # [s]
+    logs: tuple[str, ...]  # names of the logs
+    gains: np.ndarray | None  # (2, M) gains that the logs state in N·m/rad, None if they do not
+    has_kd: bool  # whether the logs state kd
+    has_torque: bool
+    has_gravity: bool  # whether the rigid bodies of the loads are known
+    at_rotor: bool
+    motion: np.ndarray  # (M,) standard deviation of the angles [rad]
+    kd_over_kp: np.ndarray  # (M,) of the fitted motors [s]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters of one motor, with the half widths of their 90 % intervals."""
+
+    values: np.ndarray  # (P,)
+    half_widths: np.ndarray  # (P,)
+
+    @property
+    def low(self) -> np.ndarray:
+        """(P,) lower ends."""
+        return self.values - self.half_widths
+
+    @property
+    def high(self) -> np.ndarray:
+        """(P,) upper ends."""
+        return self.values + self.half_widths
+
+    def factor_text(self, index: int = 0) -> str:
+        """A parameter that is the logarithm of a factor, for example "4.1 [4.0, 4.2]"."""
+        ends = f"[{np.exp(self.low[index]):.3g}, {np.exp(self.high[index]):.3g}]"
+        return f"{np.exp(self.values[index]):.3g} {ends}"
+
+    def text(self, index: int = 0, factor: float = 1.0) -> str:
+        """A parameter times ``factor``, for example "0.35 [0.34, 0.36]"."""
+        ends = factor * np.array([self.low[index], self.high[index]])
+        return f"{factor * self.values[index]:.3g} [{ends.min():.3g}, {ends.max():.3g}]"
+
+
+# (rows (T, channels, L), parameters (P, L), period [s]) -> changed rows; the rows may be changed in
+# place
+Change = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+# (estimate, joint, facts) -> what is wrong, and what to do
+Description = Callable[[Estimate, int, Facts], tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One entry of the registry.
+
+    Attributes:
+        name: unique, for programs.
+        change: the inputs with the parameters.
+        describe: what is wrong, with the value, and the remedy.
+        units: values of the P parameters that change the inputs noticeably.
+        applies: whether the logs can be wrong in this way.
+        guess: parameters from the rows (T, channels, M) of a log, to start from.
+        replaces: signed constants that are 0, since the parameters have their effect.
+        held: constants that keep the value of the initial motor, since they have the same effect.
+        scales_torques: whether its first parameter is a factor on torques of the motor as well.
+        per_log: whether it is also tried on single logs, if there are several.
+        only_per_log: whether it is not tried on all logs together.
+        is_shared: whether it has the same parameters for all joints.
+        turns: whether it turns what a joint carries; with known bodies it is tried for one joint
+            after the other, and changes the loads of all joints that this joint carries.
+    """
+
+    name: str
+    change: Change
+    describe: Description
+    units: tuple[float, ...] = (1.0,)
+    applies: Callable[[Facts], bool] = field(default=lambda facts: True)
+    guess: Callable[[np.ndarray], np.ndarray] | None = None
+    replaces: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+    scales_torques: bool = False
+    per_log: bool = False
+    only_per_log: bool = False
+    is_shared: bool = False
+    turns: bool = False
+
+
+# (time steps of one segment as rows (T, channels, M), motion (M,) [rad], period [s]) -> mask (T, M)
+Faulty = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class RowExplanation:
+    """An entry that leaves rows out, in which the joint is not driven by its motor alone."""
+
+    name: str
+    faulty: Faulty
+    problem: str  # with {joint}, {seconds} and {where}
+    remedy: str

@@ -1,0 +1,75 @@
+"""Whether a fit uses a torque column: only if it does not raise the error of held-out angles.
+
+A torque from the motor's current is not the torque on the joint: rotor and gear friction are
+between both, and its torque constant may be wrong. A fit to it has larger errors of the angles and
+wrong constants. Motors are fitted to half of the windows with and without the column, and compared
+on the other half.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.exceptions import listed
+from motorprior.identification.explanations.attempt import Attempts
+from motorprior.identification.physics.motor_fit import fit_rigid_motors
+from motorprior.identification.physics.motor_problem import grey_box
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import Recipe
+from motorprior.identification.windows import TrainingData, spread_windows
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.torque_column import torque_column
+from motorprior.progress import Note
+
+_MAX_RISE = 1.1  # of the held-out error by the column
+_MIN_ERROR = 0.1e-3  # smaller errors are equal [rad]
+_RESTARTS = 2
+_MAX_MOTORS = 3  # motors that are fitted
+
+
+def with_usable_torque(
+    log: MotorLog, data: TrainingData, recipe: Recipe
+) -> tuple[TrainingData, list[Note]]:
+    """The data, without torques if these raise the held-out error, and a note on them."""
+    if not data.has_torque:
+        return data, []
+
+    windows = spread_windows(data, recipe)
+    train = replace(windows, segments=windows.segments[::2])
+    test = replace(windows, segments=windows.segments[1::2], has_torque=False)
+    if not test.segments:
+        return data, []
+
+    count = len(data.series)
+    motors = np.unique(np.linspace(0, count - 1, min(count, _MAX_MOTORS)).astype(int))
+    with_torque = _held_out_errors(train, test, recipe, motors)
+    without_torque = _held_out_errors(replace(train, has_torque=False), test, recipe, motors)
+    rise = np.median(np.maximum(with_torque, _MIN_ERROR) / np.maximum(without_torque, _MIN_ERROR))
+    if rise <= _MAX_RISE:
+        return data, []
+
+    texts = []
+    for motor in motors.tolist():
+        column = torque_column(log, motor)
+        if column is not None:
+            texts.append(f"{log.joint_names[motor]} {column}")
+    errors = (
+        f"the error of held-out angles is {1e3 * np.median(with_torque):.2g} mrad with it and "
+        f"{1e3 * np.median(without_torque):.2g} without"
+    )
+    text = f"joint_torque is not used: {errors}"
+    if texts:
+        text += f". By the known loads it is: {listed(texts, 4)}"
+    return replace(data, has_torque=False), [Note("warning", text)]
+
+
+def _held_out_errors(
+    train: TrainingData, test: TrainingData, recipe: Recipe, motors: np.ndarray
+) -> np.ndarray:
+    """(m,) position errors [rad] on the test windows of some motors, fitted to other windows."""
+    runs = WindowRuns(train, recipe, motors)
+    simplest = fit_rigid_motors(runs, recipe.logged_terms, seed=0)
+    model = grey_box(simplest.center, simplest.terms, recipe)
+    attempts = Attempts(model, simplest.offsets, runs, _RESTARTS)
+    attempts.unchanged()
+    return attempts.errors_on(WindowRuns(test, recipe, motors))

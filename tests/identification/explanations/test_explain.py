@@ -1,0 +1,133 @@
+"""A fit whose inputs contradict the model is explained by the right cause, with its value."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from swinging_weights import KD, KP, PERIOD, World, swing
+
+from motorprior.identification.explanations.explain import Explanations, explain
+from motorprior.identification.physics import motor_problem
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS, with_logged_settings
+from motorprior.identification.windows import training_data
+from motorprior.logs.motor_log import MotorLog
+from motorprior.logs.operations import joined
+
+SECONDS = 16.0
+
+
+def explained(log: MotorLog) -> Explanations:
+    """Explanations of the initial motor, which is fitted together with each of them."""
+    recipe = with_logged_settings(PRESETS["quick"], log)
+    data = training_data(log, recipe, log.source)
+    center = motor_problem.scaled_center(WindowRuns(data, recipe), ())
+    model = motor_problem.grey_box(center, (), recipe)
+    return explain(log, data, recipe, model, np.zeros((log.num_joints, len(center))))
+
+
+def lead(time: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """Command with the velocity feed-forward kd/kp times its rate."""
+    return command + KD / KP * np.gradient(command, PERIOD, axis=0)
+
+
+def late(time: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """Command 90 ms later, longer than a motor's delay can be."""
+    rows = round(0.09 / PERIOD)
+    return np.concatenate([np.repeat(command[:1], rows, axis=0), command[:-rows]])
+
+
+# fields of the world, stated gains, and equally good explanations, each with its parameters and
+# their tolerances
+CASES: dict[str, tuple[dict[str, Any], float | None, dict[str, list[tuple[float, float]]]]] = {
+    "drive multiplies the gains": (
+        {},
+        0.25,
+        {"stated_gains": [(np.log(4.0), 0.1)], "load": [(-np.log(4.0), 0.1), (-np.log(4.0), 0.2)]},
+    ),
+    "gains in another unit": (
+        {},
+        8.0,
+        {"stated_gains": [(-np.log(8.0), 0.1)], "load": [(np.log(8.0), 0.1), (np.log(8.0), 0.2)]},
+    ),
+    "heavier load": (
+        {"load": 2.0},
+        1.0,
+        {"stated_gains": [(-np.log(2.0), 0.1)], "load": [(np.log(2.0), 0.1), (np.log(2.0), 0.2)]},
+    ),
+    "gravity compensation": ({"compensation": 1.0}, 1.0, {"weight": [(1.0, 0.06)]}),
+    "scaled actions": (
+        {"command": lambda time, command: 0.25 * command},
+        1.0,
+        {"command_scale": [(np.log(0.25), 0.05), (0.0, 0.1)]},
+    ),
+    "actions about a default": (
+        {"command": lambda time, command: 0.5 * command - 0.7},
+        1.0,
+        {"command_scale": [(np.log(0.5), 0.05), (-0.7, 0.05)]},
+    ),
+    "zero of another day": ({"hangs_at": -0.4}, 1.0, {"zero": [(0.4, 0.03)]}),
+    "velocity target": ({"command": lead}, 1.0, {"velocity_target": [(KD / KP, 0.2 * KD / KP)]}),
+    "late command": ({"command": late}, 1.0, {"delay": [(0.09, 0.02)]}),
+    "end stop": ({"stop": 0.55}, 1.0, {"end_stop": []}),
+    "torque off": ({"off_after": 0.7 * SECONDS}, None, {"no_response": []}),
+}
+
+
+@pytest.mark.parametrize(("world", "gains", "expected"), CASES.values(), ids=list(CASES))
+def test_the_cause_is_named_with_its_value(
+    world: dict[str, Any], gains: float | None, expected: dict[str, list[tuple[float, float]]]
+):
+    has_steps = "velocity_target" not in expected  # a step has no rate
+    log = swing(SECONDS, 1, 1, World(**world), gains, has_steps)
+
+    explanations = explained(log)
+
+    (cause,) = explanations.causes
+    trials = {trial.name: trial for trial in cause.trials}
+    assert cause.trials[0].name in expected
+    assert expected.keys() <= trials.keys()
+    for name, parameters in expected.items():
+        assert trials[name].attempt.errors[0] < 0.3 * explanations.errors[0]
+        if parameters:
+            values = trials[name].estimate(0).values
+            true_values, tolerances = np.transpose(parameters)
+            assert np.all(np.abs(values - true_values) < tolerances), values
+
+
+@pytest.mark.parametrize("gains", [1.0, None])
+def test_a_log_without_contradictions_needs_no_explanation(gains: float | None):
+    explanations = explained(swing(SECONDS, 2, 2, stated_gains=gains))
+
+    assert explanations.causes == ()
+    assert explanations.notes() == []
+
+
+def test_only_the_log_and_the_joint_at_fault_are_named():
+    good = swing(SECONDS, 3, 2)
+    bad = swing(SECONDS, 4, 2, World(hangs_at=np.array([0.0, 0.35])))
+    named = [
+        joined([good]),
+        MotorLog(**{**vars(bad), "source": "day2"}),
+    ]
+
+    explanations = explained(joined(named))
+
+    (cause,) = explanations.causes
+    assert cause.joints == (1,)
+    assert cause.trials[0].name == "zero of log 1"
+    warning, information = explanations.notes()
+    assert "right" in warning.text
+    assert "day2" in warning.text
+    assert "moved by 0.3" in warning.text
+    assert "left" not in warning.text
+    assert "left" in information.text
+
+
+def test_a_note_never_asks_for_another_seed():
+    log = swing(SECONDS, 5, 1, World(command=lambda time, command: command * (1.0 + 0.4 * command)))
+
+    notes = explained(log).notes()
+
+    assert any("lacks physics" in note.text for note in notes)
+    assert not any("seed" in note.text for note in notes)
