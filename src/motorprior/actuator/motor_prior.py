@@ -43,7 +43,7 @@ from motorprior.bounds import (
     require_count,
     require_number,
 )
-from motorprior.exceptions import ArtifactError, ConfigError
+from motorprior.exceptions import ArtifactError, ConfigError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
 from motorprior.robots.joint_classes import classes_among, unknown_joint
 from motorprior.schema import Header, Tensor, check_tensors
