@@ -297,7 +297,7 @@ class Attempts:
         size = len(attempt.units)
         free = np.append(~attempt.fixed, np.ones(size, bool))
         count = int(free.sum())
-        loss = search.losses(x[joints], joints)
+        loss = np.maximum(search.losses(x[joints], joints), 1e-12)
         curvature = search.curvatures(x, NARROW, joints) / loss[:, None, None]
         information = 0.5 * search.problem.observations * curvature
         matrix = information[:, free][:, :, free] + 1e-2 * np.eye(count)
