@@ -31,7 +31,7 @@ def with_usable_torque(
     log: MotorLog, data: TrainingData, recipe: Recipe
 ) -> tuple[TrainingData, list[Note]]:
     """The data, without torques if these raise the held-out error, and a note on them."""
-    if not data.has_torque:
+    if not data.has_torque or data.command_mode in ("velocity", "torque"):
         return data, []
 
     windows = spread_windows(data, recipe)

@@ -280,7 +280,7 @@ def _fitted(
 def _explanations(log: MotorLog, data: TrainingData, result: TrainingResult) -> list[Note]:
     """What in the log explains the errors of the fitted motors."""
     model = result.model
-    if not isinstance(model, GreyBox):
+    if not isinstance(model, GreyBox) or data.command_mode in ("velocity", "torque"):
         return []
     outputs = model.outputs(result.mean)
     center = np.median(outputs, axis=0)

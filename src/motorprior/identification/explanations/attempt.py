@@ -50,7 +50,8 @@ _FILTER_PRECISION = 1e-4
 class _ExplainedProblem(MotorProblem):
     """Free runs of motors; the last P unknowns are parameters of an explanation, over its units.
 
-    ``is_changed`` states for each segment whether the explanation changes it.
+    ``is_changed`` states for each segment whether the explanation changes it. The simulation needs
+    the first ``columns`` channels of the rows.
     """
 
     def __init__(
@@ -59,8 +60,10 @@ class _ExplainedProblem(MotorProblem):
         runs: WindowRuns,
         explanation: Explanation | None,
         is_changed: list[bool],
+        columns: int,
     ):
         super().__init__(model, runs)
+        self.columns = columns
         self.explanation = explanation
         self.is_changed = is_changed
 
@@ -86,6 +89,7 @@ class _ExplainedProblem(MotorProblem):
             rows = segment.rows[:, :, problems]
             if is_changed:
                 rows = self.explanation.change(rows, theta, self.runs.recipe.period)
+            rows = np.ascontiguousarray(rows[:, : self.columns])
             changed = SegmentArrays(rows, segment.windows)
             motors = grey_boxes(self.model)(x[:, :-size], every_lane, changed)
             errors.append(self.runs.run(motors, every_lane, changed))
@@ -124,6 +128,7 @@ class Attempts:
         self.runs = runs
         self.fixed = fixed_constants(model.terms, runs)
         self._restarts = restarts
+        self._columns = runs.segments[0].rows.shape[1]
 
         # the decoder reaches the fitted motors and the initial motors from halfway between them
         scaled = scaled_center(runs, model.terms)
@@ -145,7 +150,7 @@ class Attempts:
 
     def errors_on(self, runs: WindowRuns) -> np.ndarray:
         """(M,) position errors [rad] of the fitted motors in other runs."""
-        problem = _ExplainedProblem(self.model, runs, None, [])
+        problem = _ExplainedProblem(self.model, runs, None, [], self._columns)
         return self._errors(problem, self.fitted, np.arange(len(self.fitted)))
 
     def begun(
@@ -162,7 +167,7 @@ class Attempts:
         """
         runs = runs or self.runs
         is_changed = is_changed or [True] * len(runs.segments)
-        problem = _ExplainedProblem(self.model, runs, explanation, is_changed)
+        problem = _ExplainedProblem(self.model, runs, explanation, is_changed, self._columns)
         search = Search(problem)
         units = () if explanation is None else explanation.units
         size = len(units)

@@ -28,7 +28,6 @@ from motorprior.identification.explanations.explanation import (
 )
 from motorprior.identification.explanations.registry import EXPLANATIONS
 from motorprior.identification.explanations.rows import ROW_EXPLANATIONS
-from motorprior.identification.physics.motor_problem import logs_kd
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, spread_windows
@@ -213,7 +212,7 @@ def _facts(
 ) -> Facts:
     gains = None
     kd_over_kp = model.constants(outputs[motors])["kd_over_kp"]
-    has_kd = logs_kd(runs)
+    has_kd = runs.logs_kd
     if runs.recipe.gain_unit:
         kd_over_kp = kd_over_kp * runs.gains[1] / runs.gains[0]
     if runs.recipe.gain_unit == PHYSICAL_GAINS:

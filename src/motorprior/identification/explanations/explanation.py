@@ -15,12 +15,18 @@ from motorprior.identification import windows
 # Channels of gravity, after the channels of `windows`: lever and slope (`GravityLevers`); of the
 # joint that an explanation turns, its axis, its angle, and whether it is this joint itself. Vectors
 # have the directions x, y and z
-LEVER = slice(windows.CHANNELS, windows.CHANNELS + 3)
-SLOPE = slice(windows.CHANNELS + 3, windows.CHANNELS + 6)
-AXIS = slice(windows.CHANNELS + 6, windows.CHANNELS + 9)
-TURNED_POS = windows.CHANNELS + 9
-IS_TURNED = windows.CHANNELS + 10
-CHANNELS_WITH_GRAVITY = windows.CHANNELS + 11
+_FIRST = windows.CHANNELS + windows.FRAME_CHANNELS
+LEVER = slice(_FIRST, _FIRST + 3)
+SLOPE = slice(_FIRST + 3, _FIRST + 6)
+AXIS = slice(_FIRST + 6, _FIRST + 9)
+TURNED_POS = _FIRST + 9
+IS_TURNED = _FIRST + 10
+CHANNELS_WITH_GRAVITY = _FIRST + 11
+
+
+def has_gravity(rows: np.ndarray) -> bool:
+    """Whether rows (T, channels, L) have the channels of gravity."""
+    return rows.shape[1] == CHANNELS_WITH_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from motorprior.identification.explanations.explanation import (
     Estimate,
     Explanation,
     Facts,
+    has_gravity,
 )
 from motorprior.robots.robot import GRAVITY
 
@@ -149,7 +150,7 @@ def _scaled_angle(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
 
 def _scale_of_joint(rows: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Scale exp(θ) of the joint that is turned; 1 for the joints that it carries."""
-    is_turned = rows[:, IS_TURNED] if rows.shape[1] > channel.CHANNELS else 1.0
+    is_turned = rows[:, IS_TURNED] if has_gravity(rows) else 1.0
     return np.exp(theta[0] * is_turned)
 
 
@@ -167,7 +168,7 @@ def _scaled_joint(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
     With s = exp(θ), J·s·q̈ = kp·s·(u - q) + τ(s·q) for an external torque τ; τ/s is the external
     torque in logged units. Loads by a model were computed at the logged angles.
     """
-    if rows.shape[1] > channel.CHANNELS:
+    if has_gravity(rows):
         rows = _turned(rows, np.expm1(theta[0]) * rows[:, TURNED_POS])
     scale = _scale_of_joint(rows, theta)
     external = rows[:, channel.EXTERNAL] + rows[:, channel.STIFFNESS] * rows[:, channel.POS]
@@ -235,7 +236,7 @@ def _turned(rows: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """What the joint carries is turned about its axis by an angle (T, L) [rad]."""
     cosine = np.cos(angle)
     sine = np.sin(angle)
-    if rows.shape[1] > channel.CHANNELS:
+    if has_gravity(rows):
         # gravity in the frame of what is carried turns the other way, by Rodrigues' formula
         axis = rows[:, AXIS]
         level = np.zeros_like(axis)
