@@ -45,7 +45,7 @@ from motorprior.bounds import (
 )
 from motorprior.exceptions import ArtifactError, ConfigError, listed
 from motorprior.logs.motor_log import GAIN_UNITS, PHYSICAL_GAINS, MotorLog
-from motorprior.robots.joint_classes import classes_among, unknown_joint
+from motorprior.robots.joint_classes import classes_among, unknown_class
 from motorprior.schema import Header, Tensor, check_tensors
 from motorprior.texts import Overview, Printable
 
@@ -279,19 +279,9 @@ class MotorPrior(Printable):
         for name, class_of_joint in zip(names, self.joint_classes(names), strict=True):
             joint_class = name if name in self.classes.names else class_of_joint
             if len(self.classes.names) > 1 and joint_class not in self.classes.names:
-                raise self._unknown_name(name)
+                raise unknown_class(name, self.classes.names, self.joint_names)
             classes.append(joint_class)
         return tuple(classes)
-
-    def _unknown_name(self, name: str) -> ConfigError:
-        """Error of a name that is neither a class nor a joint, with the nearest names."""
-        names = [*self.classes.names, *self.joint_names]
-        if not any(names):
-            problem = f"{name!r}: the prior has one class, without a name"
-            return ConfigError(problem, remedy="leave it out", argument="joints")
-        return unknown_joint(
-            name, [known for known in names if known], "joint or class of the prior"
-        )
 
     def sampled_gains(
         self, classes: Sequence[str], gains: np.ndarray | None = None
@@ -373,7 +363,7 @@ class MotorPrior(Printable):
                 and joint_class not in self.classes.names
                 and len(self.classes.names) < 2
             ):
-                raise self._unknown_name(joint_class)
+                raise unknown_class(joint_class, self.classes.names, self.joint_names)
             (joint_class,) = self.classes_named((joint_class,))
         rng = np.random.default_rng(0)
         rows = rng.integers(len(self.mean), size=NUM_SAMPLES)

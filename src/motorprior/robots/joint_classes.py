@@ -92,3 +92,12 @@ def unknown_joint(name: str, existing: Sequence[str], description: str) -> Confi
     if nearest:
         remedy = f"did you mean {' or '.join(nearest)}?"
     return ConfigError(f"{name!r} is no {description}", remedy=remedy, argument="joints")
+
+
+def unknown_class(name: str, classes: Sequence[str], joints: Sequence[str]) -> ConfigError:
+    """Error of a name that is neither a class nor a joint of a prior, with the nearest names."""
+    names = [existing for existing in (*classes, *joints) if existing]
+    if not names:
+        problem = f"{name!r}: the prior has one class, without a name"
+        return ConfigError(problem, remedy="leave it out", argument="joints")
+    return unknown_joint(name, names, "joint or class of the prior")
