@@ -212,3 +212,36 @@ def test_shipped_maps_can_be_loaded():
     assert {"go2_identification", "so101_sage"} <= set(shipped_maps())
     for name in shipped_maps():
         assert load_column_map(name).joints
+
+
+BASE_ROWS = 50
+BASE_MAP = (
+    'motor = "m"\ntime = "t"\nposition_target = "goal"\njoint_pos = "pos"\n{base}\n'
+    '[units]\nangle = "deg"\n[joints.a]\n'
+)
+
+
+@pytest.mark.parametrize(
+    "base",
+    [
+        "base_roll = 0\nbase_pitch = 20",
+        'base_roll = "roll"\nbase_pitch = "pitch"',
+        'base_quaternion = ["w", "x", "y", "z"]',
+    ],
+    ids=["numbers", "columns", "quaternion"],
+)
+def test_the_orientation_of_the_base_is_read_in_every_form(tmp_path: Path, base: str):
+    pitch = np.deg2rad(20.0)
+    time = 0.01 * np.arange(BASE_ROWS)
+    quaternion = [np.cos(0.5 * pitch), 0.0, np.sin(0.5 * pitch), 0.0]
+    constants = np.tile([0.0, 20.0, *quaternion], (BASE_ROWS, 1))
+    table = np.column_stack([time, 10.0 * np.sin(time), 9.0 * np.sin(time), constants])
+    head = "t,goal,pos,roll,pitch,w,x,y,z"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="")
+    columns = tmp_path / "map.toml"
+    columns.write_text(BASE_MAP.format(base=base))
+
+    log = read_log(tmp_path / "log.csv", columns=columns)
+
+    assert log.base_orientation is not None
+    np.testing.assert_allclose(log.base_orientation, [[0.0, pitch]] * BASE_ROWS, atol=1e-12)

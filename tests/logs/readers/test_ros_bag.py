@@ -203,3 +203,45 @@ def test_a_topic_or_field_that_does_not_exist_is_refused_by_name(
     path, columns = write_legged(tmp_path, LEGGED.replace(old, new))
     with pytest.raises(LogError, match=message):
         read_log(path, columns=columns)
+
+
+def write_two_publishers(path: Path) -> Path:
+    """A bag whose states come from two publishers, a joint each, one after the other."""
+    from mcap_ros2.writer import Writer
+
+    with open(path, "wb") as file, Writer(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+
+        def put(topic: str, time: int, names: tuple[str, ...], position: np.ndarray) -> None:
+            message = {
+                "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+                "name": names,
+                "position": position.tolist(),
+                "velocity": [],
+                "effort": [],
+            }
+            writer.write_message(topic, schema, message, log_time=time)
+
+        for time, target, angle in zip(TIME, TARGET, ANGLE, strict=True):
+            now = int(1e9 * time)
+            put("/commands", now + 1, JOINTS, target)
+            put("/joint_states", now + 2, JOINTS[1:], angle[1:])
+            put("/joint_states", now + 3, JOINTS[:1], angle[:1])
+    return path
+
+
+@pytest.mark.parametrize("with_map", [False, True])
+def test_a_message_has_values_of_the_joints_that_it_names(tmp_path: Path, with_map: bool):
+    path = write_two_publishers(tmp_path / "a.mcap")
+    columns = tmp_path / "map.toml"
+    columns.write_text(
+        'motor = "m"\ntime = "log_time"\nposition_target = "/commands:position[{joint}]"\n'
+        f'joint_pos = "/joint_states:position[{{joint}}]"\n[joints.{JOINTS[0]}]\n'
+    )
+
+    log = read_log(path, columns=columns if with_map else None)
+
+    joints = JOINTS[:1] if with_map else JOINTS
+    assert log.joint_names == joints
+    np.testing.assert_array_equal(log.joint_pos, ANGLE[:, : len(joints)])
+    np.testing.assert_array_equal(log.position_target, TARGET[:, : len(joints)])

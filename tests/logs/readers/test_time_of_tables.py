@@ -31,7 +31,7 @@ def times(path: Path, cells: Any, text: str = MAP) -> np.ndarray:
     if path.suffix == ".parquet":
         pq.write_table(pa.table({"t": cells, "goal_a": SECONDS, "pos_a": SECONDS}), path)
     else:
-        rows = "".join(f"{cell},0.1,0.2\n" for cell in cells)
+        rows = "".join(f"{cell},{1e-3 * row:.4f},0.2\n" for row, cell in enumerate(cells))
         path.write_text(f"t,goal_a,pos_a\n{rows}", "utf-8")
 
     return read_log(path, columns=columns).time
@@ -75,3 +75,53 @@ def test_a_known_rate_replaces_the_column_of_time(tmp_path: Path):
     time = times(tmp_path / "log.csv", SECONDS.tolist(), with_rate)
 
     np.testing.assert_allclose(time, SECONDS, rtol=0, atol=1e-9)
+
+
+EPOCH = 1_700_000_000  # seconds since 1970
+NANOSECONDS = np.rint(1e9 * SECONDS).astype(int) + 900_000_000
+MICROSECONDS = (2**32 - 250_000 + np.rint(1e6 * SECONDS).astype(int)) % 2**32
+UNITS = "[units]\ntime = {}\n[joints.a]"
+
+
+def test_a_list_adds_seconds_and_nanoseconds(tmp_path: Path):
+    pairs = [f"{EPOCH + ns // 10**9},{ns % 10**9}" for ns in NANOSECONDS]
+    rows = "".join(f"{pair},0.1,0.2\n" for pair in pairs)
+    (tmp_path / "log.csv").write_text(f"sec,nsec,goal_a,pos_a\n{rows}", "utf-8")
+    columns = tmp_path / "map.toml"
+    columns.write_text(MAP.replace('time = "t"', 'time = ["sec", "nsec"]'), "utf-8")
+
+    time = read_log(tmp_path / "log.csv", columns=columns).time
+
+    np.testing.assert_allclose(np.diff(time), 0.002, rtol=0, atol=1e-8)
+
+
+def test_a_counter_that_restarts_is_continued(tmp_path: Path):
+    text = MAP.replace('time = "t"', 'time = "t"\ntime_bits = 32')
+    text = text.replace("[joints.a]", UNITS.format('"us"'))
+
+    time = times(tmp_path / "log.csv", MICROSECONDS.tolist(), text)
+
+    np.testing.assert_allclose(time, SECONDS, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cells", "unit", "cause", "remedy"),
+    [
+        (NANOSECONDS % 10**9, "ns", "without its seconds", "NANOSECONDS"),
+        (EPOCH + NANOSECONDS // 10**9, "s", "whole seconds", "NANOSECONDS"),
+        (MICROSECONDS, "us", r"restarts at 2\^32", "time_bits = 32"),
+        ((EPOCH + SECONDS).astype(np.float32).astype(int), "s", "128 s", "float64"),
+        (np.floor(SECONDS / 0.015625) * 0.015625, "s", "resolves 15.6 ms", "rate"),
+        (EPOCH + SECONDS - 0.08 * (SECONDS > 0.3), "s", "set back by 0.078 s", "monotonic"),
+    ],
+    ids=["nanoseconds", "seconds", "counter", "float32", "coarse", "set_back"],
+)
+def test_a_clock_that_does_not_increase_is_refused_with_its_cause(
+    tmp_path: Path, cells: np.ndarray, unit: str, cause: str, remedy: str
+):
+    text = MAP.replace("[joints.a]", UNITS.format(f'"{unit}"'))
+
+    with pytest.raises(LogError, match=cause) as refused:
+        times(tmp_path / "log.csv", cells.tolist(), text)
+
+    assert remedy in str(refused.value.remedy)
