@@ -5,9 +5,9 @@
 Every drive swings a pendulum. Its truth is a rigid rotor with Coulomb and viscous friction, whose
 control law gets whole command frames after a delay, integrated in steps of PHYSICS_DT. In MIT mode
 a frame has position target, velocity target, gravity compensation as feed-forward torque, and gains
-that ramp up at the start; the gains are logged in units of the firmware, so that kp and kd must be
-found. Under torque control a frame has a torque alone. Angles have noise of NOISE. figures.json has
-for MODE mit and torque
+that ramp up at the start; with --firmware-gains, they are logged in units of a firmware, so that kp
+and kd must be found, too, and a heavy load hides a small armature. Under torque control a frame has
+a torque alone. Angles have noise of NOISE. figures.json has for MODE mit and torque
 
     MODE/replay               median of the replay errors of the drives [rad]
     MODE/replay_max           the largest [rad]
@@ -66,6 +66,7 @@ class Settings:
     torque: int = 10  # drives under torque control
     seconds: float = 20.0  # duration of the log of each drive [s]
     preset: str = "quick"  # recipe of the fits
+    firmware_gains: bool = False  # whether gains are logged in units of a firmware
     seed: int = 0
 
 
@@ -75,7 +76,7 @@ def figures(settings: Settings) -> dict[str, float]:
     for mode, count in (("mit", settings.mit), ("torque", settings.torque)):
         rng = np.random.default_rng([settings.seed, len(mode)])
         constants = drawn_constants(rng, count)
-        log = recorded(rng, constants, mode, settings.seconds)
+        log = recorded(rng, constants, mode, settings.seconds, settings.firmware_gains)
         out = settings.out / mode
         prior = mp.fit_prior(log, settings.preset, settings.seed, out=out, progress=PROGRESS)
         for name, value in errors_of(prior, log, constants).items():
@@ -118,7 +119,13 @@ def drawn_constants(rng: np.random.Generator, count: int) -> Constants:
     return constants
 
 
-def recorded(rng: np.random.Generator, constants: Constants, mode: str, seconds: float) -> MotorLog:
+def recorded(
+    rng: np.random.Generator,
+    constants: Constants,
+    mode: str,
+    seconds: float,
+    firmware_gains: bool = False,
+) -> MotorLog:
     """The log of the drives, each with the load of its pendulum."""
     count = len(constants["mass"])
     time = PERIOD * np.arange(round(seconds / PERIOD))
@@ -128,15 +135,16 @@ def recorded(rng: np.random.Generator, constants: Constants, mode: str, seconds:
     target, velocity = motion(rng, time, count)
 
     kp_factor = np.broadcast_to(np.clip(time / RAMP, 0.05, 1.0)[:, None], shape)
+    unit = FIRMWARE_UNIT if firmware_gains else 1.0
     channels: dict[str, Any] = {}
     if mode == "mit":
         feedforward = weight * np.sin(target)
         channels = {
             "position_target": target,
             "velocity_target": velocity,
-            "logged_kp": kp_factor * constants["kp"] / FIRMWARE_UNIT,
-            "logged_kd": kp_factor * constants["kd"] / FIRMWARE_UNIT,
-            "gain_unit": "firmware",
+            "logged_kp": kp_factor * constants["kp"] / unit,
+            "logged_kd": kp_factor * constants["kd"] / unit,
+            "gain_unit": "firmware" if firmware_gains else "N·m/rad",
         }
     else:
         kp_factor = np.zeros(shape)

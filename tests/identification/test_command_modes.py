@@ -1,0 +1,74 @@
+"""Priors of drives under MIT commands and torque commands: constants, files, samples and notes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import command_modes as bench
+import motorprior as mp
+from motorprior.logs.motor_log import MotorLog
+from motorprior.priors.adapt import note_command_mode
+from motorprior.progress import SILENT, Note, Progress
+
+pytestmark = pytest.mark.slow
+SECONDS = {"mit": 15.0, "torque": 6.0}
+
+
+def recorded(mode: str) -> tuple[MotorLog, bench.Constants]:
+    rng = np.random.default_rng(4)
+    constants = bench.drawn_constants(rng, 1)
+    return bench.recorded(rng, constants, mode, SECONDS[mode], firmware_gains=True), constants
+
+
+def test_gains_that_ramp_and_whole_frames_give_the_constants_of_a_drive():
+    log, constants = recorded("mit")
+    prior = mp.fit_prior(log, "quick", progress=SILENT)
+    errors = bench.errors_of(prior, log, constants)
+
+    assert errors["replay"] < 6e-4
+    for name in ("kp", "kd", "coulomb"):
+        assert errors[name] < 0.15, name
+    assert errors["delay"] < 5e-4
+    # gains in firmware units and a load of ten rotors hide the armature
+    low, high = prior.intervals()["armature"]
+    assert low <= constants["armature"] <= high
+
+
+@pytest.fixture(scope="module")
+def torque_prior() -> mp.MotorPrior:
+    return mp.fit_prior(recorded("torque")[0], "quick", progress=SILENT)
+
+
+def test_a_prior_of_torque_commands_states_its_mode_and_no_gains(
+    torque_prior: mp.MotorPrior, tmp_path: Path
+):
+    torque_prior.save(tmp_path / "prior.safetensors")
+    prior = mp.MotorPrior.load(tmp_path / "prior.safetensors")
+
+    assert prior.command_mode == "torque"
+    names = [row.name for row in prior.constants()]
+    assert "armature" in names
+    assert not {"kp", "kd_over_kp", "kd"} & set(names)
+
+
+def test_sampled_motors_of_torque_commands_obey_torques_alone(torque_prior: mp.MotorPrior):
+    zeros = np.zeros(1)
+    motors = mp.Motors(torque_prior.sample(1, seed=0), bench.PERIOD, zeros)
+    pushed = mp.Motors(torque_prior.sample(1, seed=0), bench.PERIOD, zeros)
+
+    for _ in range(50):
+        torque, _ = motors.step(zeros + 1.0, zeros, zeros)
+        pushed_torque, _ = pushed.step(zeros + 1.0, zeros, zeros, torque_feedforward=5.0)
+
+    assert abs(torque[0]) < 1e-6, "a position target has no effect"
+    assert pushed_torque[0] > 1.0
+
+
+def test_a_log_of_another_mode_is_a_warning_of_what_was_not_measured(torque_prior: mp.MotorPrior):
+    notes: list[Note] = []
+    note_command_mode(torque_prior, recorded("mit")[0], Progress(notes.append))
+
+    assert [note.severity for note in notes] == ["warning"]
+    assert "position gains" in notes[0].text
+    assert "feed-forward" not in notes[0].text
