@@ -57,6 +57,7 @@ def test_sampled_motors_of_torque_commands_obey_torques_alone(torque_prior: mp.M
     motors = mp.Motors(torque_prior.sample(1, seed=0), bench.PERIOD, zeros)
     pushed = mp.Motors(torque_prior.sample(1, seed=0), bench.PERIOD, zeros)
 
+    torque = pushed_torque = zeros
     for _ in range(50):
         torque, _ = motors.step(zeros + 1.0, zeros, zeros)
         pushed_torque, _ = pushed.step(zeros + 1.0, zeros, zeros, torque_feedforward=5.0)

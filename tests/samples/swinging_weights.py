@@ -58,8 +58,8 @@ class World:
     off_after: float = np.inf
     # angle of an end stop [rad]
     stop: float = np.inf
-    # angle at which the weights hang down [rad]
-    hangs_at: float = 0.0
+    # angle at which the weights hang down, of all or of each (J,) [rad]
+    hangs_at: float | np.ndarray = 0.0
     # factor on weight and inertia
     load: float = 1.0
 

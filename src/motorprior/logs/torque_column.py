@@ -58,7 +58,8 @@ def torque_column(log: MotorLog, joint: int) -> TorqueColumn | None:
         angle = log.joint_pos[segment, joint]
 
         def smooth(values: np.ndarray, derivative: int = 0) -> np.ndarray:
-            return savgol_filter(values, window, 3, deriv=derivative, delta=period)
+            smoothed = savgol_filter(values, window, 3, deriv=derivative, delta=period)
+            return np.asarray(smoothed)
 
         speed = smooth(angle, 1)
         acceleration = smooth(angle, 2)
