@@ -75,6 +75,10 @@ SMALL_RUNS = {
     "real_logs": SmallRun(
         "--data {data} --out {out} --robots xl330 --logs 8 --folds 1 --seconds 2 --no-baselines"
     ),
+    "servo_loop": SmallRun(
+        "--out {out} --benches xl330 --seconds 8 --json {out}/figures.json",
+        package="rustypot",
+    ),
     "simulated_arms": SmallRun("--out {out} --motors 1 --seconds 6"),
     "speed": SmallRun("--prior pupper_v2 --steps 5 --rounds 1", files=()),
     "spread_between_units": SmallRun(

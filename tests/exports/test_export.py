@@ -52,6 +52,11 @@ MODEL = """<mujoco model="arm"> <!-- keep > me -->
 """
 
 
+def with_joints(model: str, shoulder: str, elbow: str) -> str:
+    """The model with other names of two joints, those of a prior."""
+    return model.replace('"shoulder"', f'"{shoulder}"').replace('"elbow"', f'"{elbow}"')
+
+
 @pytest.fixture(scope="module")
 def prior() -> MotorPrior:
     return mp.from_pretrained("pupper_v2")
@@ -275,8 +280,8 @@ def test_motors_that_diverge_on_the_users_model_are_refused_with_the_step_that_t
     arm: Path, tmp_path: Path
 ):
     go2 = mp.from_pretrained("go2")
-    options = {"motors": 2, "joints": ("shoulder", "elbow")}
-    arm.write_text(MODEL.replace('size="0.01" mass="0.5"', 'size="0.01" mass="0.3"'))
+    options = {"motors": 2, "joints": ("thigh", "calf")}
+    arm.write_text(with_joints(MODEL, "thigh", "calf"))
     out = tmp_path / "out"
 
     with pytest.raises(ConfigError, match="diverge on the model") as refused:
@@ -295,7 +300,8 @@ def test_motors_that_diverge_on_the_users_model_are_refused_with_the_step_that_t
 
 def test_a_servo_with_a_motion_profile_is_usable_as_a_plain_joint(arm: Path, tmp_path: Path):
     so101 = mp.from_pretrained("so101")
-    options = {"motors": 2, "model": arm, "joints": ("shoulder", "elbow")}
+    options = {"motors": 2, "model": arm, "joints": ("shoulder_lift", "elbow_flex")}
+    arm.write_text(with_joints(MODEL, "shoulder_lift", "elbow_flex"))
     exported = mp.export(so101, "mjcf", tmp_path / "out", **options)
 
     assert "MotionProfile" in str(exported)
