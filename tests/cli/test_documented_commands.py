@@ -7,7 +7,7 @@ import shutil
 import textwrap
 import tomllib
 from collections.abc import Iterator
-from contextlib import chdir, nullcontext
+from contextlib import chdir, nullcontext, suppress
 from itertools import islice
 from pathlib import Path
 from unittest.mock import patch
