@@ -79,7 +79,8 @@ def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> 
     """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the loss U."""
     count, size = scores.shape
     eigenvalues, vectors = np.linalg.eigh(curvature)
-    eigenvalues = np.maximum(eigenvalues, MIN_EIGENVALUE * eigenvalues.max())
+    largest = max(eigenvalues.max(), np.finfo(float).tiny / MIN_EIGENVALUE)
+    eigenvalues = np.maximum(eigenvalues, MIN_EIGENVALUE * largest)
     root = np.sqrt(eigenvalues)
 
     # S in the coordinates in which H is the identity
@@ -199,7 +200,12 @@ def _derivatives(
     residuals = search.problem.residuals(np.array(points), np.full(len(points), motor))
     residuals = residuals.astype(np.float64)
     middle = residuals[0]
-    slopes = (residuals[1::2] - residuals[2::2]) / np.array(widths)[:, None]
+    # a constant at the bound of its range may not move at all: it has no effect then
+    can_move = np.array(widths)[:, None] != 0.0
+    differences = residuals[1::2] - residuals[2::2]
+    slopes = np.where(can_move, differences, 0.0) / np.where(
+        can_move, np.array(widths)[:, None], 1.0
+    )
     usable = np.isfinite(slopes).all(axis=0) & (np.abs(slopes) < 1e6).all(axis=0)
     slopes = np.where(usable, slopes, 0.0)
 
@@ -278,10 +284,12 @@ def _profile_ratio(
     refitted = _refitted_losses(search, start, is_fixed, motors)
     rise = np.maximum(refitted - losses[motors], 0.0)
 
-    # the end of an interval that the decoder cannot reach is checked nearer by
+    # the end of an interval that the decoder cannot reach is checked nearer by, or not at all
     share = (real_change[motors] / change[motors]) ** 2
     expected_rise = MODEL_ERROR * losses[motors] * share
-    return np.maximum(rise / expected_rise, MAX_PROFILE_FACTOR**-2)
+    is_checked = expected_rise > 0.0
+    ratio = np.where(is_checked, rise / np.where(is_checked, expected_rise, 1.0), 1.0)
+    return np.maximum(ratio, MAX_PROFILE_FACTOR**-2)
 
 
 def _refitted_losses(
