@@ -69,7 +69,7 @@ def test_every_policy_walks_on_every_sample_of_its_environments(study: Study):
         walk["condition"] for walk in walks if walk["environment"] == IN_TRAINING_OUT_OF_FAMILY
     }
 
-    assert out_of_family == {"oracle", "adapted_prior", "adapted_pd"}
+    assert out_of_family == {"oracle", "adapted_prior", "adapted_motors", "adapted_pd"}
 
 
 @pytest.mark.slow
