@@ -224,9 +224,15 @@ class Study:
 
     def _test_fleets(self, robot: Robot) -> set[str]:
         """Names of the fleets of the test environments."""
-        in_family = load_robot_fleet(robot, self.fleet, "fleet")
-        out_of_family = load_robot_fleet(robot, self.out_of_family, "out_of_family")
-        return {in_family.name, out_of_family.name}
+        fleets = {load_robot_fleet(robot, self.fleet, "fleet").name}
+        if self._tests_out_of_family:
+            fleets.add(load_robot_fleet(robot, self.out_of_family, "out_of_family").name)
+        return fleets
+
+    @property
+    def _tests_out_of_family(self) -> bool:
+        """Whether an environment has out-of-family motors."""
+        return any(ENVIRONMENTS[name].population == OUT_OF_FAMILY for name in self.environments)
 
     @property
     def episodes_at_a_time(self) -> int:
@@ -287,7 +293,8 @@ class Study:
         is_test_fleet = False
         if validation:
             is_test_fleet = load_robot_fleet(robot, validation, "validation").name in test_fleets
-        if len(test_fleets) < 2 or is_test_fleet:
+        is_same_fleet = self._tests_out_of_family and len(test_fleets) < 2
+        if is_same_fleet or is_test_fleet:
             raise ConfigError(
                 "fleet, out_of_family and validation must be three different fleets",
                 argument="out_of_family",
