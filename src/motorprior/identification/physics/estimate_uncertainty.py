@@ -201,11 +201,10 @@ def _derivatives(
     residuals = residuals.astype(np.float64)
     middle = residuals[0]
     # a constant at the bound of its range may not move at all: it has no effect then
-    can_move = np.array(widths)[:, None] != 0.0
-    differences = residuals[1::2] - residuals[2::2]
-    slopes = np.where(can_move, differences, 0.0) / np.where(
-        can_move, np.array(widths)[:, None], 1.0
-    )
+    distances = np.array(widths)[:, None]
+    can_move = distances != 0.0
+    differences = np.where(can_move, residuals[1::2] - residuals[2::2], 0.0)
+    slopes = differences / np.where(can_move, distances, 1.0)
     usable = np.isfinite(slopes).all(axis=0) & (np.abs(slopes) < 1e6).all(axis=0)
     slopes = np.where(usable, slopes, 0.0)
 
