@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from motorprior.actuator.estimates import SCORE
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.explanations.explanation import Explanation
@@ -40,7 +41,6 @@ _MAX_PARAMETER = 3.0  # largest parameter of candidates, over its unit
 _STD_RESTART = 0.5
 _LANES = 32  # motors simulated at a time; each has its own rows
 _STREAM = 83
-_Z90 = 1.645  # half width of the central 90 % of N(0, 1)
 # weaker than the prior of a fit, since its mean is a fit to contradictory inputs
 _CONSTANT_PRECISION = 1e-6
 _PARAMETER_PRECISION = 1e-6
@@ -308,4 +308,4 @@ class Attempts:
         matrix = information[:, free][:, :, free] + 1e-2 * np.eye(count)
         covariance = np.linalg.inv(matrix)
         variance = np.diagonal(covariance, axis1=1, axis2=2)[:, count - size :]
-        return _Z90 * np.sqrt(variance) * attempt.units
+        return SCORE * np.sqrt(variance) * attempt.units
