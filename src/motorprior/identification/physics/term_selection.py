@@ -213,16 +213,19 @@ def _finalists(
     def median_loss(fit: _EvaluatedFit) -> np.floating:
         return np.median(_logarithm(fit.train))
 
-    ranked = sorted(screened, key=lambda group: median_loss(screened[group]))
-    finalists = {}
-    for group in ranked[:_FINALISTS]:
-        finalists[group] = fits.with_terms(screened[group], group, _RESTARTS, STEPS)
+    groups = sorted(screened, key=lambda group: median_loss(screened[group]))[:_FINALISTS]
+    simplest_group = min(simplest, key=lambda group: median_loss(simplest[group]), default=None)
+    if simplest_group is not None and simplest_group not in groups:
+        groups.append(simplest_group)
 
-    if simplest:
-        group = min(simplest, key=lambda group: median_loss(simplest[group]))
-        fit = fits.with_all_constants(simplest[group])
-        if group not in finalists or fit.train.mean() < finalists[group].train.mean():
-            finalists[group] = fit
+    # either start can lead to a local optimum, so a finalist is searched from both
+    finalists = {}
+    for group in groups:
+        fit = fits.with_terms(screened[group], group, _RESTARTS, STEPS)
+        if group in simplest:
+            from_simplest = fits.with_all_constants(simplest[group])
+            fit = min(fit, from_simplest, key=lambda fit: fit.train.mean())
+        finalists[group] = fit
     return finalists
 
 
