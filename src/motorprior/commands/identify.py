@@ -52,7 +52,16 @@ def run_identify(config: Identify, progress: Progress = SILENT) -> MotorPrior:
     log, provenance = training_log(config.logs)
     if not config.torque:
         log = replace(log, joint_torque=None)
-    return fit_recipe(log, config.preset, recipe, config.seed, config.out, progress, provenance)
+    return fit_recipe(
+        log,
+        config.preset,
+        recipe,
+        config.seed,
+        config.out,
+        progress,
+        provenance,
+        explains=True,
+    )
 
 
 def training_log(paths: Sequence[Path]) -> tuple[MotorLog, dict[str, Any]]:

@@ -71,5 +71,5 @@ def _held_out_errors(
     simplest = fit_rigid_motors(runs, recipe.logged_terms, seed=0)
     model = grey_box(simplest.center, simplest.terms, recipe)
     attempts = Attempts(model, simplest.offsets, runs, _RESTARTS)
-    attempts.unchanged()
+    attempts.unchanged(np.arange(len(motors)))
     return attempts.errors_on(WindowRuns(test, recipe, motors))

@@ -109,7 +109,7 @@ def fit_prior(
     log = joined(checked_logs)
     provenance = provenance_of(checked_logs, log=log.source)
     folder = None if out is None else Path(out)
-    return fit_recipe(log, preset, recipe, seed, folder, progress, provenance)
+    return fit_recipe(log, preset, recipe, seed, folder, progress, provenance, explains=True)
 
 
 def fit_recipe(
@@ -121,6 +121,8 @@ def fit_recipe(
     progress: Progress = SILENT,
     provenance: Mapping[str, Any] | None = None,
     tuned: TorqueMotors | None = None,
+    *,
+    explains: bool = False,
 ) -> MotorPrior:
     """`fit_prior` with any recipe, named ``preset``.
 
@@ -133,6 +135,7 @@ def fit_recipe(
         progress: where to report to.
         provenance: of the log; `provenance_of` the log if not given.
         tuned: a PD that was tuned to the log, to compare with; it is tuned here if not given.
+        explains: whether notes state what in the log explains the errors.
     """
     recipe = with_window_that_fits(with_logged_settings(recipe, log), log)
     provenance = provenance or provenance_of([log], log=log.source)
@@ -148,7 +151,9 @@ def fit_recipe(
 
     # an error in the log leaves an earlier prior in the folder
     data = training_data(log, recipe, log.source)
-    fitted = partial(_fitted, log, recipe, preset, seed, provenance, tuned, progress, data)
+    fitted = partial(
+        _fitted, log, recipe, preset, seed, provenance, tuned, explains, progress, data
+    )
     if out is None:
         return fitted(unsaved)
     with locked(out), working(out, stage):
@@ -199,6 +204,7 @@ def _fitted(
     seed: int,
     provenance: Mapping[str, Any],
     tuned: TorqueMotors | None,
+    explains: bool,
     progress: Progress,
     data: TrainingData,
     checkpoint: Checkpoint,
@@ -228,8 +234,9 @@ def _fitted(
     metrics = training_errors.with_training_errors(metrics, model, data, recipe, mean, log)
     for note in result.notes:
         progress.report(note)
-    for note in _explanations(log, data, result):
-        progress.report(note)
+    if explains:
+        for note in _explanations(log, data, result):
+            progress.report(note)
 
     misfit = np.ones(log.num_joints)
     if isinstance(model, GreyBox):

@@ -13,6 +13,13 @@ from motorprior.actuator.estimates import SCORE
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.identification.explanations.explanation import Explanation
+from motorprior.identification.explanations.screen import (
+    Unexplained,
+    predicted_share,
+    sensitivities,
+    unexplained,
+)
+from motorprior.identification.physics.estimate_uncertainty import blocks_of, joint_covariance
 from motorprior.identification.physics.motor_problem import (
     TORQUES,
     MotorProblem,
@@ -22,24 +29,33 @@ from motorprior.identification.physics.motor_problem import (
     scaled_center,
 )
 from motorprior.identification.physics.window_runs import (
+    LANES_PER_TASK,
     POSITION_SCALE,
     SegmentArrays,
     WindowRuns,
     grey_boxes,
 )
-from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Search, threads
+from motorprior.identification.search import (
+    FIXED,
+    NARROW,
+    WIDE,
+    GaussianPrior,
+    Search,
+    huber,
+    threads,
+)
 from motorprior.logs.motor_log import PHYSICAL_GAINS
 from motorprior.signals import rms
 
-_CANDIDATES = 64
+_CANDIDATES = 32
 _STD_NEAR = 0.3  # of candidates around the fitted motor
 _STD_INITIAL = 0.7  # of candidates around the initial motor
-_FIRST_STEPS = ((4, WIDE),)
+_FIRST_STEPS = ((8, WIDE),)
 _STEPS = ((9, WIDE), (3, NARROW))
 _RESTARTS = 1
 _MAX_PARAMETER = 3.0  # largest parameter of candidates, over its unit
 _STD_RESTART = 0.5
-_LANES = 32  # motors simulated at a time; each has its own rows
+_INPUTS = 32  # changed rows at a time
 _STREAM = 83
 # weaker than the prior of a fit, since its mean is a fit to contradictory inputs
 _CONSTANT_PRECISION = 1e-6
@@ -71,19 +87,35 @@ class _ExplainedProblem(MotorProblem):
         """(L, windows·channels·steps) scaled errors, as `MotorProblem.residuals`."""
         if self.explanation is None:
             return super().residuals(x, problems)
-        chunks = []
-        for first in range(0, len(x), _LANES):
-            lanes = slice(first, first + _LANES)
-            chunks.append((x[lanes], problems[lanes]))
-        return np.concatenate(list(threads().map(self._errors, chunks))).reshape(len(x), -1)
 
-    def _errors(self, lanes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """(L, windows, channels, steps) scaled errors of L lanes, with changed inputs."""
-        assert self.explanation is not None
-        x, problems = lanes
+        # lanes with the same log and parameters have the same inputs
         size = len(self.explanation.units)
-        theta = (x[:, -size:] * self.explanation.units).T
-        every_lane = np.arange(len(x))
+        inputs = np.column_stack([problems, x[:, -size:]])
+        unique, index = np.unique(inputs, axis=0, return_inverse=True)
+        index = index.ravel()
+        order = np.argsort(index, kind="stable")
+        tasks = []
+        for first in range(0, len(unique), _INPUTS):
+            of_task = order[slice(*np.searchsorted(index[order], (first, first + _INPUTS)))]
+            for lane in range(0, len(of_task), LANES_PER_TASK):
+                lanes = of_task[lane : lane + LANES_PER_TASK]
+                tasks.append((x[lanes], unique[first : first + _INPUTS], index[lanes] - first))
+        errors = np.concatenate(list(threads().map(self._errors, tasks)))
+        by_lane = np.empty_like(errors)
+        by_lane[order] = errors
+        return by_lane.reshape(len(x), -1)
+
+    def _errors(self, task: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+        """(L, windows, channels, steps) scaled errors of L lanes.
+
+        The task has unknowns x (L, K + P), some ``inputs`` (U, 1 + P), which are the index of the
+        motor and the parameters, and the index of the inputs of every lane (L,).
+        """
+        assert self.explanation is not None
+        x, inputs, index = task
+        size = len(self.explanation.units)
+        problems = inputs[:, 0].astype(int)
+        theta = (inputs[:, 1:] * self.explanation.units).T
         errors = []
         for segment, is_changed in zip(self.runs.segments, self.is_changed, strict=True):
             rows = segment.rows[:, :, problems]
@@ -91,8 +123,8 @@ class _ExplainedProblem(MotorProblem):
                 rows = self.explanation.change(rows, theta, self.runs.recipe.period)
             rows = np.ascontiguousarray(rows[:, : self.columns])
             changed = SegmentArrays(rows, segment.windows)
-            motors = grey_boxes(self.model)(x[:, :-size], every_lane, changed)
-            errors.append(self.runs.run(motors, every_lane, changed))
+            motors = grey_boxes(self.model)(x[:, :-size], index, changed)
+            errors.append(self.runs.run(motors, index, changed))
         return np.concatenate(errors, axis=1)[:, self.runs.counted]
 
 
@@ -141,17 +173,57 @@ class Attempts:
         # without stated gains, all gains are 1 and can be changed
         self.model = replace(model, center=center, gain_unit=model.gain_unit or PHYSICAL_GAINS)
 
-    def unchanged(self) -> Attempt:
-        """The best fit to the logs as they are. Later attempts start from it."""
-        every_joint = np.arange(len(self.fitted))
-        attempt = self.refined(self.begun(None, every_joint), every_joint)
+    def unchanged(self, joints: np.ndarray) -> Attempt:
+        """The best fit of some ``joints`` to the logs as they are. Later attempts start from it."""
+        attempt = self.refined(self.begun(None, joints), joints)
         self.fitted = attempt.unknowns
         return attempt
 
     def errors_on(self, runs: WindowRuns) -> np.ndarray:
-        """(M,) position errors [rad] of the fitted motors in other runs."""
-        problem = _ExplainedProblem(self.model, runs, None, [], self._columns)
+        """(M,) position errors [rad] of the fitted motors in these runs."""
+        problem = self._problem(None, runs)
         return self._errors(problem, self.fitted, np.arange(len(self.fitted)))
+
+    def unexplained(self, joint: int) -> Unexplained:
+        """Residuals of a fitted motor that its constants cannot explain."""
+        free = np.flatnonzero(~self.fixed)
+        return unexplained(self._problem(None, self.runs), self.fitted[joint], joint, free)
+
+    def predicted_share(
+        self,
+        explanation: Explanation,
+        joint: int,
+        is_changed: list[bool],
+        runs: WindowRuns,
+        motor: Unexplained,
+    ) -> tuple[float, np.ndarray]:
+        """Share of a joint's error that an explanation leaves by a score test, and parameters."""
+        problem = self._problem(explanation, runs, is_changed)
+        return predicted_share(problem, motor, joint, len(explanation.units))
+
+    def candidate_share(
+        self, explanation: Explanation, joint: int, is_changed: list[bool], runs: WindowRuns
+    ) -> float:
+        """Share of a joint's error that the best candidate with an explanation leaves.
+
+        It is below 1 for a cause with a large effect, for which the score test is not valid.
+        """
+        search = Search(self._problem(explanation, runs, is_changed))
+        candidates = self._candidates(explanation, runs)[[joint]]
+        fitted = np.append(self.fitted[joint], np.zeros(len(explanation.units)))
+        points = np.concatenate([fitted[None, None], candidates], axis=1)
+        losses = search.losses(points, np.array([joint]))[0] / search.problem.weight
+        sizes = np.sqrt((1.0 + losses) ** 2 - 1.0)  # of one residual with this Huber loss
+        return float(sizes[1:].min() / max(sizes[0], 1e-12))
+
+    def _problem(
+        self,
+        explanation: Explanation | None,
+        runs: WindowRuns,
+        is_changed: list[bool] | None = None,
+    ) -> _ExplainedProblem:
+        is_changed = is_changed or [True] * len(runs.segments)
+        return _ExplainedProblem(self.model, runs, explanation, is_changed, self._columns)
 
     def begun(
         self,
@@ -159,15 +231,15 @@ class Attempts:
         joints: np.ndarray,
         is_changed: list[bool] | None = None,
         runs: WindowRuns | None = None,
+        predicted: np.ndarray | None = None,
     ) -> Attempt:
         """A few steps of some ``joints`` (indices) with this explanation.
 
         The explanation changes the segments ``is_changed``, all by default. ``runs`` replaces the
-        runs.
+        runs. ``predicted`` (M, P) parameters, over their units, are one of the candidates.
         """
         runs = runs or self.runs
-        is_changed = is_changed or [True] * len(runs.segments)
-        problem = _ExplainedProblem(self.model, runs, explanation, is_changed, self._columns)
+        problem = self._problem(explanation, runs, is_changed)
         search = Search(problem)
         units = () if explanation is None else explanation.units
         size = len(units)
@@ -177,6 +249,9 @@ class Attempts:
         prior = self._prior(x, fixed, size)
         candidates = self._candidates(explanation, runs)[joints]
         candidates[:, 0] = x[joints]
+        if predicted is not None:
+            candidates[:, 1] = x[joints]
+            candidates[:, 1, -size:] = predicted[joints]
         near_fitted, near_initial = np.split(candidates, 2, axis=1)
         start = search.best_of(near_fitted, prior, joints)
         fit = search.descend(start, prior, _FIRST_STEPS, joints)
@@ -193,8 +268,9 @@ class Attempts:
         if joints.size:
             x[joints] = self._refined(search, x[joints], attempt.prior, attempt.fixed, joints)
             errors = self._errors(attempt.problem, x, joints)
-        if joints.size and len(attempt.units):
-            half_widths[joints] = self._half_widths(search, x, joints, attempt)
+        if len(attempt.units):
+            for joint in joints.tolist():
+                half_widths[joint] = self._half_widths(x[joint], joint, attempt)
         return replace(attempt, unknowns=x, errors=errors, half_widths=half_widths)
 
     def _fixed(self, explanation: Explanation | None) -> tuple[np.ndarray, np.ndarray]:
@@ -278,11 +354,12 @@ class Attempts:
             is_initial, initial + _STD_INITIAL * noise, fitted[:, None] + _STD_NEAR * noise
         )
 
-        # parameters fill a cube
+        # parameters fill a cube, and its diagonal: factors are often equal
         parameters = np.empty((motors, _CANDIDATES, size))
         for column in range(size):
             grid = np.linspace(-_MAX_PARAMETER, _MAX_PARAMETER, _CANDIDATES)
             parameters[..., column] = rng.permutation(grid)
+        parameters[:, 1::4] = parameters[:, 1::4, :1]
         if explanation is not None and explanation.guess is not None:
             rows = np.concatenate([segment.rows for segment in runs.segments])
             guess = explanation.guess(rows) / explanation.units
@@ -295,17 +372,22 @@ class Attempts:
         constants = np.where(fixed, fitted[:, None], constants)
         return np.concatenate([constants, parameters], axis=2)
 
-    def _half_widths(
-        self, search: Search, x: np.ndarray, joints: np.ndarray, attempt: Attempt
-    ) -> np.ndarray:
-        """(m, P) half widths of 90 % intervals, if each window is one observation."""
+    def _half_widths(self, x: np.ndarray, joint: int, attempt: Attempt) -> np.ndarray:
+        """(P,) half widths of the 90 % intervals of a joint's parameters, at its unknowns x."""
         size = len(attempt.units)
-        free = np.append(~attempt.fixed, np.ones(size, bool))
-        count = int(free.sum())
-        loss = np.maximum(search.losses(x[joints], joints), 1e-12)
-        curvature = search.curvatures(x, NARROW, joints) / loss[:, None, None]
-        information = 0.5 * search.problem.observations * curvature
-        matrix = information[:, free][:, :, free] + 1e-2 * np.eye(count)
-        covariance = np.linalg.inv(matrix)
-        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, count - size :]
+        problem = attempt.problem
+        free = np.flatnonzero(np.append(~attempt.fixed, np.ones(size, bool)))
+        residuals, slopes = sensitivities(problem, x, joint, free, WIDE)
+        factor = problem.weight / len(residuals)
+        squares = 1.0 + residuals**2
+        curvature = factor * (slopes * squares**-1.5) @ slopes.T
+        gradients = factor * slopes * residuals / np.sqrt(squares)
+
+        by_window = gradients.reshape(len(free), problem.observations, -1).sum(axis=2)
+        blocks = blocks_of(problem.runs)
+        scores = np.zeros((blocks.max() + 1, len(free)))
+        np.add.at(scores, blocks, by_window.T)
+        loss = factor * float(np.sum(huber(residuals)))
+        covariance = joint_covariance(curvature, scores, loss)
+        variance = np.diagonal(covariance)[len(free) - size :]
         return SCORE * np.sqrt(variance) * attempt.units

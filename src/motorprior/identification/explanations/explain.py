@@ -1,8 +1,10 @@
 """Explain a fit whose inputs contradict the model: which cause removes most of the error.
 
-Every explanation of the registry is fitted together with the constants (`attempt`), also where the
-error is small. It is reported if it makes the error of a joint several times smaller. Of several
-explanations, the one that cures most joints with the fewest parameters comes first.
+Every explanation of the registry is screened by a score test (`screen`), also where the error is
+small. The promising ones are fitted together with the constants (`attempt`). An explanation is
+reported if it at least halves the error of a joint, and if a parameter of it is larger than its
+interval and than a stated minimum. Of several that are equally good, the one with the fewest
+parameters comes first.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -42,6 +44,11 @@ CURED = 0.5  # an explanation leaves at most this share of the error of a joint 
 MIN_ERROR = 0.5e-3
 MISSING_PHYSICS = 0.03  # share of the motion that remains where physics is missing
 _MAX_HALF_WIDTH = 1.5  # of the interval of an identified parameter, over its unit
+_PREDICTED = 0.95  # share of the error that an explanation may leave by its score test
+_EQUAL_SHARE = 0.15  # explanations with shares that differ by less are equally promising
+# explanations of each joint that are fitted
+_MIN_PREDICTED = 3
+_MAX_PREDICTED = 8
 _PROMISING = 0.8  # share of the error that a promising explanation leaves after a few steps
 _MAX_PROMISING = 3  # of each joint
 _EQUAL_VALUES = 0.03  # parameters of joints are equal if they differ by less, or by their intervals
@@ -59,6 +66,7 @@ class Trial:
 
     name: str
     units: tuple[float, ...]  # of the parameters
+    smallest: tuple[float, ...]  # parameters that count
     is_shared: bool
     attempt: Attempt
     # (joint, estimate) -> problem and remedy
@@ -79,9 +87,13 @@ class Trial:
         assert half_widths is not None
         return half_widths[list(joints)]
 
-    def is_identified(self, joint: int) -> bool:
-        """Whether the log of a joint identifies the parameters."""
-        return bool(np.all(self._half_widths([joint])[0] <= _MAX_HALF_WIDTH * np.array(self.units)))
+    def counts(self, joint: int) -> bool:
+        """Whether the log of a joint identifies the parameters, and one of them is not small."""
+        if not self.units:
+            return True
+        estimate = self.estimate(joint)
+        is_identified = np.all(estimate.half_widths <= _MAX_HALF_WIDTH * np.array(self.units))
+        return bool(is_identified) and estimate.count_above(np.array(self.smallest)) > 0
 
     def common_estimate(self, joints: Sequence[int]) -> Estimate | None:
         """Parameters that several joints have in common, or None if they disagree."""
@@ -95,9 +107,11 @@ class Trial:
         return Estimate(mean, np.sum(weights, axis=0) ** -0.5)
 
     def parameters(self, joints: Sequence[int]) -> int:
-        """Number of parameters for these joints; equal parameters of joints count once."""
-        size = len(self.units)
-        return size if self.common_estimate(joints) else size * len(joints)
+        """Number of parameters for these joints that are not small; equal ones count once."""
+        common = self.common_estimate(joints)
+        if common is not None:
+            return common.count_above(np.array(self.smallest))
+        return len(self.units) * len(joints)
 
 
 @dataclass(frozen=True)
@@ -153,13 +167,21 @@ def explain(
         first = int(starts[np.searchsorted(starts, segment.start, side="right") - 1])
         logs_of_runs.append(first_rows[first])
 
-    errors = attempts.unchanged().errors
-    joints = np.flatnonzero(errors > MIN_ERROR)
     with_gravity = None if levers is None else _with_gravity(subset, levers)
     logs = _Logs(runs, _of_motors(data, motors), with_gravity, logs_of_runs, levers)
+
+    errors = attempts.errors_on(runs)
+    joints = np.flatnonzero(errors > MIN_ERROR)
+    if not joints.size:
+        return Explanations(facts, errors, ())
+    errors[joints] = attempts.unchanged(joints).errors[joints]
+    joints = np.flatnonzero(errors > MIN_ERROR)
+    is_bad = errors > MISSING_PHYSICS * facts.motion
+    screened = _screened(attempts, joints, is_bad, _inputs(joints, logs, facts))
+    faulty_rows = _faulty_rows(logs, facts)
     begun = [
-        *_row_trials(attempts, joints, logs, facts),
-        *_input_trials(attempts, joints, logs, facts),
+        *_row_trials(attempts, joints, logs, faulty_rows),
+        *(_input_trial(attempts, candidate, facts) for candidate in screened),
     ]
     trials = _refined(attempts, begun, errors)
     return Explanations(facts, errors, tuple(causes_of(errors, trials)))
@@ -261,10 +283,21 @@ class _Logs:
     levers: GravityLevers | None
 
 
-def _input_trials(
-    attempts: Attempts, joints: np.ndarray, logs: _Logs, facts: Facts
-) -> Iterator[Trial]:
-    """Trials of `EXPLANATIONS`, for all logs, for single logs and for single joints."""
+@dataclass(frozen=True)
+class _Input:
+    """An explanation of the inputs of some joints, for all logs or for one."""
+
+    explanation: Explanation
+    joints: np.ndarray  # indices
+    runs: WindowRuns
+    is_changed: list[bool]  # for each segment of the runs
+    scope: int | None  # index of the log, None for all
+    turned: int | None  # joint that the explanation turns
+    predicted: np.ndarray | None = None  # (M, P) parameters over their units
+
+
+def _inputs(joints: np.ndarray, logs: _Logs, facts: Facts) -> Iterator[_Input]:
+    """`EXPLANATIONS` of these joints, for all logs, for single logs and for single joints."""
     levers = logs.levers
     for explanation in EXPLANATIONS:
         if not explanation.applies(facts):
@@ -292,8 +325,57 @@ def _input_trials(
                 continue
             for scope in scopes:
                 is_changed = [scope is None or log == scope for log in logs.logs_of_segments]
-                attempt = attempts.begun(explanation, changed_joints, is_changed, changed_runs)
-                yield _trial(explanation, attempt, facts, scope, joint)
+                yield _Input(explanation, changed_joints, changed_runs, is_changed, scope, joint)
+
+
+def _screened(
+    attempts: Attempts, joints: np.ndarray, is_bad: np.ndarray, inputs: Iterator[_Input]
+) -> list[_Input]:
+    """The inputs, each with the joints whose errors it may explain.
+
+    The score test decides; of joints that are fitted badly (M,), also candidates far away from the
+    fitted motor.
+    """
+    unexplained = {joint: attempts.unexplained(joint) for joint in joints.tolist()}
+    count = len(attempts.fitted)
+    candidates = []
+    shares = []
+    for candidate in inputs:
+        share = np.full(count, np.inf)
+        predicted = np.zeros((count, len(candidate.explanation.units)))
+        for joint in candidate.joints.tolist():
+            share[joint], predicted[joint] = attempts.predicted_share(
+                candidate.explanation,
+                joint,
+                candidate.is_changed,
+                candidate.runs,
+                unexplained[joint],
+            )
+            if is_bad[joint]:
+                far_share = attempts.candidate_share(
+                    candidate.explanation, joint, candidate.is_changed, candidate.runs
+                )
+                share[joint] = min(share[joint], far_share)
+        candidates.append(replace(candidate, predicted=predicted))
+        shares.append(share)
+    if not candidates:
+        return []
+
+    table = np.stack(shares)  # (candidates, M); inf for joints that a candidate does not change
+    has_guess = np.array([candidate.explanation.guess is not None for candidate in candidates])
+    rank = np.argsort(np.argsort(table, axis=0), axis=0)
+    is_possible = table < _PREDICTED
+    is_near_best = (table < table.min(axis=0) + _EQUAL_SHARE) & (rank < _MAX_PREDICTED)
+    is_chosen = is_possible & (is_near_best | (rank < _MIN_PREDICTED))
+    # commands or angles of another unit are far beyond a score test
+    is_chosen |= is_bad & has_guess[:, None] & ~np.isinf(table)
+    screened = []
+    for candidate, possible, chosen in zip(candidates, is_possible, is_chosen, strict=True):
+        is_shared = candidate.explanation.is_shared or candidate.turned is not None
+        if chosen.any():
+            joints_left = np.flatnonzero(possible if is_shared else chosen)
+            screened.append(replace(candidate, joints=joints_left))
+    return screened
 
 
 def _with_axis(data: TrainingData, levers: GravityLevers, moved: int) -> TrainingData:
@@ -306,9 +388,14 @@ def _with_axis(data: TrainingData, levers: GravityLevers, moved: int) -> Trainin
     return replace(data, series=series)
 
 
-def _trial(
-    explanation: Explanation, attempt: Attempt, facts: Facts, scope: int | None, turned: int | None
-) -> Trial:
+def _input_trial(attempts: Attempts, candidate: _Input, facts: Facts) -> Trial:
+    """A few steps of an explanation of inputs."""
+    explanation = candidate.explanation
+    scope = candidate.scope
+    turned = candidate.turned
+    attempt = attempts.begun(
+        explanation, candidate.joints, candidate.is_changed, candidate.runs, candidate.predicted
+    )
     where = "" if scope is None else f" in {facts.logs[scope]}"
 
     def describe(joint: int, estimate: Estimate) -> tuple[str, str]:
@@ -318,20 +405,30 @@ def _trial(
 
     name = explanation.name if scope is None else f"{explanation.name} of log {scope}"
     is_shared = explanation.is_shared or turned is not None
-    return Trial(name, explanation.units, is_shared, attempt, describe, turned)
+    return Trial(
+        name, explanation.units, explanation.smallest, is_shared, attempt, describe, turned
+    )
 
 
-def _row_trials(
-    attempts: Attempts, joints: np.ndarray, logs: _Logs, facts: Facts
-) -> Iterator[Trial]:
-    """Trials of `ROW_EXPLANATIONS`, each on the windows that it leaves."""
-    runs = logs.runs
-    recipe = runs.recipe
+def _faulty_rows(logs: _Logs, facts: Facts) -> dict[str, np.ndarray]:
+    """Mask (R, M) of the rows that each of `ROW_EXPLANATIONS` leaves out, by its name."""
+    masks = {}
     for explanation in ROW_EXPLANATIONS:
         mask = np.zeros(logs.data.series.shape[:2], bool).T
         for segment in logs.data.segments:
             rows = logs.data.series[:, segment].transpose(1, 2, 0)
-            mask[segment] = explanation.faulty(rows, facts.motion, recipe.period)
+            mask[segment] = explanation.faulty(rows, facts.motion, logs.runs.recipe.period)
+        masks[explanation.name] = mask
+    return masks
+
+
+def _row_trials(
+    attempts: Attempts, joints: np.ndarray, logs: _Logs, faulty_rows: dict[str, np.ndarray]
+) -> Iterator[Trial]:
+    """Trials of `ROW_EXPLANATIONS`, each on the windows that it leaves."""
+    recipe = logs.runs.recipe
+    for explanation in ROW_EXPLANATIONS:
+        mask = faulty_rows[explanation.name]
 
         # one joint at a time: the other joints keep their rows
         for joint in joints[mask[:, joints].any(axis=0)]:
@@ -351,7 +448,7 @@ def _row_trial(
         where = f"from {recipe.period * rows[0]:.3g} s to {recipe.period * rows[-1]:.3g} s"
         return explanation.problem.format(seconds=seconds, where=where), explanation.remedy
 
-    return Trial(explanation.name, (), False, attempt, describe)
+    return Trial(explanation.name, (), (), False, attempt, describe)
 
 
 def causes_of(errors: np.ndarray, trials: Sequence[Trial]) -> list[Explained]:
@@ -369,11 +466,11 @@ def causes_of(errors: np.ndarray, trials: Sequence[Trial]) -> list[Explained]:
         limit = max(_EQUAL * left, left + _EQUAL_ERROR)
         equal = []
         for trial in trials:
-            is_identified = all(trial.is_identified(joint) for joint in joints.tolist())
-            if is_identified and rms(trial.attempt.errors[joints]) <= limit:
+            counts = all(trial.counts(joint) for joint in joints.tolist())
+            if counts and rms(trial.attempt.errors[joints]) <= limit:
                 equal.append(trial)
         indices = tuple(joints.tolist())
-        equal.sort(key=lambda trial: _cost(trial, indices))
+        equal.sort(key=lambda trial: _order(trial, indices, float(left)))
         causes.append(Explained(indices, tuple(equal)))
         remaining[joints] = False
     return causes
@@ -386,17 +483,22 @@ def _cured(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> np.ndarra
     """
     is_cured = remaining & (trial.share(errors) < CURED)
     for joint in np.flatnonzero(is_cured):
-        is_cured[joint] = trial.is_identified(int(joint))
+        is_cured[joint] = trial.counts(int(joint))
     cured = np.flatnonzero(is_cured)
     if trial.is_shared and cured.size and trial.common_estimate(cured.tolist()) is None:
         return cured[:0]
     return cured
 
 
-def _cost(trial: Trial, joints: tuple[int, ...]) -> float:
-    """Error of some joints [rad], larger by 5 % for every parameter."""
-    error = max(float(rms(trial.attempt.errors[list(joints)])), 0.5 * _EQUAL_ERROR)
-    return error * (1.0 + 0.05 * trial.parameters(joints))
+def _order(trial: Trial, joints: tuple[int, ...], least: float) -> tuple[int, int]:
+    """Order of equally good trials: the error in steps of 10 %, then the number of parameters.
+
+    ``least`` is the error of one of them [rad].
+    """
+    floor = 0.5 * _EQUAL_ERROR
+    error = max(float(rms(trial.attempt.errors[list(joints)])), floor)
+    steps = round(np.log(error / max(least, floor)) / np.log(1.1))
+    return steps, trial.parameters(joints)
 
 
 def _gain(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> float:

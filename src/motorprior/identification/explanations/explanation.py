@@ -52,6 +52,11 @@ class Estimate:
     values: np.ndarray  # (P,)
     half_widths: np.ndarray  # (P,)
 
+    def count_above(self, smallest: np.ndarray) -> int:
+        """Number of parameters above ``smallest`` (P,) whose intervals exclude 0."""
+        size = np.abs(self.values)
+        return int(np.sum((size > smallest) & (size > self.half_widths)))
+
     @property
     def low(self) -> np.ndarray:
         """(P,) lower ends."""
@@ -89,6 +94,7 @@ class Explanation:
         change: the inputs with the parameters.
         describe: what is wrong, with the value, and the remedy.
         units: values of the P parameters that change the inputs noticeably.
+        smallest: magnitudes of the P parameters; if all are smaller, a user need not know.
         applies: whether the logs can be wrong in this way.
         guess: parameters from the rows (T, channels, M) of a log, to start from.
         replaces: signed constants that are 0, since the parameters have their effect.
@@ -105,6 +111,7 @@ class Explanation:
     change: Change
     describe: Description
     units: tuple[float, ...] = (1.0,)
+    smallest: tuple[float, ...] = (0.05,)
     applies: Callable[[Facts], bool] = field(default=lambda facts: True)
     guess: Callable[[np.ndarray], np.ndarray] | None = None
     replaces: tuple[str, ...] = ()

@@ -19,6 +19,8 @@ from motorprior.identification.explanations.explanation import (
 from motorprior.robots.robot import GRAVITY
 
 _MIN_OFFSET = 0.15  # of a command [rad]; the encoder zero of a motor takes up less
+_MIN_ZERO = 0.03  # of a zero or a tilt [rad]
+_MIN_SHIFT = 0.01  # of the time of a command [s]
 
 
 def _scaled(*channels: int, parameter: int = 0) -> Callable:
@@ -314,9 +316,14 @@ EXPLANATIONS = (
         _gains_text,
         applies=_stated,
         scales_torques=True,
+        smallest=(0.1,),
     ),
-    Explanation("stated_kp", _scaled(channel.KP), _one_gain_text(0), applies=_states_kd),
-    Explanation("stated_kd", _scaled(channel.KD), _one_gain_text(1), applies=_states_kd),
+    Explanation(
+        "stated_kp", _scaled(channel.KP), _one_gain_text(0), smallest=(0.1,), applies=_states_kd
+    ),
+    Explanation(
+        "stated_kd", _scaled(channel.KD), _one_gain_text(1), smallest=(0.2,), applies=_states_kd
+    ),
     Explanation(
         "gains_of_log",
         _scaled(channel.KP, channel.KD),
@@ -324,13 +331,14 @@ EXPLANATIONS = (
         per_log=True,
         only_per_log=True,
     ),
-    Explanation("load", _scaled_load, _load_text, units=(1.0, 1.0)),
-    Explanation("weight", _weighted, _weight_text),
+    Explanation("load", _scaled_load, _load_text, units=(1.0, 1.0), smallest=(0.1, 0.2)),
+    Explanation("weight", _weighted, _weight_text, smallest=(0.1,)),
     Explanation(
         "command_scale",
         _scaled_command,
         _command_text,
         units=(1.0, 1.0),
+        smallest=(0.05, _MIN_OFFSET),
         guess=_command_guess,
         replaces=("encoder_zero",),
     ),
@@ -341,23 +349,35 @@ EXPLANATIONS = (
         _moved_angle,
         _moved_angle_text,
         units=(0.5,),
+        smallest=(_MIN_ZERO,),
         per_log=True,
         only_per_log=True,
     ),
-    Explanation("zero", _moved_zero, _zero_text, (0.5,), per_log=True, turns=True),
+    Explanation(
+        "zero", _moved_zero, _zero_text, (0.5,), smallest=(_MIN_ZERO,), per_log=True, turns=True
+    ),
     Explanation(
         "tilt",
         _tilted,
         _tilt_text,
         units=(0.5, 0.5),
+        smallest=(_MIN_ZERO, _MIN_ZERO),
         applies=lambda facts: facts.has_gravity,
         per_log=True,
         is_shared=True,
     ),
-    Explanation("velocity_target", _led, _lead_text, units=(0.1,)),
-    Explanation("delay", _shifted, _delay_text, units=(0.05,), held=("delay",)),
+    Explanation("velocity_target", _led, _lead_text, units=(0.1,), smallest=(0.005,)),
     Explanation(
-        "delay_of_log", _shifted, _delay_text, units=(0.05,), per_log=True, only_per_log=True
+        "delay", _shifted, _delay_text, units=(0.05,), smallest=(_MIN_SHIFT,), held=("delay",)
+    ),
+    Explanation(
+        "delay_of_log",
+        _shifted,
+        _delay_text,
+        units=(0.05,),
+        smallest=(0.5 * _MIN_SHIFT,),
+        per_log=True,
+        only_per_log=True,
     ),
     Explanation(
         "torque_scale",
