@@ -62,6 +62,8 @@ class World:
     hangs_at: float | np.ndarray = 0.0
     # factor on weight and inertia
     load: float = 1.0
+    # commands and angles over the logged ones
+    ratio: float = 1.0
 
 
 def swing(
@@ -82,7 +84,7 @@ def swing(
     target = 0.3 + _sines(rng, time, joints)
     if has_steps:
         target = target + _steps(rng, time, joints)
-    angle = _angles(time, target, world)
+    angle = _angles(time, world.ratio * target, world) / world.ratio
     angle = angle + 2e-4 * rng.standard_normal(angle.shape)
 
     ones = np.ones_like(angle)

@@ -179,10 +179,11 @@ class Attempts:
         self.fitted = attempt.unknowns
         return attempt
 
-    def errors_on(self, runs: WindowRuns) -> np.ndarray:
-        """(M,) position errors [rad] of the fitted motors in these runs."""
+    def errors_on(self, runs: WindowRuns, motors: np.ndarray | None = None) -> np.ndarray:
+        """(M,) position errors [rad] in these runs of ``motors`` (M, K), or of the fitted ones."""
         problem = self._problem(None, runs)
-        return self._errors(problem, self.fitted, np.arange(len(self.fitted)))
+        unknowns = self.fitted if motors is None else motors
+        return self._errors(problem, unknowns, np.arange(len(unknowns)))
 
     def unexplained(self, joint: int) -> Unexplained:
         """Residuals of a fitted motor that its constants cannot explain."""

@@ -2,9 +2,9 @@
 
 Every explanation of the registry is screened by a score test (`screen`), also where the error is
 small. The promising ones are fitted together with the constants (`attempt`). An explanation is
-reported if it at least halves the error of a joint, and if a parameter of it is larger than its
-interval and than a stated minimum. Of several that are equally good, the one with the fewest
-parameters comes first.
+reported if it leaves at most CURED of the error of a joint, and if one of its parameters is larger
+than its interval and than a stated minimum. Of several that are equally good, the one with the
+fewest parameters comes first.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,7 @@ from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.progress import Note
 from motorprior.signals import rms
 
-CURED = 0.5  # an explanation leaves at most this share of the error of a joint that it cures
+CURED = 0.4  # an explanation leaves at most this share of the error of a joint that it cures
 # joints with a smaller error [rad] need no explanation; nor does an explanation count that leaves
 # more than this share of the motion
 MIN_ERROR = 0.5e-3
@@ -168,7 +168,9 @@ def explain(
         logs_of_runs.append(first_rows[first])
 
     with_gravity = None if levers is None else _with_gravity(subset, levers)
-    logs = _Logs(runs, _of_motors(data, motors), with_gravity, logs_of_runs, levers)
+    logs = _Logs(
+        runs, _of_motors(data, motors), subset.segments, with_gravity, logs_of_runs, levers
+    )
 
     errors = attempts.errors_on(runs)
     joints = np.flatnonzero(errors > MIN_ERROR)
@@ -278,6 +280,7 @@ class _Logs:
 
     runs: WindowRuns
     data: TrainingData  # all rows
+    segments: tuple[slice, ...]  # rows of the runs
     with_gravity: TrainingData | None  # rows of the runs, if the bodies are known
     logs_of_segments: list[int]  # index of the log of each segment of the runs
     levers: GravityLevers | None
@@ -373,7 +376,7 @@ def _screened(
     for candidate, possible, chosen in zip(candidates, is_possible, is_chosen, strict=True):
         is_shared = candidate.explanation.is_shared or candidate.turned is not None
         if chosen.any():
-            joints_left = np.flatnonzero(possible if is_shared else chosen)
+            joints_left = np.flatnonzero(possible | chosen if is_shared else chosen)
             screened.append(replace(candidate, joints=joints_left))
     return screened
 
@@ -430,13 +433,20 @@ def _row_trials(
     for explanation in ROW_EXPLANATIONS:
         mask = faulty_rows[explanation.name]
 
+        in_runs = np.stack([mask[segment].any(axis=0) for segment in logs.segments])
+
         # one joint at a time: the other joints keep their rows
-        for joint in joints[mask[:, joints].any(axis=0)]:
+        for joint in joints[in_runs[:, joints].any(axis=0)]:
             left = spread_windows(logs.data, recipe, mask[:, joint])
             if len(left.segments) >= _MIN_WINDOWS:
                 left_runs = WindowRuns(left, recipe)
                 attempt = attempts.begun(None, np.array([joint]), runs=left_runs)
-                yield _row_trial(explanation, attempt, mask, recipe)
+
+                # the motor without these rows must not replay them
+                faulty_runs = logs.runs.counting(in_runs[:, joint])
+                error = attempts.errors_on(faulty_runs, attempt.unknowns)[joint]
+                if attempt.errors[joint] < CURED * error:
+                    yield _row_trial(explanation, attempt, mask, recipe)
 
 
 def _row_trial(

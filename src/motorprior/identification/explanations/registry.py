@@ -50,6 +50,8 @@ def _gains_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]
     remedy = f"the drive scales them: leave them out of the column map, or state kp {kp:.3g}"
     if facts.has_kd:
         remedy += f" and kd {factor * facts.gains[1, joint]:.3g}"
+    # all torques of a motor and its load can be scaled together without another motion
+    remedy += f"; or the gains are right and the load is {1.0 / factor:.3g} times the stated one"
     return f"{names} are {size}" if facts.has_kd else f"{names} is {size}", remedy
 
 
@@ -168,10 +170,10 @@ def _scaled_joint(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
     """Angles that are exp(θ) times the logged ones, in logged units.
 
     With s = exp(θ), J·s·q̈ = kp·s·(u - q) + τ(s·q) for an external torque τ; τ/s is the external
-    torque in logged units. Loads by a model were computed at the logged angles.
+    torque in logged units. Loads were computed at the logged angles.
     """
-    if has_gravity(rows):
-        rows = _turned(rows, np.expm1(theta[0]) * rows[:, TURNED_POS])
+    angle = rows[:, TURNED_POS] if has_gravity(rows) else rows[:, channel.POS]
+    rows = _turned(rows, np.expm1(theta[0]) * angle)
     scale = _scale_of_joint(rows, theta)
     external = rows[:, channel.EXTERNAL] + rows[:, channel.STIFFNESS] * rows[:, channel.POS]
     rows[:, channel.EXTERNAL] = external / scale - rows[:, channel.STIFFNESS] * rows[:, channel.POS]

@@ -12,7 +12,10 @@ _AT_EXTREME = 0.02  # distance from the extreme angle, over the range of the ang
 _BEYOND = 0.02  # distance of a command beyond it, over the range of the angle
 _STOP_SECONDS = 0.05  # shortest contact with an end stop
 _SPAN_SECONDS = 1.0  # span in which a joint must respond
-_MIN_COMMAND = 0.15  # range of the command in this span, over its range in the log
+# range of the command in this span: over its range in the log, and over the median error of the
+# joint, since dead zone and dry friction hold a joint in small motions
+_MIN_COMMAND = 0.15
+_MIN_ERRORS = 3.0
 _MIN_RESPONSE = 0.12  # range of the angle over the range of the command in this span
 _MARGIN_SECONDS = 1.0  # left out before and after rows without response
 
@@ -40,7 +43,9 @@ def _no_response(rows: np.ndarray, motion: np.ndarray, period: float) -> np.ndar
 
     target = rows[:, channel.TARGET]
     command = spans(target)
-    moves = command > _MIN_COMMAND * np.maximum(np.ptp(target, axis=0), 1e-9)
+    median_error = np.median(np.abs(target - rows[:, channel.POS]), axis=0)
+    min_command = np.maximum(_MIN_COMMAND * np.ptp(target, axis=0), _MIN_ERRORS * median_error)
+    moves = command > np.maximum(min_command, 1e-9)
     is_dead = moves & (spans(rows[:, channel.POS]) < _MIN_RESPONSE * command)
     margin = 2 * round(_MARGIN_SECONDS / period) + 1
     # rows between two dead ones are dead as well
