@@ -54,7 +54,7 @@ _MAX_PROMISING = 3  # of each joint
 _EQUAL_VALUES = 0.03  # parameters of joints are equal if they differ by less, or by their intervals
 # explanations are equally good if their errors differ by less than this factor, or this error [rad]
 _EQUAL = 1.3
-_EQUAL_ERROR = 0.4e-3
+_EQUAL_ERROR = 0.25e-3
 _MAX_MOTORS = 10  # motors that are explained: those with the largest errors
 _MAX_WINDOW = 250  # steps: short runs are fast, and have few local optima
 _MIN_WINDOWS = 3  # that an explanation by rows must leave
@@ -265,10 +265,11 @@ def _refined(attempts: Attempts, begun: list[Trial], errors: np.ndarray) -> list
         return []
     first_errors = np.stack([trial.attempt.errors for trial in begun])  # (trials, M)
     rank = np.argsort(np.argsort(first_errors, axis=0), axis=0)
-    is_promising = (first_errors < _PROMISING * errors) & (rank < _MAX_PROMISING)
+    is_promising = first_errors < _PROMISING * errors
+    is_best = is_promising & (rank < _MAX_PROMISING)
     trials = []
-    for trial, joints in zip(begun, is_promising, strict=True):
-        if joints.any():
+    for trial, joints, best in zip(begun, is_promising, is_best, strict=True):
+        if best.any():
             attempt = attempts.refined(trial.attempt, np.flatnonzero(joints))
             trials.append(replace(trial, attempt=attempt))
     return trials
@@ -374,10 +375,9 @@ def _screened(
     is_chosen |= is_bad & has_guess[:, None] & ~np.isinf(table)
     screened = []
     for candidate, possible, chosen in zip(candidates, is_possible, is_chosen, strict=True):
-        is_shared = candidate.explanation.is_shared or candidate.turned is not None
+        # several joints often have one cause
         if chosen.any():
-            joints_left = np.flatnonzero(possible | chosen if is_shared else chosen)
-            screened.append(replace(candidate, joints=joints_left))
+            screened.append(replace(candidate, joints=np.flatnonzero(possible | chosen)))
     return screened
 
 
@@ -404,7 +404,8 @@ def _input_trial(attempts: Attempts, candidate: _Input, facts: Facts) -> Trial:
     def describe(joint: int, estimate: Estimate) -> tuple[str, str]:
         problem, remedy = explanation.describe(estimate, joint, facts)
         name = facts.joint_names[joint if turned is None else turned]
-        return problem.replace("{joint}", name) + where, remedy
+        problem = problem.replace("{of}", "" if turned is None else f" of {name}")
+        return problem.replace("{joint}", name) + where, remedy.replace("{joint}", name)
 
     name = explanation.name if scope is None else f"{explanation.name} of log {scope}"
     is_shared = explanation.is_shared or turned is not None
@@ -538,12 +539,13 @@ def _notes(errors: np.ndarray, causes: Sequence[Explained], facts: Facts) -> Ite
         yield Note(
             "warning",
             f"{listed(texts, 6)}: no single error of the log explains this, so the model lacks "
-            "physics of these joints (contact, slip, a changing load, a nonlinear transmission)",
+            "physics of these joints (contact, slip, a changing load, a nonlinear transmission), "
+            "or the model of their load lacks a part",
         )
-    is_bad |= is_missing
-    if is_bad.any() and not is_bad.all():
-        largest = 1e3 * errors[~is_bad].max()
-        good = listed(names[~is_bad].tolist(), 6)
+    is_good = ~is_bad & (errors <= 4.0 * MIN_ERROR)
+    if (is_bad | is_missing).any() and is_good.any():
+        largest = 1e3 * errors[is_good].max()
+        good = listed(names[is_good].tolist(), 6)
         yield Note("info", f"the figures of {good} stand (errors up to {largest:.1f} mrad)")
 
 

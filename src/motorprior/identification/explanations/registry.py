@@ -160,9 +160,8 @@ def _scale_of_joint(rows: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 def _angle_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     scale = float(np.exp(estimate.values[0]))
-    name = facts.joint_names[joint]
-    problem = f"the angles are {estimate.factor_text(0)} times the logged ones"
-    remedy = f"wrong ticks, unit or gear ratio: scale = {scale:.3g} in [joints.{name}.joint_pos]"
+    problem = f"the angles{{of}} are {estimate.factor_text(0)} times the logged ones"
+    remedy = f"wrong ticks, unit or gear ratio: scale = {scale:.3g} in [joints.{{joint}}.joint_pos]"
     return problem, f"{remedy} of the column map"
 
 
@@ -183,7 +182,7 @@ def _scaled_joint(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
 
 def _joint_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     scale = float(np.exp(estimate.values[0]))
-    problem = f"commands and angles are {estimate.factor_text(0)} times the logged ones"
+    problem = f"commands and angles{{of}} are {estimate.factor_text(0)} times the logged ones"
     remedy = f"wrong gear ratio, ticks or unit: scale = {scale:.3g} for both columns"
     return problem, f"{remedy} in the column map"
 
