@@ -54,6 +54,12 @@ SMALL_RUNS = {
     "fleet_validation": SmallRun(
         "{bench_prior} --out {out} --adapt-seconds 1 --population 16",
     ),
+    "go2_walking": SmallRun(
+        "--data {data} --out {out} --logs 2 --seconds-of-log 6 --policies 2 --iterations 1 "
+        "--episode-steps 10 --walks 2 --seconds 1 --workers 1",
+        files=("figures.json", "table.md"),
+        package="pybullet",
+    ),
     "motor_cards": SmallRun(
         "--data {data} --out {out} --work {out}/work --cards xl330 --seconds 6",
         files=("xl330/prior.safetensors", "xl330/README.md"),

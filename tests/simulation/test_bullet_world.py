@@ -1,13 +1,17 @@
 """PyBullet keeps mechanics in closed form, reflected inertia included, and agrees with MuJoCo."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from dog import LEGS_TOML, quadruped, written
 
 from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.fleet import load_fleet
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.locomotion.gait import open_loop_gait, walker_arrays
+from motorprior.robots.load import load_robot
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.robots.robot import GRAVITY
 from motorprior.simulation.bullet_world import BulletWorld
@@ -132,3 +136,36 @@ def test_a_suspended_robot_trots_as_in_mujoco(make, motors):
     np.testing.assert_allclose(joint_pos, in_mujoco.joint_pos, atol=angle_tolerance)
     assert np.abs(joint_torque - in_mujoco.joint_torque).max() < torque_tolerance
     assert np.ptp(joint_pos, axis=0)[1::3].min() > 0.2
+
+
+def test_a_users_robot_trots_as_in_mujoco(tmp_path: Path):
+    # a trunk whose principal axes are not those of the base, and a joint with another zero
+    trunk = 'size="0.2 0.1 0.05" mass="3"'
+    xml = quadruped().replace(trunk, f'{trunk} pos="0.02 0 0.01" euler="10 20 0"')
+    xml = xml.replace('name="FR_k"', 'name="FR_k" ref="10"')
+    robot = load_robot(written(tmp_path, LEGS_TOML, "dog", xml))
+    actuator = IdealPd.uniform(12, kp=20.0, kd=0.5, torque_limit=10.0, armature=0.003, delay=0.006)
+    targets = open_loop_gait(walker_arrays(robot), 100, 0.15, 1.5, 0.0, 1.0)
+
+    in_mujoco = replay(World(robot, 0.001, suspended=True), actuator, targets)
+    suspended = BulletWorld(robot, suspended=True)
+    joint_pos, _ = played(suspended, actuator, targets)
+    suspended.close()
+
+    np.testing.assert_allclose(joint_pos, in_mujoco.joint_pos, atol=1e-5)
+    assert np.ptp(joint_pos, axis=0)[1::3].min() > 0.1
+
+    # both robots fall and turn as their feet are drawn up
+    drawn_up = robot.nominal_pose + np.tile([0.1, 0.4, -0.6], 4)
+    on_the_ground = BulletWorld(robot)
+    in_bullet = on_the_ground.reset(actuator)
+    free = World(robot, 0.001).reset(actuator)
+    for _ in range(8):
+        state = in_bullet.step(drawn_up)
+        reference = free.step(drawn_up)
+    on_the_ground.close()
+
+    np.testing.assert_allclose(state.base_pos, reference.base_pos, atol=5e-4)
+    np.testing.assert_allclose(state.base_quat, reference.base_quat, atol=1e-3)
+    np.testing.assert_allclose(state.base_ang_vel, reference.base_ang_vel, atol=0.03)
+    assert np.abs(reference.base_quat[1:]).max() > 1e-3

@@ -50,6 +50,7 @@ from motorprior.logs.bench_names import bench_names
 from motorprior.logs.command_modes import reference_gains
 from motorprior.logs.motor_log import (
     PHYSICAL_GAINS,
+    POSTURES,
     MotorLog,
     checked,
     log_digest,
@@ -57,6 +58,7 @@ from motorprior.logs.motor_log import (
     motor_logs,
 )
 from motorprior.logs.operations import joined
+from motorprior.priors.prior_file import soft_gear_notes
 from motorprior.progress import SILENT, WARNINGS_AND_PROGRESS, Note, Progress
 from motorprior.stage import description, is_finished, locked, working
 
@@ -267,7 +269,7 @@ def _fitted(
     if log.command_mode != "position":
         fit[COMMAND_MODE] = log.command_mode
     is_bench = log.joint_names == bench_names(log.num_joints)
-    return MotorPrior(
+    prior = MotorPrior(
         model=model,
         mean=mean,
         log_var=log_var,
@@ -282,6 +284,11 @@ def _fitted(
         misfit=misfit,
         estimates=result.estimates,
     )
+    if log.posture is not None and np.all(log.posture == POSTURES.index("suspended")):
+        motors = prior.training_motors(np.arange(log.num_joints))
+        for note in soft_gear_notes(motors, log.joint_names):
+            progress.warn(note)
+    return prior
 
 
 def _explanations(log: MotorLog, data: TrainingData, result: TrainingResult) -> list[Note]:

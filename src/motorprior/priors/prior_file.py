@@ -1,10 +1,11 @@
 """The file of a prior: whether it fits a robot or a log, and what its logs do not identify."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from motorprior.actuator.actuator import Actuator
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.motor_prior import MotorPrior, limit_text, robot_gains
 from motorprior.bench.dynamometer import BENCH
@@ -123,14 +124,20 @@ def _gain_text(ranges: np.ndarray) -> str:
 
 
 def _gear_note(prior: MotorPrior, robot: Robot) -> Iterator[str]:
-    motors = prior.sample(robot, 0, spread=0.0)
-    if not isinstance(motors, GreyBoxActuator) or not robot.legs:
+    if robot.legs:
+        yield from soft_gear_notes(prior.sample(robot, 0, spread=0.0), robot.joint_names)
+
+
+def soft_gear_notes(motors: Actuator, joint_names: Sequence[str]) -> Iterator[str]:
+    """Note on the softest gear of the motors of suspended legs, if it is softer than SOFT_GEAR."""
+    if not isinstance(motors, GreyBoxActuator):
         return
     values = motors.constants()
     ratio = values["gear_stiffness"] / values["kp"]
     if ratio.min() < SOFT_GEAR:
-        joint = robot.joint_names[int(ratio.argmin())]
+        joint = joint_names[int(ratio.argmin())]
         yield (
             f"the gear stiffness of {joint} is {ratio.min():.2g} times its position gain; logs of "
-            "suspended legs barely identify it. If the robot falls, identify with preset rigid"
+            "suspended legs barely identify it, and under its weight a robot with such gears may "
+            "fall -> for walking identify with preset rigid"
         )

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +130,9 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def _from_table(table: dict[str, Any], path: Path) -> Robot:
-    from motorprior.robots.user_model import UserModel  # a robot's own computer has no MuJoCo
+    # here, since a robot's own computer has no MuJoCo
+    from motorprior.robots.user_model import UserModel
+    from motorprior.robots.user_urdf import user_urdf
 
     _ROBOT.check(table, path)
     where = str(path)
@@ -162,7 +165,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
     first_mismatch = next((text for text in leg_mismatches if text), "")
 
     height = model.standing_height(pose, [leg.foot for leg in legs]) if legs else 0.0
-    source = ModelFile.of(file)
+    source = ModelFile.of(file, partial(user_urdf, file, feet) if legs else None)
     load_inertia = table.get("load_inertia")
     if load_inertia is None:
         load_inertia = model.load_inertia(pose, len(legs), height)

@@ -7,12 +7,6 @@ from itertools import product
 from pathlib import Path
 from xml.etree import ElementTree
 
-# Turns of a rotor body per turn of its joint, where PyBullet models reflected inertia by a geared
-# rotor. The real ratio of 36 would couple the rotor to the motion of its link, by armature/36,
-# which MuJoCo's armature does not. The error of a lightly damped PD is 0.3 mrad with 1e3 and 0.02
-# mrad with 1e5; 1e6 is no better.
-ROTOR_GEAR_RATIO = 1e5
-
 
 @dataclass(frozen=True)
 class ModelFile:

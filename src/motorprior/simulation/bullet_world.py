@@ -31,8 +31,8 @@ from motorprior.actuator.kernels import (
 from motorprior.compiled import njit
 from motorprior.exceptions import ConfigError
 from motorprior.locomotion.control_step import RobotState
-from motorprior.robots.model_source import ROTOR_GEAR_RATIO
 from motorprior.robots.robot import Robot
+from motorprior.robots.urdf_rotor import ROTOR_GEAR_RATIO
 from motorprior.simulation.physics import control_steps_late, has_diverged
 from motorprior.simulation.randomization import Domain, nominal_domain
 from motorprior.simulation.world import substeps_of
@@ -40,9 +40,10 @@ from motorprior.simulation.world import substeps_of
 PHYSICS_DT = 0.001  # [s] as in puppersim
 # 200 move a joint by less than 1 mrad in 2 s of trot (benchmarks/engines.py)
 SOLVER_ITERATIONS = 20
-# Maximum gear_stiffness·physics_dt² of a grey box [kg·m²]: 300 N·m/rad at 1 ms. Gear damping is
-# explicit here, so stiffer gears are unstable: 400 N·m/rad chatters on a bare shank (3.4e-4 kg·m²).
-EXPLICIT_STIFFNESS = 3e-4
+# Maximum gear_stiffness·physics_dt² of a grey box over the smallest load inertia of the robot [-].
+# Gear damping is explicit here, so stiffer gears are unstable: on a shank of 3.4 times the smallest
+# load inertia of 1e-4 kg·m², 300 N·m/rad are stable and 400 chatter.
+EXPLICIT_STIFFNESS = 3.0
 
 _BASE = -1  # Bullet's index of the base link
 
@@ -56,7 +57,7 @@ class BulletWorld:
         substeps: physics steps per control step.
 
     Raises:
-        ConfigError: PyBullet is not installed, or the robot has no URDF.
+        ConfigError: PyBullet is not installed, or the robot has no legs.
     """
 
     def __init__(self, robot: Robot, suspended: bool = False):
@@ -66,7 +67,7 @@ class BulletWorld:
         self._bullet = import_bullet()
         self._client: BulletClient | None = None
         if robot.model.urdf is None:
-            problem = f"robot {robot.name!r} has no URDF with rotors"
+            problem = f"robot {robot.name!r} has no legs"
             raise ConfigError(problem, remedy="use engine mujoco")
         self._urdf = robot.model.urdf
         self._nominal_domain = nominal_domain(robot)
@@ -129,7 +130,8 @@ class _Links:
         robot_id: the robot.
         by_name: link index by the name of its joint.
         joints: (joints,) indices, in the order of the robot.
-        base_com: (3,) centre of mass of the base in the frame of its origin [m].
+        base_frame: position [m] and quaternion (x, y, z, w) of the base's origin in the frame of
+            its centre of mass and principal axes, which is Bullet's own.
     """
 
     def __init__(self, client: BulletClient, robot_id: int, robot: Robot):
@@ -139,7 +141,8 @@ class _Links:
             name = client.call("getJointInfo", robot_id, index)[1].decode()
             self.by_name[name] = index
         self.joints = [self.by_name[name] for name in robot.joint_names]
-        self.base_com = np.array(client.call("getDynamicsInfo", robot_id, _BASE)[3])
+        principal_frame = client.call("getDynamicsInfo", robot_id, _BASE)[3:5]
+        self.base_frame = client.constants.invertTransform(*principal_frame)
 
 
 class BulletSimulation:
@@ -178,7 +181,8 @@ class BulletSimulation:
 
         self._joints = self.joints()
         self._motors = actuator.arrays(PHYSICS_DT)
-        actuator.kind.limit_stiffness(self._motors, EXPLICIT_STIFFNESS / PHYSICS_DT**2)
+        max_stiffness = EXPLICIT_STIFFNESS * robot.load_inertia[0] / PHYSICS_DT**2
+        actuator.kind.limit_stiffness(self._motors, max_stiffness)
         static_pos = np.ascontiguousarray(joint_pos)
         reset_actuator(self._motors, static_pos, static_pos)
 
@@ -266,15 +270,15 @@ class BulletSimulation:
         Position [m], quaternion (w, x, y, z), velocity in the world [m/s] and rates about the body
         axes [rad/s].
         """
-        centre, xyzw = self.client.call("getBasePositionAndOrientation", self.robot_id)
+        bullet = self.client.constants
+        principal_frame = self.client.call("getBasePositionAndOrientation", self.robot_id)
+        pos, xyzw = bullet.multiplyTransforms(*principal_frame, *self._links.base_frame)
         centre_vel, world_rates = self.client.call("getBaseVelocity", self.robot_id)
         rates = np.array(world_rates)
-        rotation = np.array(self.client.constants.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
+        rotation = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
 
-        # from the centre of mass, which is the origin of Bullet's own frame, to the chassis' origin
-        arm = -rotation @ self._links.base_com
-
-        pos = np.array(centre) + arm
+        pos = np.array(pos)
+        arm = pos - np.array(principal_frame[0])  # from the centre of mass to the origin
         quat = np.array([xyzw[3], *xyzw[:3]])
         velocity = np.array(centre_vel) + _cross(rates.tolist(), arm.tolist())
         return pos, quat, velocity, rotation.T @ rates

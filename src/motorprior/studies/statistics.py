@@ -46,7 +46,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Estimate:
-    """Value of a statistic, and its 95 % interval, NaN if undefined."""
+    """Value of a statistic, and its interval, NaN if undefined."""
 
     value: float
     low: float
@@ -143,8 +143,11 @@ def _independent_values(scores: np.ndarray) -> np.ndarray:
     return means(scores[0].T)  # over the policies
 
 
-def mean_interval(values: np.ndarray) -> Estimate:
-    """Mean ± t·s/√n of the n finite values (Student 1908), t with n - 1 degrees of freedom."""
+def mean_interval(values: np.ndarray, level: float = LEVEL) -> Estimate:
+    """Mean ± t·s/√n of the n finite values (Student 1908), t with n - 1 degrees of freedom.
+
+    ``level`` is the confidence level.
+    """
     values = values[np.isfinite(values)]
     count = len(values)
     if count < 2:
@@ -153,7 +156,7 @@ def mean_interval(values: np.ndarray) -> Estimate:
 
     mean = float(values.mean())
     error = float(values.std(ddof=1)) / np.sqrt(count)
-    reach = float(stdtrit(count - 1, 0.5 * (1.0 + LEVEL))) * error
+    reach = float(stdtrit(count - 1, 0.5 * (1.0 + level))) * error
     return Estimate(mean, mean - reach, mean + reach)
 
 
