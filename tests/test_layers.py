@@ -52,7 +52,10 @@ FOLDERS = {
         ["jax", "optax"], ("identification/networks/", "excitation/train_generator", "jax_device")
     ),
     **dict.fromkeys(["warp", "torch", "mjlab", "mujoco_warp", "newton"], "exports/"),
-    "mujoco": ("simulation/", "exports/", "robots/user_model", "robots/build_model", "logs/loads"),
+    "mujoco": (
+        *("simulation/", "exports/", "logs/loads"),
+        *("robots/user_model", "robots/user_urdf", "robots/build_model"),
+    ),
     "pybullet": "simulation/",
     "ray": "locomotion/executor",
     **dict.fromkeys(["serial", "msgpack", "rustypot"], "hardware/"),

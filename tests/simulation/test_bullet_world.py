@@ -160,6 +160,8 @@ def test_a_users_robot_trots_as_in_mujoco(tmp_path: Path):
     on_the_ground = BulletWorld(robot)
     in_bullet = on_the_ground.reset(actuator)
     free = World(robot, 0.001).reset(actuator)
+    state = in_bullet.state()
+    reference = free.state()
     for _ in range(8):
         state = in_bullet.step(drawn_up)
         reference = free.step(drawn_up)
