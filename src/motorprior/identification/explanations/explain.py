@@ -55,6 +55,7 @@ _EQUAL_VALUES = 0.03  # parameters of joints are equal if they differ by less, o
 # explanations are equally good if their errors differ by less than this factor, or this error [rad]
 _EQUAL = 1.3
 _EQUAL_ERROR = 0.25e-3
+_ORDER_STEP = 0.1e-3  # errors that differ by less do not order explanations [rad]
 _MAX_MOTORS = 10  # motors that are explained: those with the largest errors
 _MAX_WINDOW = 250  # steps: short runs are fast, and have few local optima
 _MIN_WINDOWS = 3  # that an explanation by rows must leave
@@ -502,13 +503,12 @@ def _cured(trial: Trial, errors: np.ndarray, remaining: np.ndarray) -> np.ndarra
 
 
 def _order(trial: Trial, joints: tuple[int, ...], least: float) -> tuple[int, int]:
-    """Order of equally good trials: the error in steps of 10 %, then the number of parameters.
+    """Order of equally good trials: the error in coarse steps, then the number of parameters.
 
-    ``least`` is the error of one of them [rad].
+    ``least`` is the error of the best one [rad].
     """
-    floor = 0.5 * _EQUAL_ERROR
-    error = max(float(rms(trial.attempt.errors[list(joints)])), floor)
-    steps = round(np.log(error / max(least, floor)) / np.log(1.1))
+    rise = float(rms(trial.attempt.errors[list(joints)])) - least
+    steps = max(0, round(rise / (0.1 * least + _ORDER_STEP)))
     return steps, trial.parameters(joints)
 
 
