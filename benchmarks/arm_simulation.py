@@ -204,7 +204,7 @@ def simulated(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Encoder angles [rad], torques on the joints and torques of the PD [N·m], (rows, joints).
 
-    They are at the times of the commands; torques on the joints are means over the row.
+    They are at the times of the commands.
     """
     model = mujoco.MjModel.from_xml_path(str(model_file))
     model.opt.timestep = PHYSICS_DT
@@ -225,7 +225,7 @@ def simulated(
     step = 0
     for row in range(len(target)):
         angles[row] = rotor_pos if logs_rotor else data.qpos
-        steps = 0
+        is_first = True
         while step * PHYSICS_DT < (row + 1) / design.rate - 1e-9:
             time = step * PHYSICS_DT
             sent_row = np.floor((time - constants["delay"]) * design.rate + 1e-9).astype(int)
@@ -246,11 +246,11 @@ def simulated(
                 # what friction and the rotor leave for the link
                 friction = data.qfrc_passive + data.qfrc_constraint
                 torque = torque + friction - constants["armature"] * data.qacc
-            torques[row] += torque
+            if is_first:
+                torques[row] = torque
+            is_first = False
             requests[row] = request
             step += 1
-            steps += 1
-        torques[row] /= max(steps, 1)
     return angles, torques, requests
 
 

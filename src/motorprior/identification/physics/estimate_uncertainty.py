@@ -36,13 +36,13 @@ from motorprior.actuator.estimates import (
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import SIGNED
-from motorprior.identification import windows as channel
+from motorprior.identification.physics.effect_scales import effect_scale
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     fixed_constants,
     motor_search,
 )
-from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Search
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
@@ -124,7 +124,7 @@ class _Coordinates:
         self.scale = np.zeros_like(x)
         values = model.constants(x)
         for column, name in enumerate(self.names):
-            self.scale[:, column] = _scale(name, values, runs)
+            self.scale[:, column] = effect_scale(name, values, runs)
 
     def moved(self, column: int, y_change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (M,) of a constant at y + y_change (M,), and the real change of y (M,).
@@ -149,33 +149,6 @@ class _Coordinates:
 
     def _scale_of(self, name: str, column: int) -> np.ndarray:
         return np.zeros(len(self.x)) if name in LIMITS else self.scale[:, column]
-
-
-def _scale(name: str, values: dict[str, np.ndarray], runs: WindowRuns) -> np.ndarray | float:
-    """(M,) scale s [SI] of a constant of the motors with these ``values``; see `Estimates`."""
-    kp = values["kp"] * (runs.gains[0] if runs.recipe.gain_unit else 1.0)
-    request = values["kp"] * runs.max_request  # [N·m]
-    if name == "torque_limit":
-        return request
-    if name in SPEED_LIMITS:
-        return runs.sustained_speeds[name]
-    if name in ("coulomb", "stribeck_torque"):
-        return 0.02 * request
-    if name == "viscous_damping":
-        kd = kp * values["kd_over_kp"]
-        return 0.3 * kd * (runs.gains[1] / runs.gains[0] if runs.recipe.gain_unit else 1.0)
-    if name == "armature":
-        inertia = [segment.rows[:, channel.INERTIA].mean(axis=0) for segment in runs.segments]
-        return 0.1 * np.mean(inertia, axis=0)
-    if name == "gear_stiffness":
-        return 0.02 / kp
-    return {
-        "delay": 1e-3,
-        "velocity_filter": 1e-3,
-        "kd_over_kp": 2e-3,
-        "backlash": 1e-3,
-        "load_friction": 0.02,
-    }.get(name, 0.0)
 
 
 def _derivatives(

@@ -33,10 +33,12 @@ from motorprior.identification.physics.descents import (
     add_other_motors,
     reachable,
 )
+from motorprior.identification.physics.effect_scales import effect_scale
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     centred_search,
     fixed_constants,
+    log_unlimited_torque,
     rigid_motor,
     scaled_center,
     single_motor_prior,
@@ -50,11 +52,19 @@ from motorprior.identification.physics.population_fit import (
 )
 from motorprior.identification.physics.refinement import without_unidentified_limits
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import NARROW, Fit, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, Fit, GaussianPrior, Search
 
 RIGID_STARTS = 2  # random searches for the simplest motors
 RIGID_CANDIDATES = 256  # candidates of each of these searches
 RIGID_STD = 1.5  # standard deviation of these candidates
+NEAR_STD = 0.3  # standard deviation of candidates near a motor
+# lower and upper bounds of drawn constants, in units of `effect_scale`
+PROPORTIONS = {
+    "armature": (0.3, 30.0),
+    "coulomb": (0.3, 30.0),
+    "viscous_damping": (0.3, 30.0),
+    "torque_limit": (0.03, 1.2),
+}
 RESTARTS = 48  # maximum number of restarts of a motor
 LEADERS = 6  # motors of a fleet that are searched fully; the other motors also start from them
 STAGES = 1 + RESTARTS + TURNS  # number of reports of a fit
@@ -145,40 +155,94 @@ def fit_rigid_motors(
 ) -> MotorFits:
     """The simplest motors: the best of RIGID_STARTS random searches without a torque limit.
 
-    If ``limits``, there are also RIGID_STARTS searches with a torque limit. The other arguments are
-    as for `fit_motors`.
+    If ``limits``, RIGID_STARTS searches with a torque limit follow. The other arguments are as for
+    `fit_motors`.
     """
     rng = np.random.default_rng([seed, _STREAM, 1])
     fixed = fixed_constants(terms, runs)
-    rigid, is_simplified = rigid_motor(scaled_center(runs, terms), terms, runs)
+    center, is_simplified = rigid_motor(scaled_center(runs, terms), terms, runs)
+    x = np.zeros((runs.num_motors, len(center)))
     is_limit = np.array(parameters_of(terms)) == "torque_limit"
-    search = centred_search(rigid, terms, runs, checkpoint)
 
-    size = len(rigid)
-    weak = GaussianPrior(np.zeros(size), np.full(size, WEAK_PRECISION))
-    fit = search.at(np.zeros((runs.num_motors, size)), weak)
+    frozen = fixed | is_simplified
+    fits = _searched_rigid(
+        rng, runs, terms, MotorFits(center, x, x[:, 0], terms), frozen, checkpoint
+    )
+    if limits and not fixed[is_limit].any():
+        # The limit without effect is as far from a motor's own limit as its kp is from the initial
+        # kp. The second search is therefore around the motors of the first one.
+        outputs = fits.outputs
+        middle = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
+        middle[is_limit] = log_unlimited_torque(middle, terms, runs)
+        offsets = np.where(is_limit, 0.0, outputs - middle)
+        fits = MotorFits(middle, offsets, fits.loss, terms)
+        frozen = fixed | (is_simplified & ~is_limit)
+        fits = _searched_rigid(rng, runs, terms, fits, frozen, checkpoint)
+    return fits
 
-    # unknowns that the searches do not change: first without a torque limit, then with one
-    all_frozen = [fixed | is_simplified]
-    if limits:
-        all_frozen.append(fixed | (is_simplified & ~is_limit))
 
-    shape = (runs.num_motors, RIGID_CANDIDATES, size)
-    prior = weak
-    for frozen in all_frozen:
-        prior = weak.fixing(frozen)
-        for _ in range(RIGID_STARTS):
-            candidates = RIGID_STD * rng.standard_normal(shape) * ~frozen
-            # the torque limit is anywhere below the limit without effect
-            lowered = -MAX_LOG_FACTOR * rng.random((*shape[:2], 1))
-            candidates[:, :, is_limit] = lowered * ~frozen[is_limit]
-            candidates[:, 0] = 0.0
-            start = search.best_of(np.clip(candidates, -MAX_LOG_FACTOR, MAX_LOG_FACTOR), prior)
-            fit = fit.better(search.descend(start, prior, RIGID_STEPS[:1]))
+def _searched_rigid(
+    rng: np.random.Generator,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    fits: MotorFits,
+    frozen: np.ndarray,
+    checkpoint: PartCheckpoint,
+) -> MotorFits:
+    """The simplest motors after RIGID_STARTS searches around ``fits``.
+
+    ``frozen`` (K,) constants stay at their values in ``fits``.
+    """
+    search = centred_search(fits.center, terms, runs, checkpoint)
+    prior = GaussianPrior(
+        mean=np.where(frozen, fits.offsets, 0.0),
+        precision=np.where(frozen, FIXED, WEAK_PRECISION),
+    )
+    fit = search.at(fits.offsets, prior)
+    for _ in range(RIGID_STARTS):
+        candidates = _rigid_candidates(rng, runs, terms, fits.center, fit.x, frozen)
+        start = search.best_of(candidates, prior)
+        fit = fit.better(search.descend(start, prior, RIGID_STEPS[:1]))
 
     fit = search.descend(fit.x, prior, RIGID_STEPS[1:])
     x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-    return MotorFits(rigid, x, fit.loss, terms, is_rigid=True)
+    return MotorFits(fits.center, x, fit.loss, terms, is_rigid=True)
+
+
+def _rigid_candidates(
+    rng: np.random.Generator,
+    runs: WindowRuns,
+    terms: tuple[str, ...],
+    center: np.ndarray,
+    x: np.ndarray,
+    frozen: np.ndarray,
+) -> np.ndarray:
+    """(M, RIGID_CANDIDATES, K) candidates of the simplest motors, relative to ``center`` (K,).
+
+    In the first half, all constants are sampled around the centre, in the second half around the
+    motors x (M, K). In every second one of each half, friction, rotor and limit are drawn in
+    proportion to the candidate's gains and load: a motor may be of any size.
+    """
+    names = parameters_of(terms)
+    noise = rng.standard_normal((len(x), RIGID_CANDIDATES, len(center)))
+    candidates = np.where(frozen, x[:, None], RIGID_STD * noise)
+    half = RIGID_CANDIDATES // 2
+    near = x[:, None] + np.where(frozen, 0.0, NEAR_STD * noise[:, half:])
+    candidates[:, half:] = near
+
+    kp = np.exp(center[names.index("kp")] + candidates[..., names.index("kp")])
+    column = names.index("kd_over_kp")
+    values = {"kp": kp, "kd_over_kp": np.exp(center[column] + candidates[..., column])}
+    for name, (low, high) in PROPORTIONS.items():
+        column = names.index(name)
+        drawn = rng.uniform(np.log(low), np.log(high), kp.shape)
+        with np.errstate(divide="ignore"):
+            proportional = np.log(effect_scale(name, values, runs)) + drawn - center[column]
+        if not frozen[column]:
+            candidates[:, 1::2, column] = proportional[:, 1::2]
+
+    candidates[:, 0] = x
+    return np.clip(candidates, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
 
 
 @dataclass(frozen=True)

@@ -168,13 +168,8 @@ def rigid_motor(
         it simplifies.
     """
     names = parameters_of(terms)
-    kp = np.exp(center[names.index("kp")])
-    max_torque = float(np.max(runs.max_request)) * kp
-    if max_torque == 0.0:
-        max_torque = 1.0
-    without_effect = encoded(
-        NEGLIGIBLE | {"torque_limit": DISABLED_LIMIT_FACTOR * max_torque}, terms
-    )
+    without_effect = encoded(NEGLIGIBLE, terms)
+    without_effect[names.index("torque_limit")] = log_unlimited_torque(center, terms, runs)
 
     is_switched_off = np.isin(names, (*NEGLIGIBLE, "torque_limit"))
     outputs = np.where(is_switched_off, without_effect, center)
@@ -184,6 +179,15 @@ def rigid_motor(
     simplified_names = (*RIGID, *NEGLIGIBLE, "torque_limit", "encoder_zero")
     is_simplified = np.isin(names, simplified_names) & ~fixed
     return np.where(fixed, center, outputs), is_simplified
+
+
+def log_unlimited_torque(center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns) -> float:
+    """Logarithm of a torque limit [N·m] without effect on a motor with decoder outputs (K,)."""
+    log_kp = center[parameters_of(terms).index("kp")]
+    max_request = float(np.max(runs.max_request))
+    if max_request == 0.0:
+        return float(np.log(DISABLED_LIMIT_FACTOR))
+    return float(np.log(DISABLED_LIMIT_FACTOR * max_request) + log_kp)
 
 
 def with_more_terms(

@@ -298,6 +298,9 @@ class WindowRuns:
         self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         # a profile limits the speed; the no-load speed is proportional to the supply voltage
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
+        # a torque error counts relative to the torques of its motor, which may be large
+        rms_torque = np.sqrt(np.mean(series[..., channel.TORQUE].astype(np.float64) ** 2, axis=1))
+        self._torque_factor = _TORQUE_SCALE / np.maximum(rms_torque, _TORQUE_SCALE)
         self.sustained_speeds = {
             name: sustained_speed(speed, error, recipe.period)
             for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
@@ -355,6 +358,8 @@ class WindowRuns:
             out[task_lanes, windows] = self.run(motors, motor[task_lanes], segment)
 
         list(threads().map(simulate, tasks))
+        if self.channels > 2:
+            out[:, :, 2] *= self._torque_factor[motor, None, None]
         return out if len(self.counted) == self.windows else out[:, self.counted]
 
     def recorded(self, index: int) -> np.ndarray:
