@@ -49,6 +49,7 @@ from motorprior.logs.motor_log import MotorLog
 POSITION_SCALE = 0.01  # [rad]
 VELOCITY_SCALE = 0.3  # [rad/s]
 _TORQUE_SCALE = 0.3  # [N·m]
+_TORQUE_SHARE = 0.5  # minimum scale of torque errors in a fit, relative to the RMS of the torques
 SCALES = (POSITION_SCALE, VELOCITY_SCALE, _TORQUE_SCALE)
 SPEED_LIMITS = ("profile_speed", "no_load_speed")
 # maximum number of lanes that one thread simulates at a time; their state then stays in a core's
@@ -298,9 +299,11 @@ class WindowRuns:
         self.max_speed = float(np.quantile(np.abs(velocity), 0.999, axis=1).max())
         # a profile limits the speed; the no-load speed is proportional to the supply voltage
         speeds = (velocity, velocity / series[..., channel.SUPPLY])
-        # a torque error counts relative to the torques of its motor, which may be large
+        # A torque error counts relative to the torques of its motor: at the scale of a small motor,
+        # the torque column of a large one would outweigh its angles.
         rms_torque = np.sqrt(np.mean(series[..., channel.TORQUE].astype(np.float64) ** 2, axis=1))
-        self._torque_factor = _TORQUE_SCALE / np.maximum(rms_torque, _TORQUE_SCALE)
+        torque_scale = np.maximum(_TORQUE_SCALE, _TORQUE_SHARE * rms_torque)
+        self._torque_factor = _TORQUE_SCALE / torque_scale
         self.sustained_speeds = {
             name: sustained_speed(speed, error, recipe.period)
             for name, speed in zip(SPEED_LIMITS, speeds, strict=True)
