@@ -92,6 +92,17 @@ class Estimates:
     # (M, P) scales s [SI]; of a limit, the largest value that the log reached
     scale: np.ndarray
 
+    def contradicted(self, deviations: np.ndarray) -> "Estimates":
+        """The estimates with the variances of outliers larger by the square of their deviations.
+
+        ``deviations`` (M, P) are those of constants from the other motors of the same model, and 0
+        for constants that are no outliers. An outlier thus counts as not identified.
+        """
+        columns = np.arange(deviations.shape[1])
+        covariance = self.covariance.copy()
+        covariance[:, columns, columns] += deviations**2
+        return Estimates(covariance, self.scale)
+
     def ends(
         self, values: Mapping[str, np.ndarray], terms: tuple[str, ...], score: float = SCORE
     ) -> dict[str, np.ndarray]:

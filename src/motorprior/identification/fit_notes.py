@@ -9,9 +9,11 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import limit_text
 from motorprior.exceptions import listed
 from motorprior.identification.physics import motor_problem
+from motorprior.identification.physics.motor_model_fit import stated_value
 from motorprior.identification.physics.term_selection import min_condition_difference
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
+from motorprior.identification.windows import TrainingData
 from motorprior.progress import Note
 
 _MAX_NAMES = 6  # joints that a note lists
@@ -35,6 +37,29 @@ def notes_on_terms(recipe: Recipe, tried: bool) -> list[Note]:
             text = (
                 f"{name} varies from {low:.3g} to {high:.3g} in these logs, which a recipe "
                 "without optional terms ignores -> use preset rollout or long_runs"
+            )
+            notes.append(Note("warning", text))
+    return notes
+
+
+def outlier_notes(
+    model: GreyBox, z: np.ndarray, deviations: np.ndarray, data: TrainingData
+) -> list[Note]:
+    """Warnings of constants that the other motors of the same model contradict.
+
+    ``z`` (M, Z) are the latents of the motors; ``deviations`` (M, P) are nonzero for outliers.
+    """
+    notes = []
+    values = model.constants(z)
+    for column, name in enumerate(parameters_of(model.terms)):
+        texts = []
+        for motor in np.flatnonzero(deviations[:, column]):
+            joint = data.joint_names[motor] if data.joint_names else f"motor {motor}"
+            texts.append(f"{joint} {values[name][motor]:.3g}")
+        if texts:
+            text = (
+                f"outliers of {name} among motors of one model: {listed(texts, _MAX_NAMES)} -> "
+                "check load and wiring of these joints; the constant counts as not identified"
             )
             notes.append(Note("warning", text))
     return notes
@@ -81,6 +106,9 @@ def identifiability(
         if name not in constants or not is_free[constants.index(name)]:
             continue
         is_hidden = ~identified_motors[name]
+        for motor, motor_model in enumerate(runs.motor_models):
+            if runs.recipe.grey_boxes == "together" and stated_value(motor_model, name):
+                is_hidden[motor] = False  # the maker states it
         if not is_hidden.any():
             continue
         limits[name] = float(values[name][is_hidden].max())

@@ -16,11 +16,12 @@ from motorprior.actuator.geared_motor_step import parameters_of
 from motorprior.actuator.optional_terms import TERMS
 from motorprior.exceptions import MotorPriorError
 from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of
-from motorprior.identification.fit_notes import identifiability, notes_on_terms
+from motorprior.identification.fit_notes import identifiability, notes_on_terms, outlier_notes
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
 from motorprior.identification.physics.estimate_uncertainty import estimates_of
 from motorprior.identification.physics.motor_fit import MotorFits
+from motorprior.identification.physics.motor_model_fit import model_level, sibling_deviations
 from motorprior.identification.physics.term_selection import Selection
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
@@ -66,6 +67,14 @@ def fit_grey_boxes(
     notes = notes_on_terms(recipe, tried)
     report(0, "uncertainty of constants")
     estimates = estimates_of(model, z, longer)
+    fixed = motor_problem.fixed_constants(fits.terms, runs)
+    level = None
+    if recipe.grey_boxes == "together":
+        level = model_level(runs.motor_models, fits.center, fits.terms, recipe.gain_unit, fixed)
+    if level is not None:
+        deviations = sibling_deviations(level, z, fixed)
+        estimates = estimates.contradicted(deviations)
+        notes += outlier_notes(model, z, deviations, data)
     metrics, warnings = identifiability(model, z, longer, estimates, data.joint_names)
     metrics = replace(metrics, saved_loss=selection.saved)
     notes += warnings
@@ -82,12 +91,14 @@ def fit_grey_boxes(
     )
 
     # a limit that the logs do not identify varies widely between motors
-    assumed = assumed_std(fits.terms, motor_problem.fixed_constants(fits.terms, runs))
-    is_hidden_limit = []
-    for name in parameters_of(fits.terms):
-        is_limit = name in LIMITS
-        is_hidden_limit.append(is_limit and not metrics.identified.get(name, True))
-    min_std = np.where((assumed > 0.0) & is_hidden_limit, UNIDENTIFIED_LIMIT_STD, 0.0)
+    assumed = assumed_std(fits.terms, fixed)
+    min_std = np.zeros_like(assumed)
+    for column, name in enumerate(parameters_of(fits.terms)):
+        if assumed[column] == 0.0 or name not in LIMITS or metrics.identified.get(name, True):
+            continue
+        min_std[column] = UNIDENTIFIED_LIMIT_STD
+        if level is not None and level.is_stated[:, column].all():
+            min_std[column] = level.stated_std[:, column].max()
     return result, assumed, min_std
 
 

@@ -11,6 +11,7 @@ from motorprior.identification.presets import Recipe
 from motorprior.logs.command_modes import gain_factors
 from motorprior.logs.motor_log import MotorLog, other_firmware
 from motorprior.logs.operations import with_velocities, without_noise
+from motorprior.robots.motor_models import MotorModel
 from motorprior.signals import rms
 
 
@@ -40,6 +41,8 @@ class TrainingData:
     joint_names: tuple[str, ...] = ()
     # M classes, or none: one class
     joint_classes: tuple[str, ...] = ()
+    # M motor models, or none
+    motor_models: tuple[MotorModel, ...] = ()
     # steps over which changes of the joint_reading error are velocity errors; 0: velocities are
     # compared
     velocity_steps: int = 0
@@ -119,6 +122,7 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
         scales=_scales(log, where),
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
+        motor_models=log.motor_models,
         velocity_steps=_velocity_steps(log),
         has_torque=log.joint_torque is not None,
         command_mode=log.command_mode,

@@ -13,6 +13,7 @@ from motorprior.bounds import first_not_finite, is_number
 from motorprior.exceptions import ConfigError, LogError, listed, quoted
 from motorprior.logs.command_modes import COMMAND_MODES, check_command_mode, gains_change
 from motorprior.robots.joint_classes import motor_classes
+from motorprior.robots.motor_models import MotorModel
 from motorprior.signals import rms
 from motorprior.texts import Overview, Printable
 
@@ -122,6 +123,8 @@ class MotorLog(Printable):
     firmware: Mapping[str, float] = field(default_factory=dict)
     # classes of the joints in the robot's description; if empty, the joints' names give the classes
     given_classes: tuple[str, ...] = ()
+    # motor of each joint in the robot's description; empty if it states none
+    motor_models: tuple[MotorModel, ...] = ()
     # MJCF of the rigid bodies that the loads come from; "" for loads from elsewhere
     bodies: str = ""
 
@@ -222,6 +225,7 @@ class MotorLog(Printable):
             self,
             joint_names=tuple(self.joint_names[joint] for joint in joints),
             given_classes=tuple(self.joint_classes[joint] for joint in joints),
+            motor_models=tuple(self.motor_models[joint] for joint in joints if self.motor_models),
             **series,
         )
 

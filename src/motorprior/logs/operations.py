@@ -389,10 +389,12 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
         values[name] = np.concatenate([channels(log)[name] for log in cut_logs], axis=1)
     names = tuple(name for log in logs for name in log.joint_names)
     classes = tuple(name for log in logs for name in log.given_classes)
+    models = tuple(model for log in logs for model in log.motor_models)
     return replace(
         first,
         joint_names=names,
         given_classes=classes if len(classes) == len(names) else (),
+        motor_models=models if len(models) == len(names) else (),
         bodies="",
         **values,
     )

@@ -132,7 +132,7 @@ def prepare_log(
 def _with_joints_of(
     robot: Robot | None, log: MotorLog, as_joint: Sequence[str], path: Path
 ) -> MotorLog:
-    """The log with the names and classes of the robot's joints."""
+    """The log with the names, classes and motors of the robot's joints."""
     if robot is None:
         if as_joint:
             raise ConfigError("as_joint without a robot", remedy="give robot", argument="as_joint")
@@ -148,7 +148,11 @@ def _with_joints_of(
     if not set(log.joint_names) <= set(robot.joint_names):
         return log
     classes = dict(zip(robot.joint_names, robot.joint_classes, strict=True))
-    return replace(log, given_classes=tuple(classes[name] for name in log.joint_names))
+    log = replace(log, given_classes=tuple(classes[name] for name in log.joint_names))
+    if not robot.motor_models:
+        return log
+    models = dict(zip(robot.joint_names, robot.motor_models, strict=True))
+    return replace(log, motor_models=tuple(models[name] for name in log.joint_names))
 
 
 def _renamed(log: MotorLog, robot: Robot, as_joint: tuple[str, ...], path: Path) -> MotorLog:

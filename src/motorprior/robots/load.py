@@ -12,6 +12,7 @@ from motorprior.artifacts import read_toml
 from motorprior.bounds import TABLE, TEXT, Field, is_number, many, number, one_of
 from motorprior.exceptions import ArtifactError
 from motorprior.robots.model_source import ModelFile
+from motorprior.robots.motor_models import motor_models
 from motorprior.robots.robot import GRAVITY, Gait, Joint, Leg, Robot
 from motorprior.robots.servos import ServoChain
 from motorprior.robots.shipped import SHIPPED
@@ -67,7 +68,7 @@ _OPTIONAL = {
     "joint_classes": _per_joint_field(_FILLED_TEXT),
     **dict.fromkeys(("foot_friction", "reference_torque"), _POSITIVE),
     **dict.fromkeys(_DEFAULT_CLOCKS, number(1e-5, 1.0)),
-    **dict.fromkeys(("legs", "gait", "servos"), TABLE),
+    **dict.fromkeys(("legs", "gait", "servos", "motors"), TABLE),
 }
 _NAME = Field("a name of letters, digits, '_' and '-' that no shipped robot has", _is_new_name)
 _REQUIRED = {
@@ -185,6 +186,7 @@ def _from_table(table: dict[str, Any], path: Path) -> Robot:
         gait=_gait(table.get("gait", {}), legs, numbers["nominal_pose"], path),
         load_inertia=(float(low), float(high)),
         given_classes=classes,
+        motor_models=motor_models(table.get("motors", {}), names, per_leg, where),
         files=(path, *source.files),
         weight=GRAVITY * model.mass,
         standing_height=height,

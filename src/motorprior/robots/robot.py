@@ -11,6 +11,7 @@ import numpy as np
 from motorprior.exceptions import ConfigError, listed
 from motorprior.robots.joint_classes import motor_classes
 from motorprior.robots.model_source import ModelFile
+from motorprior.robots.motor_models import MotorModel
 from motorprior.robots.servos import ServoChain
 from motorprior.texts import Overview, Printable
 
@@ -219,6 +220,7 @@ class Robot(Printable):
     # minimum and maximum load inertia of one motor [kg·m²]; a bench samples between them
     load_inertia: tuple[float, float] = (1e-4, 3e-2)
     given_classes: tuple[str, ...] = ()  # `joint_classes`; none: by the joints' names
+    motor_models: tuple[MotorModel, ...] = ()  # of each joint; none: unknown
     files: tuple[Path, ...] = ()  # description and model files of a user's robot
     # (name, path) of the shipped fleets of its motors, the default first
     fleets: tuple[tuple[str, str], ...] = ()

@@ -13,8 +13,9 @@ Each motor alone:
    simplest motor.
 3. Stop when the best optimum of each motor was found three times.
 
-Motors together: `population_fit` continues from these fits. All searches use short free runs;
-`refinement` takes the last steps.
+Motors together: `motor_model_fit` continues from these fits if the robot's description states the
+motor models, otherwise `population_fit`. All searches use short free runs; `refinement` takes the
+last steps.
 """
 
 from collections.abc import Callable
@@ -34,6 +35,7 @@ from motorprior.identification.physics.descents import (
     reachable,
 )
 from motorprior.identification.physics.effect_scales import effect_scale
+from motorprior.identification.physics.motor_model_fit import fitted_with_models, model_level
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     centred_search,
@@ -122,18 +124,35 @@ def fit_motors(
     report()
 
     search = centred_search(center, terms, subset, checkpoint)
-    fit = _fit_separately(search, candidates, restarts, report)
+    level = None
+    separate_restarts = restarts
+    if together:
+        level = model_level(runs.motor_models, center, terms, runs.recipe.gain_unit, fixed)
+    if level is not None:  # the motors of a model are searched together later
+        separate_restarts = restarts // 4
+    fit = _fit_separately(search, candidates, separate_restarts, report)
+    for _ in range(restarts - separate_restarts):
+        report()
+
+    if level is not None:
+        fit = fitted_with_models(search, rng, fit, fixed, level)
 
     # from here on with all rows
     if subset is not runs:
         search = centred_search(center, terms, runs, checkpoint)
+    if level is not None and subset is not runs:
+        fit = fitted_with_models(search, None, search.at(fit.x, _weak(fixed)), fixed, level)
+    elif subset is not runs:
         prior = single_motor_prior(search, fit.x, fit.x, candidates.initial)
         fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
-    if together and runs.num_motors > MIN_OTHERS:
+    if level is not None:
+        for _ in range(TURNS):
+            report()
+    elif together and runs.num_motors > MIN_OTHERS:
         fit = searched_near_others(search, rng, fit, fixed, runs.classes, restarts // 4)
-    if together and runs.num_motors > 1:
+    if level is None and together and runs.num_motors > 1:
         fit = empirical_bayes(search, rng, fit, fixed, runs.classes, report)
-    x = without_unidentified_limits(search, center, terms, runs, fit, fixed)
+    x = without_unidentified_limits(search, center, terms, runs, fit, fixed, level)
     x = np.where(fixed, 0.0, x)
 
     # move the centre to a point from which the decoder reaches every motor
@@ -243,6 +262,12 @@ def _rigid_candidates(
 
     candidates[:, 0] = x
     return np.clip(candidates, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+
+def _weak(fixed: np.ndarray) -> GaussianPrior:
+    """Weak prior around the central motor, with ``fixed`` (K,) constants."""
+    size = len(fixed)
+    return GaussianPrior(np.zeros(size), np.full(size, WEAK_PRECISION)).fixing(fixed)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,12 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import NEGLIGIBLE
 from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
+from motorprior.identification.physics.motor_model_fit import (
+    ModelLevel,
+    fitted_with_models,
+    likelihood_scale,
+    model_level,
+)
 from motorprior.identification.physics.motor_problem import (
     DISABLED_LIMIT_FACTOR,
     WEAK_PRECISION,
@@ -57,12 +63,13 @@ def without_unidentified_limits(
     runs: WindowRuns,
     fit: Fit,
     fixed: np.ndarray,
+    level: ModelLevel | None = None,
 ) -> np.ndarray:
     """(M, K) unknowns of the fit, without limits that save less than MIN_LIMIT_SAVING of the loss.
 
     With limits that the logs do not identify, the motor could saturate in other motions. A limit
     that is off is DISABLED_LIMIT_FACTOR times the largest request or speed; a limit of acceleration
-    that is off has its value in `NEGLIGIBLE`.
+    that is off has its value in `NEGLIGIBLE`. A limit that the maker states is never off.
     """
     x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
     names = parameters_of(terms)
@@ -77,6 +84,8 @@ def without_unidentified_limits(
     for name, value in off_values.items():
         if name in names and value:
             column = names.index(name)
+            if level is not None and level.is_stated[:, column].all():
+                continue
             off = np.clip(np.log(value) - center[column], x[:, column], MAX_LOG_FACTOR)
             x = _set_where_cheap(
                 search,
@@ -86,6 +95,7 @@ def without_unidentified_limits(
                 RIGID_STEPS[1:],
                 search.all_problems,
                 MIN_LIMIT_SAVING,
+                level,
             )
     return x
 
@@ -99,10 +109,14 @@ def with_stiff_gears(
     """(M, K) latents with stiff gears without backlash, in classes that fit better with them.
 
     Otherwise a compliance that the logs do not identify explains a part of the delay, and the
-    fitted delay is too short. All motors of a class get the same kind of gear, since the mean of
-    stiff and compliant gears is neither stiff nor compliant.
+    fitted delay is too short. All motors of a class, or of a motor model, get the same kind of
+    gear, since the mean of stiff and compliant gears is neither stiff nor compliant.
     """
     terms = model.terms
+    fixed = fixed_constants(terms, runs)
+    level = None
+    if runs.recipe.grey_boxes == "together":
+        level = model_level(runs.motor_models, model.center, terms, runs.recipe.gain_unit, fixed)
     initial = initial_center(terms, runs) - model.center
     stiff = {}
     for name, factor in STIFF_GEAR.items():
@@ -111,11 +125,12 @@ def with_stiff_gears(
     return _set_where_cheap(
         motor_search(model, runs, checkpoint),
         x,
-        fixed_constants(terms, runs),
+        fixed,
         stiff,
         STEPS[1:],
-        runs.classes,
+        runs.classes if level is None else level.index,
         max_cost=0.0,
+        level=level,
     )
 
 
@@ -127,6 +142,7 @@ def _set_where_cheap(
     steps: Steps,
     groups: np.ndarray,
     max_cost: float,
+    level: ModelLevel | None = None,
 ) -> np.ndarray:
     """(M, K) unknowns, of which some columns are set to given values if that costs little.
 
@@ -141,6 +157,7 @@ def _set_where_cheap(
         steps: of the descent of the other unknowns.
         groups: (M,) motors of one group decide together, by their mean cost.
         max_cost: largest share of the loss that the values may cost.
+        level: motor models; the motors stay near the means of their models at x.
     """
     if fixed[list(values)].any():
         return x
@@ -152,6 +169,13 @@ def _set_where_cheap(
         frozen[column] = True
     precision = np.broadcast_to(np.where(frozen, FIXED, WEAK_PRECISION), x.shape)
     prior = GaussianPrior(start, precision)
+    if level is not None:
+        scale = likelihood_scale(search, search.losses(x))
+        near_siblings = level.prior_of(x, scale, fixed)
+        prior = GaussianPrior(
+            np.where(frozen, start, near_siblings.mean),
+            np.where(frozen, FIXED, near_siblings.precision),
+        )
     changed = search.descend(start, prior, steps)
 
     growth = np.log(changed.loss / search.at(x, prior).loss)  # (M,)
@@ -193,13 +217,21 @@ def refined(
 
     The runs are longer than the runs of the search.
 
-    The prior is the Gaussian over the motors, estimated at x, if they are fitted ``together``;
-    otherwise `single_motor_prior` around x.
+    The prior of motors that are fitted ``together`` is the Gaussian over the motors, estimated at
+    x, or that of `motor_model_fit` if their models are stated. Otherwise it is
+    `single_motor_prior` around x.
     """
     search = motor_search(model, runs, checkpoint)
     terms = model.terms
     fixed = fixed_constants(terms, runs)
     initial = initial_center(terms, runs) - model.center
+    level = None
+    if together:
+        level = model_level(runs.motor_models, model.center, terms, runs.recipe.gain_unit, fixed)
+    if level is not None:
+        fit = search.at(x, GaussianPrior(x, np.full(x.shape[1], WEAK_PRECISION)))
+        fit = fitted_with_models(search, None, fit, fixed, level)
+        return np.where(fixed, x, np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR))
 
     prior = single_motor_prior(search, x, x, initial).fixing(fixed)
     if together and len(x) > 1:

@@ -266,6 +266,7 @@ class WindowRuns:
         max_speed: speed [rad/s] that the fastest joint exceeds in one row of a thousand of the
             whole log.
         classes: (M,) index of the motor's class of joints.
+        motor_models: motor model of each motor; none if the log states none.
         sustained_speeds: (M,) `sustained_speed` in the log for each of SPEED_LIMITS; for
             no_load_speed, at the nominal voltage.
         counted: (N,) indices of the windows whose errors count as residuals.
@@ -292,6 +293,8 @@ class WindowRuns:
         indices = np.arange(len(data.series)) if motors is None else motors
         names = [data.joint_classes[motor] if data.joint_classes else "" for motor in indices]
         self.classes = np.unique(names, return_inverse=True)[1]
+        models = data.motor_models
+        self.motor_models = tuple(models[motor] for motor in indices if models)
 
         # (M, R) of the whole log
         velocity = series[..., channel.VEL]

@@ -26,6 +26,7 @@ from motorprior.logs.motor_log import (
     missing_column,
 )
 from motorprior.logs.readers.table import parquet_table
+from motorprior.robots.motor_models import MotorModel, is_header_entry
 from motorprior.robots.robot import Robot
 from motorprior.schema import Schema
 
@@ -47,12 +48,13 @@ _HEADER = Schema(
         "channels": many(one_of(*_CHANNELS), 2),
         **dict.fromkeys(("joint_names", "joint_classes"), many(TEXT)),
         **dict.fromkeys(_TEXTS, TEXT),
+        "motor_models": many(Field("a motor model", is_header_entry)),
         "firmware": TABLE,
         "bodies": TEXT,
     },
     REWRITE,
     # a log of an older version has position commands
-    optional=frozenset({"firmware", "joint_classes", "command_mode", "bodies"}),
+    optional=frozenset({"firmware", "joint_classes", "motor_models", "command_mode", "bodies"}),
     name="header",
 )
 
@@ -82,6 +84,8 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         header["firmware"] = dict(log.firmware)
     if log.given_classes:
         header["joint_classes"] = list(log.given_classes)
+    if log.motor_models:
+        header["motor_models"] = [model.as_json() for model in log.motor_models]
     if log.bodies:
         header["bodies"] = log.bodies
 
@@ -117,6 +121,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     values: dict[str, Any] = {key: header[key] for key in _TEXTS if key in header}
     values["firmware"] = header.get("firmware", {})
     values["given_classes"] = tuple(header.get("joint_classes", ()))
+    values["motor_models"] = tuple(map(MotorModel.from_json, header.get("motor_models", ())))
     values["joint_names"] = tuple(header["joint_names"])
     values["bodies"] = header.get("bodies", "")
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():

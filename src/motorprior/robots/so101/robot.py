@@ -7,6 +7,7 @@ limits are the model's.
 from pathlib import Path
 
 from motorprior.robots.model_source import ModelFile
+from motorprior.robots.motor_models import MotorModel, StatedValue
 from motorprior.robots.robot import GRAVITY, Joint, Robot
 from motorprior.robots.servos import ServoChain
 
@@ -24,6 +25,11 @@ _LIMITS = {
 # fitted to one unit
 _GAINS = (17.8, 0.6, 3.35)
 _COUNT = len(_LIMITS)
+# Torque limit: forcerange of so101.xml. Speed without load: assumption, 0.19 to 0.22 s per 60
+# degrees. The standard deviations are assumptions.
+_STS3215 = MotorModel(
+    "STS3215", torque_limit=StatedValue(3.35, 0.15), max_speed=StatedValue(5.0, 0.15)
+)
 _SERVOS = ServoChain(
     model="STS3215",
     ids=tuple(range(1, _COUNT + 1)),  # LeRobot's numbers, from the base to the gripper
@@ -53,6 +59,7 @@ SO101 = Robot(
     reference_torque=2.68,  # 0.8 of the torque limit
     load_inertia=(4.8e-6, 0.025),  # from the model, about the joints
     given_classes=tuple(_LIMITS),  # one motor, other places
+    motor_models=(_STS3215,) * _COUNT,
     fleets=tuple((name, str(_FOLDER / "fleets" / f"{name}.toml")) for name in _FLEETS),
     twin_physics_dt=0.00025,  # the jaw is light: at 1 ms a physical gear on it would be unstable
     servos=_SERVOS,
