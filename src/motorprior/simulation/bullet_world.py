@@ -280,6 +280,8 @@ class BulletSimulation:
         pos = np.array(pos)
         arm = pos - np.array(principal_frame[0])  # from the centre of mass to the origin
         quat = np.array([xyzw[3], *xyzw[:3]])
+        # the product of two rotations of the engine is a unit quaternion to 1e-8 only
+        quat /= np.linalg.norm(quat)
         velocity = np.array(centre_vel) + _cross(rates.tolist(), arm.tolist())
         return pos, quat, velocity, rotation.T @ rates
 
