@@ -135,7 +135,7 @@ def fit_motors(
         report()
 
     if level is not None:
-        fit = fitted_with_models(search, rng, fit, fixed, level)
+        fit = fitted_with_models(search, rng, fit, fixed, level, candidates.nested)
 
     # from here on with all rows
     if subset is not runs:

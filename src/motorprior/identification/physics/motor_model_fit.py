@@ -59,7 +59,7 @@ TURNS = 4  # repetitions
 # this number of standard deviations of such a difference.
 MAX_DEVIATION = 2.5
 _SEARCHING_TURNS = 2  # turns with new candidates
-_STARTS = 3  # descents of the common motor
+_STARTS = 3  # descents of the common motor, and as many from simplest motors
 _MAX_CHANGE = 0.7  # maximum change of μ in a turn
 _WEAK_STD = 5.0  # w of constants that the maker does not state
 
@@ -174,6 +174,7 @@ def fitted_with_models(
     fit: Fit,
     fixed: np.ndarray,
     level: ModelLevel,
+    simplest: np.ndarray | None = None,
 ) -> Fit:
     """Fit of motors with their models, from separate fits.
 
@@ -183,12 +184,14 @@ def fitted_with_models(
         fit: of every motor by itself, or to be refined.
         fixed: (K,) mask of the constants that are not fitted.
         level: the motor models.
+        simplest: (M, K) simplest motors, from which a common motor is searched, too.
     """
     scale = likelihood_scale(search, fit.loss)
     mean = level.mean_of(fit.x)
     start = fit.x
     if rng is not None:
-        mean = _common_motors(search, rng, fit, fixed, level, mean)
+        simplest = fit.x if simplest is None else simplest
+        mean = _common_motors(search, rng, fit, fixed, level, mean, simplest)
         start = mean[level.index] + level.shift
 
     separate = fit
@@ -216,8 +219,13 @@ def _common_motors(
     fixed: np.ndarray,
     level: ModelLevel,
     mean: np.ndarray,
+    simplest: np.ndarray,
 ) -> np.ndarray:
-    """(G, K) the best common motor of each model, searched from its motors and around ``mean``."""
+    """(G, K) the best common motor of each model.
+
+    It is searched from its motors, around ``mean`` (G, K), and from the ``simplest`` motors (M, K):
+    motors that were fitted alone agree on a wrong optimum if each has too small a load.
+    """
     common = mean.copy()
     size = len(fixed)
     for model in range(len(level.names)):
@@ -226,7 +234,9 @@ def _common_motors(
             continue
         pooled = Search(_ModelProblem(search.problem, members, level.shift))
         own = fit.x[members] - level.shift[members]
-        samples = np.concatenate([mean[[model]], own])
+        simple = simplest[members] - level.shift[members]
+        middle = np.median(simple, axis=0)
+        samples = np.concatenate([mean[[model]], own, middle[None], simple])
         picks = rng.integers(len(samples), size=(CANDIDATES, size))
         candidates = np.take_along_axis(samples, picks, axis=0)
         candidates += 0.5 * rng.standard_normal((CANDIDATES, size))
@@ -242,9 +252,11 @@ def _common_motors(
         center = np.where(level.is_stated[model], level.stated[model], mean[model])
         prior = GaussianPrior(center, pooled_scale / level.stated_std[model] ** 2).fixing(fixed)
         energies = pooled.losses(candidates)[0] + prior.energy(candidates)[0]
-        order = np.argsort(energies)[:_STARTS]
+        order = np.argsort(energies)
+        is_simple = (order > len(own)) & (order < len(samples))
+        starts = np.concatenate([order[:_STARTS], order[is_simple][:_STARTS]])
         best = None
-        for start in order:
+        for start in starts:
             descended = pooled.descend(candidates[:, start], prior, STEPS[:3])
             best = descended if best is None else best.better(descended)
         assert best is not None
