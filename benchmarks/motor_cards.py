@@ -36,7 +36,8 @@ LIMITS = {
         "depends on the angle"
     ),
     "so101": (
-        "one arm, gains in firmware units as recorded; torque limit and speed limit barely reached"
+        "one arm, gains in firmware units as recorded; torque limit and speed are the "
+        "description's; equal motors assumed; other searches find kp from 6.5 to 16"
     ),
     "xl330": "one servo; the spread between units is assumed",
     "pupper_v2": (
