@@ -94,7 +94,10 @@ def run(name: str, seed: int, args: argparse.Namespace) -> dict[str, Any]:
         held[key] = (low <= values[key]) & (values[key] <= high)
         for index, joint in enumerate(log.joint_names):
             mark = "" if held[key][index] else "  outside"
-            text = f"{values[key][index]:.4g} in {low[index]:.4g} to {high[index]:.4g}"
+            interval = f"≥ {low[index]:.4g}"
+            if np.isfinite(high[index]):
+                interval = f"{low[index]:.4g} to {high[index]:.4g}"
+            text = f"{values[key][index]:.4g} in {interval}"
             print(f"{name} {seed} {joint} {key}: {text}{mark}")
     share = float(np.mean(list(held.values())))
     figures = {
