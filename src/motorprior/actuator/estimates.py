@@ -95,8 +95,8 @@ class Estimates:
     def contradicted(self, deviations: np.ndarray) -> "Estimates":
         """The estimates with the variances of outliers larger by the square of their deviations.
 
-        ``deviations`` (M, P) are those of constants from the other motors of the same model, and 0
-        for constants that are no outliers. An outlier thus counts as not identified.
+        ``deviations`` (M, P) are distances of outliers from the other motors of the same model, and
+        0 for other constants. An outlier thus counts as not identified.
         """
         columns = np.arange(deviations.shape[1])
         covariance = self.covariance.copy()

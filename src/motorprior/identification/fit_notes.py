@@ -9,7 +9,7 @@ from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_prior import limit_text
 from motorprior.exceptions import listed
 from motorprior.identification.physics import motor_problem
-from motorprior.identification.physics.motor_model_fit import stated_value
+from motorprior.identification.physics.motor_model_fit import ModelLevel
 from motorprior.identification.physics.term_selection import min_condition_difference
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
@@ -71,11 +71,13 @@ def identifiability(
     runs: WindowRuns,
     estimates: Estimates,
     joint_names: tuple[str, ...],
+    level: ModelLevel | None,
 ) -> tuple[FitMetrics, list[Note]]:
     """What the logs identify, and warnings of what they do not.
 
     They are about constants, limits and the scale of torques. ``z`` (M, Z) are the latents of the
-    motors, ``runs`` their logs, and ``estimates`` the uncertainty of their constants.
+    motors, ``runs`` their logs, and ``estimates`` the uncertainty of their constants. A limit that
+    the maker of a motor states, in ``level``, needs no warning.
     """
 
     def warning(is_hidden: np.ndarray, unidentified: str) -> Note:
@@ -106,9 +108,8 @@ def identifiability(
         if name not in constants or not is_free[constants.index(name)]:
             continue
         is_hidden = ~identified_motors[name]
-        for motor, motor_model in enumerate(runs.motor_models):
-            if runs.recipe.grey_boxes == "together" and stated_value(motor_model, name):
-                is_hidden[motor] = False  # the maker states it
+        if level is not None:
+            is_hidden &= ~level.is_stated[level.index, constants.index(name)]
         if not is_hidden.any():
             continue
         limits[name] = float(values[name][is_hidden].max())

@@ -21,7 +21,7 @@ from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
 from motorprior.identification.physics.estimate_uncertainty import estimates_of
 from motorprior.identification.physics.motor_fit import MotorFits
-from motorprior.identification.physics.motor_model_fit import model_level, sibling_deviations
+from motorprior.identification.physics.motor_model_fit import level_of_logs, sibling_deviations
 from motorprior.identification.physics.term_selection import Selection
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
@@ -68,14 +68,12 @@ def fit_grey_boxes(
     report(0, "uncertainty of constants")
     estimates = estimates_of(model, z, longer)
     fixed = motor_problem.fixed_constants(fits.terms, runs)
-    level = None
-    if recipe.grey_boxes == "together":
-        level = model_level(runs.motor_models, fits.center, fits.terms, recipe.gain_unit, fixed)
+    level = level_of_logs(runs, fits.center, fits.terms)
     if level is not None:
         deviations = sibling_deviations(level, z, fixed)
         estimates = estimates.contradicted(deviations)
         notes += outlier_notes(model, z, deviations, data)
-    metrics, warnings = identifiability(model, z, longer, estimates, data.joint_names)
+    metrics, warnings = identifiability(model, z, longer, estimates, data.joint_names, level)
     metrics = replace(metrics, saved_loss=selection.saved)
     notes += warnings
     losses = motor_problem.motor_search(model, runs).losses(z).mean(keepdims=True)

@@ -19,7 +19,11 @@ from motorprior.identification.explanations.screen import (
     sensitivities,
     unexplained,
 )
-from motorprior.identification.physics.estimate_uncertainty import blocks_of, joint_covariance
+from motorprior.identification.physics.estimate_uncertainty import (
+    blocks_of,
+    curvature_and_scores,
+    joint_covariance,
+)
 from motorprior.identification.physics.motor_problem import (
     TORQUES,
     MotorProblem,
@@ -96,9 +100,10 @@ class _ExplainedProblem(MotorProblem):
         order = np.argsort(index, kind="stable")
         tasks = []
         for first in range(0, len(unique), _INPUTS):
-            of_task = order[slice(*np.searchsorted(index[order], (first, first + _INPUTS)))]
-            for lane in range(0, len(of_task), LANES_PER_TASK):
-                lanes = of_task[lane : lane + LANES_PER_TASK]
+            begin, end = np.searchsorted(index[order], (first, first + _INPUTS))
+            lanes_of_inputs = order[begin:end]
+            for lane in range(0, len(lanes_of_inputs), LANES_PER_TASK):
+                lanes = lanes_of_inputs[lane : lane + LANES_PER_TASK]
                 tasks.append((x[lanes], unique[first : first + _INPUTS], index[lanes] - first))
         errors = np.concatenate(list(threads().map(self._errors, tasks)))
         by_lane = np.empty_like(errors)
@@ -379,16 +384,10 @@ class Attempts:
         problem = attempt.problem
         free = np.flatnonzero(np.append(~attempt.fixed, np.ones(size, bool)))
         residuals, slopes = sensitivities(problem, x, joint, free, WIDE)
-        factor = problem.weight / len(residuals)
-        squares = 1.0 + residuals**2
-        curvature = factor * (slopes * squares**-1.5) @ slopes.T
-        gradients = factor * slopes * residuals / np.sqrt(squares)
-
-        by_window = gradients.reshape(len(free), problem.observations, -1).sum(axis=2)
-        blocks = blocks_of(problem.runs)
-        scores = np.zeros((blocks.max() + 1, len(free)))
-        np.add.at(scores, blocks, by_window.T)
-        loss = factor * float(np.sum(huber(residuals)))
+        curvature, scores = curvature_and_scores(
+            problem, residuals, slopes, blocks_of(problem.runs)
+        )
+        loss = problem.weight * float(np.mean(huber(residuals)))
         covariance = joint_covariance(curvature, scores, loss)
         variance = np.diagonal(covariance)[len(free) - size :]
         return SCORE * np.sqrt(variance) * attempt.units

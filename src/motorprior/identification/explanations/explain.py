@@ -434,7 +434,6 @@ def _row_trials(
     recipe = logs.runs.recipe
     for explanation in ROW_EXPLANATIONS:
         mask = faulty_rows[explanation.name]
-
         in_runs = np.stack([mask[segment].any(axis=0) for segment in logs.segments])
 
         # one joint at a time: the other joints keep their rows

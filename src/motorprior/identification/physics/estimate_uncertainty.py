@@ -43,7 +43,7 @@ from motorprior.identification.physics.motor_problem import (
     motor_search,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Search
+from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Problem, Search
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
 # of the reported coverage (benchmarks/simulated_arms.py).
@@ -181,12 +181,26 @@ def _derivatives(
     usable = np.isfinite(slopes).all(axis=0) & (np.abs(slopes) < 1e6).all(axis=0)
     slopes = np.where(usable, slopes, 0.0)
 
-    squares = 1.0 + middle**2
-    factor = search.problem.weight / len(middle)
+    return curvature_and_scores(search.problem, middle, slopes, blocks)
+
+
+def curvature_and_scores(
+    problem: Problem, residuals: np.ndarray, slopes: np.ndarray, blocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """H (F, F) of a motor, and the gradients g of its blocks (B, F).
+
+    Args:
+        problem: of the motor.
+        residuals: (R,) at the motor.
+        slopes: (F, R) derivatives of the residuals with respect to F unknowns.
+        blocks: (N,) block of each observation, see `blocks_of`.
+    """
+    squares = 1.0 + residuals**2
+    factor = problem.weight / len(residuals)
     curvature = factor * (slopes * squares**-1.5) @ slopes.T
-    gradients = factor * slopes * (middle / np.sqrt(squares))
-    by_window = gradients.reshape(len(free), search.problem.observations, -1).sum(axis=2)
-    scores = np.zeros((blocks.max() + 1, len(free)))
+    gradients = factor * slopes * (residuals / np.sqrt(squares))
+    by_window = gradients.reshape(len(slopes), problem.observations, -1).sum(axis=2)
+    scores = np.zeros((blocks.max() + 1, len(slopes)))
     np.add.at(scores, blocks, by_window.T)
     return curvature, scores
 

@@ -35,7 +35,11 @@ from motorprior.identification.physics.descents import (
     reachable,
 )
 from motorprior.identification.physics.effect_scales import effect_scale
-from motorprior.identification.physics.motor_model_fit import fitted_with_models, model_level
+from motorprior.identification.physics.motor_model_fit import (
+    fitted_with_models,
+    level_of_logs,
+    refined_with_models,
+)
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     centred_search,
@@ -124,34 +128,30 @@ def fit_motors(
     report()
 
     search = centred_search(center, terms, subset, checkpoint)
-    level = None
-    separate_restarts = restarts
-    if together:
-        level = model_level(runs.motor_models, center, terms, runs.recipe.gain_unit, fixed)
-    if level is not None:  # the motors of a model are searched together later
-        separate_restarts = restarts // 4
-    fit = _fit_separately(search, candidates, separate_restarts, report)
-    for _ in range(restarts - separate_restarts):
-        report()
-
-    if level is not None:
-        fit = fitted_with_models(search, rng, fit, fixed, level, candidates.nested)
-
-    # from here on with all rows
+    all_rows_search = search
     if subset is not runs:
-        search = centred_search(center, terms, runs, checkpoint)
-    if level is not None and subset is not runs:
-        fit = fitted_with_models(search, None, search.at(fit.x, _weak(fixed)), fixed, level)
-    elif subset is not runs:
-        prior = single_motor_prior(search, fit.x, fit.x, candidates.initial)
-        fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
-    if level is not None:
-        for _ in range(TURNS):
+        all_rows_search = centred_search(center, terms, runs, checkpoint)
+
+    level = level_of_logs(runs, center, terms) if together else None
+    if level is None:
+        fit = _fit_separately(search, candidates, restarts, report)
+        search = all_rows_search
+        if subset is not runs:
+            prior = single_motor_prior(search, fit.x, fit.x, candidates.initial)
+            fit = search.descend(fit.x, prior.fixing(fixed), STEPS)
+        if together and runs.num_motors > MIN_OTHERS:
+            fit = searched_near_others(search, rng, fit, fixed, runs.classes, restarts // 4)
+        if together and runs.num_motors > 1:
+            fit = empirical_bayes(search, rng, fit, fixed, runs.classes, report)
+    else:
+        # few restarts: the motors of a model are searched together afterwards
+        separate = _fit_separately(search, candidates, restarts // 4, report).x
+        fit = fitted_with_models(search, rng, separate, candidates.nested, fixed, level)
+        search = all_rows_search
+        if subset is not runs:
+            fit = refined_with_models(search, fit.x, fixed, level)
+        for _ in range(restarts - restarts // 4 + TURNS):
             report()
-    elif together and runs.num_motors > MIN_OTHERS:
-        fit = searched_near_others(search, rng, fit, fixed, runs.classes, restarts // 4)
-    if level is None and together and runs.num_motors > 1:
-        fit = empirical_bayes(search, rng, fit, fixed, runs.classes, report)
     x = without_unidentified_limits(search, center, terms, runs, fit, fixed, level)
     x = np.where(fixed, 0.0, x)
 
@@ -180,13 +180,11 @@ def fit_rigid_motors(
     rng = np.random.default_rng([seed, _STREAM, 1])
     fixed = fixed_constants(terms, runs)
     center, is_simplified = rigid_motor(scaled_center(runs, terms), terms, runs)
-    x = np.zeros((runs.num_motors, len(center)))
+    offsets = np.zeros((runs.num_motors, len(center)))
     is_limit = np.array(parameters_of(terms)) == "torque_limit"
 
     frozen = fixed | is_simplified
-    fits = _searched_rigid(
-        rng, runs, terms, MotorFits(center, x, x[:, 0], terms), frozen, checkpoint
-    )
+    fits = _searched_rigid(rng, runs, terms, center, offsets, frozen, checkpoint)
     if limits and not fixed[is_limit].any():
         # The limit without effect is as far from a motor's own limit as its kp is from the initial
         # kp. The second search is therefore around the motors of the first one.
@@ -194,9 +192,8 @@ def fit_rigid_motors(
         middle = 0.5 * (outputs.min(axis=0) + outputs.max(axis=0))
         middle[is_limit] = log_unlimited_torque(middle, terms, runs)
         offsets = np.where(is_limit, 0.0, outputs - middle)
-        fits = MotorFits(middle, offsets, fits.loss, terms)
         frozen = fixed | (is_simplified & ~is_limit)
-        fits = _searched_rigid(rng, runs, terms, fits, frozen, checkpoint)
+        fits = _searched_rigid(rng, runs, terms, middle, offsets, frozen, checkpoint)
     return fits
 
 
@@ -204,28 +201,29 @@ def _searched_rigid(
     rng: np.random.Generator,
     runs: WindowRuns,
     terms: tuple[str, ...],
-    fits: MotorFits,
+    center: np.ndarray,
+    offsets: np.ndarray,
     frozen: np.ndarray,
     checkpoint: PartCheckpoint,
 ) -> MotorFits:
-    """The simplest motors after RIGID_STARTS searches around ``fits``.
+    """The simplest motors after RIGID_STARTS searches around ``center`` (K,) + ``offsets`` (M, K).
 
-    ``frozen`` (K,) constants stay at their values in ``fits``.
+    ``frozen`` (K,) constants stay there.
     """
-    search = centred_search(fits.center, terms, runs, checkpoint)
+    search = centred_search(center, terms, runs, checkpoint)
     prior = GaussianPrior(
-        mean=np.where(frozen, fits.offsets, 0.0),
+        mean=np.where(frozen, offsets, 0.0),
         precision=np.where(frozen, FIXED, WEAK_PRECISION),
     )
-    fit = search.at(fits.offsets, prior)
+    fit = search.at(offsets, prior)
     for _ in range(RIGID_STARTS):
-        candidates = _rigid_candidates(rng, runs, terms, fits.center, fit.x, frozen)
+        candidates = _rigid_candidates(rng, runs, terms, center, fit.x, frozen)
         start = search.best_of(candidates, prior)
         fit = fit.better(search.descend(start, prior, RIGID_STEPS[:1]))
 
     fit = search.descend(fit.x, prior, RIGID_STEPS[1:])
     x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-    return MotorFits(fits.center, x, fit.loss, terms, is_rigid=True)
+    return MotorFits(center, x, fit.loss, terms, is_rigid=True)
 
 
 def _rigid_candidates(
@@ -246,15 +244,15 @@ def _rigid_candidates(
     noise = rng.standard_normal((len(x), RIGID_CANDIDATES, len(center)))
     candidates = np.where(frozen, x[:, None], RIGID_STD * noise)
     half = RIGID_CANDIDATES // 2
-    near = x[:, None] + np.where(frozen, 0.0, NEAR_STD * noise[:, half:])
-    candidates[:, half:] = near
+    candidates[:, half:] = x[:, None] + np.where(frozen, 0.0, NEAR_STD * noise[:, half:])
 
-    kp = np.exp(center[names.index("kp")] + candidates[..., names.index("kp")])
-    column = names.index("kd_over_kp")
-    values = {"kp": kp, "kd_over_kp": np.exp(center[column] + candidates[..., column])}
+    values = {}
+    for name in ("kp", "kd_over_kp"):
+        column = names.index(name)
+        values[name] = np.exp(center[column] + candidates[..., column])
     for name, (low, high) in PROPORTIONS.items():
         column = names.index(name)
-        drawn = rng.uniform(np.log(low), np.log(high), kp.shape)
+        drawn = rng.uniform(np.log(low), np.log(high), candidates.shape[:2])
         with np.errstate(divide="ignore"):
             proportional = np.log(effect_scale(name, values, runs)) + drawn - center[column]
         if not frozen[column]:
@@ -262,12 +260,6 @@ def _rigid_candidates(
 
     candidates[:, 0] = x
     return np.clip(candidates, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-
-
-def _weak(fixed: np.ndarray) -> GaussianPrior:
-    """Weak prior around the central motor, with ``fixed`` (K,) constants."""
-    size = len(fixed)
-    return GaussianPrior(np.zeros(size), np.full(size, WEAK_PRECISION)).fixing(fixed)
 
 
 @dataclass(frozen=True)

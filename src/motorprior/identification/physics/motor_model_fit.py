@@ -35,12 +35,12 @@ from motorprior.identification.physics.descents import (
     CANDIDATES,
     RIGID_STEPS,
     STEPS,
-    add_other_motors,
-    half_resampled,
     reachable,
 )
 from motorprior.identification.physics.estimate_uncertainty import MODEL_ERROR
-from motorprior.identification.physics.window_runs import SPEED_LIMITS
+from motorprior.identification.physics.motor_problem import fixed_constants
+from motorprior.identification.physics.population_fit import fit_from_samples
+from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
 from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Problem, Search
 from motorprior.robots.motor_models import GEAR_POWERS, MotorModel, StatedValue
 
@@ -59,6 +59,7 @@ TURNS = 4  # repetitions
 # this number of standard deviations of such a difference.
 MAX_DEVIATION = 2.5
 _SEARCHING_TURNS = 2  # turns with new candidates
+_LAST_STEPS = ((6, NARROW),)  # of the other turns
 _STARTS = 3  # descents of the common motor, and as many from simplest motors
 _MAX_CHANGE = 0.7  # maximum change of μ in a turn
 _WEAK_STD = 5.0  # w of constants that the maker does not state
@@ -92,6 +93,19 @@ class ModelLevel:
         return GaussianPrior(mean[self.index] + self.shift, precision).fixing(fixed)
 
 
+def level_of_logs(
+    runs: WindowRuns, center: np.ndarray, terms: tuple[str, ...]
+) -> ModelLevel | None:
+    """Motor models of the logs; None if they state none, or if each motor is fitted alone.
+
+    Arguments as for `model_level`.
+    """
+    if runs.recipe.grey_boxes != "together":
+        return None
+    fixed = fixed_constants(terms, runs)
+    return model_level(runs.motor_models, center, terms, runs.recipe.gain_unit, fixed)
+
+
 def model_level(
     models: Sequence[MotorModel],
     center: np.ndarray,
@@ -122,7 +136,7 @@ def model_level(
     for row, name in enumerate(names):
         model = next(model for model in models if model.name == name)
         for column, constant in enumerate(constants):
-            value = stated_value(model, constant)
+            value = _stated_value(model, constant)
             if value is not None:
                 stated[row, column] = np.log(value.value) - center[column]
                 stated_std[row, column] = value.std
@@ -137,7 +151,7 @@ def model_level(
     )
 
 
-def stated_value(model: MotorModel, constant: str) -> StatedValue | None:
+def _stated_value(model: MotorModel, constant: str) -> StatedValue | None:
     """The stated value of a constant at the output shaft of the motor, if any."""
     return getattr(model, "max_speed" if constant in SPEED_LIMITS else constant, None)
 
@@ -170,44 +184,57 @@ class _ModelProblem:
 
 def fitted_with_models(
     search: Search,
-    rng: np.random.Generator | None,
-    fit: Fit,
+    rng: np.random.Generator,
+    separate: np.ndarray,
+    simplest: np.ndarray,
     fixed: np.ndarray,
     level: ModelLevel,
-    simplest: np.ndarray | None = None,
 ) -> Fit:
-    """Fit of motors with their models, from separate fits.
+    """Fit of motors with their models.
 
     Args:
         search: of the motors' problems.
-        rng: for the candidates; None: no candidates are tried, and the fit is only refined.
-        fit: of every motor by itself, or to be refined.
+        rng: for the candidates.
+        separate: (M, K) motors that were fitted alone.
+        simplest: (M, K) simplest motors, from which a common motor is searched, too.
         fixed: (K,) mask of the constants that are not fitted.
         level: the motor models.
-        simplest: (M, K) simplest motors, from which a common motor is searched, too.
     """
-    scale = likelihood_scale(search, fit.loss)
-    mean = level.mean_of(fit.x)
-    start = fit.x
-    if rng is not None:
-        simplest = fit.x if simplest is None else simplest
-        mean = _common_motors(search, rng, fit, fixed, level, mean, simplest)
-        start = mean[level.index] + level.shift
-
-    separate = fit
-    for turn in range(TURNS):
+    losses = search.losses(separate)
+    scale = likelihood_scale(search, losses)
+    mean = _common_motors(search, rng, separate, simplest, losses, fixed, level)
+    start = mean[level.index] + level.shift
+    for turn in range(_SEARCHING_TURNS):
         prior = level.prior(mean, scale, fixed)
-        steps = STEPS if turn == 0 and rng is not None else ((6, NARROW),)
+        steps = STEPS if turn == 0 else _LAST_STEPS
         fit = search.descend(np.where(fixed, 0.0, start), prior, steps)
-        if rng is not None and turn < _SEARCHING_TURNS:
-            from_separate = np.where(level.is_stated[level.index], prior.mean, separate.x)
-            fit = fit.better(search.descend(from_separate, prior, STEPS[1:]))
-            shape = (len(fit.x), CANDIDATES, len(fixed))
-            samples = prior.mean[:, None] + level.std * rng.standard_normal(shape)
-            candidates = half_resampled(rng, samples, fit)
-            add_other_motors(rng, candidates, fit.x)
-            best = search.best_of(reachable(candidates, fixed), prior)
-            fit = fit.better(search.descend(best, prior, RIGID_STEPS))
+
+        from_separate = np.where(level.is_stated[level.index], prior.mean, separate)
+        fit = fit.better(search.descend(from_separate, prior, STEPS[1:]))
+        fit = fit_from_samples(search, rng, fit, prior, level.std, fixed, RIGID_STEPS)
+        mean, start = _newton_step(search, fit, fixed, level, mean, scale)
+    return _descended(search, start, mean, scale, fixed, level, TURNS - _SEARCHING_TURNS)
+
+
+def refined_with_models(search: Search, x: np.ndarray, fixed: np.ndarray, level: ModelLevel) -> Fit:
+    """Fit of motors with their models after descents from x (M, K), without candidates."""
+    scale = likelihood_scale(search, search.losses(x))
+    return _descended(search, x, level.mean_of(x), scale, fixed, level, TURNS)
+
+
+def _descended(
+    search: Search,
+    start: np.ndarray,
+    mean: np.ndarray,
+    scale: np.ndarray,
+    fixed: np.ndarray,
+    level: ModelLevel,
+    turns: int,
+) -> Fit:
+    """Fit after ``turns`` descents and Newton steps from ``start`` (M, K) and ``mean`` (G, K)."""
+    for _ in range(turns):
+        prior = level.prior(mean, scale, fixed)
+        fit = search.descend(np.where(fixed, 0.0, start), prior, _LAST_STEPS)
         mean, start = _newton_step(search, fit, fixed, level, mean, scale)
     return search.descend(start, level.prior(mean, scale, fixed), ((6, WIDE), (6, NARROW)))
 
@@ -215,17 +242,19 @@ def fitted_with_models(
 def _common_motors(
     search: Search,
     rng: np.random.Generator,
-    fit: Fit,
+    separate: np.ndarray,
+    simplest: np.ndarray,
+    losses: np.ndarray,
     fixed: np.ndarray,
     level: ModelLevel,
-    mean: np.ndarray,
-    simplest: np.ndarray,
 ) -> np.ndarray:
     """(G, K) the best common motor of each model.
 
-    It is searched from its motors, around ``mean`` (G, K), and from the ``simplest`` motors (M, K):
-    motors that were fitted alone agree on a wrong optimum if each has too small a load.
+    It is searched from its ``separate`` motors (M, K), which have these ``losses`` (M,), and from
+    the ``simplest`` motors (M, K): motors that were fitted alone agree on a wrong optimum if each
+    has too small a load.
     """
+    mean = level.mean_of(separate)
     common = mean.copy()
     size = len(fixed)
     for model in range(len(level.names)):
@@ -233,7 +262,7 @@ def _common_motors(
         if len(members) == 1:
             continue
         pooled = Search(_ModelProblem(search.problem, members, level.shift))
-        own = fit.x[members] - level.shift[members]
+        own = separate[members] - level.shift[members]
         simple = simplest[members] - level.shift[members]
         middle = np.median(simple, axis=0)
         samples = np.concatenate([mean[[model]], own, middle[None], simple])
@@ -241,14 +270,13 @@ def _common_motors(
         candidates = np.take_along_axis(samples, picks, axis=0)
         candidates += 0.5 * rng.standard_normal((CANDIDATES, size))
         candidates[: len(samples)] = samples
-        near_stated = level.stated[model] + 0.5 * level.stated_std[model] * rng.standard_normal(
-            (CANDIDATES, size)
-        )
+        noise = rng.standard_normal((CANDIDATES, size))
+        near_stated = level.stated[model] + 0.5 * level.stated_std[model] * noise
         candidates = np.where(level.is_stated[model], near_stated, candidates)
         candidates = reachable(candidates, fixed)[None]
 
         # constants that are not stated have a weak prior around the middle of the motors
-        pooled_scale = likelihood_scale(pooled, fit.loss[members].mean())
+        pooled_scale = likelihood_scale(pooled, losses[members].mean())
         center = np.where(level.is_stated[model], level.stated[model], mean[model])
         prior = GaussianPrior(center, pooled_scale / level.stated_std[model] ** 2).fixing(fixed)
         energies = pooled.losses(candidates)[0] + prior.energy(candidates)[0]

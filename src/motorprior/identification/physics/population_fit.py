@@ -29,7 +29,7 @@ from motorprior.identification.physics.descents import (
     half_resampled,
     reachable,
 )
-from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search
+from motorprior.identification.search import NARROW, WIDE, Fit, GaussianPrior, Search, Steps
 
 TURNS = 8  # iterations of empirical Bayes
 # iterations with wide differences, and iterations with new candidates
@@ -113,18 +113,35 @@ def empirical_bayes(
         # early turns also try samples of the prior and other motors' constants
         if turn < _SEARCHING_TURNS:
             std = np.sqrt(fit.loss.mean() / windows / prior.precision)
-            mean = np.broadcast_to(prior.mean, fit.x.shape)[:, None]
-            shape = (len(fit.x), CANDIDATES, fit.x.shape[1])
-            samples = mean + std * rng.standard_normal(shape)
-            candidates = half_resampled(rng, samples, fit)
-            add_other_motors(rng, candidates, fit.x)
-            start = search.best_of(reachable(candidates, fixed), prior)
-            fit = fit.better(search.descend(start, prior, ((6, WIDE),)))
+            fit = fit_from_samples(search, rng, fit, prior, std, fixed, ((6, WIDE),))
 
         variance = posterior_variance(search, fit, prior)
         prior = population_prior(fit, windows, variance, classes).fixing(fixed)
         report()
     return fit
+
+
+def fit_from_samples(
+    search: Search,
+    rng: np.random.Generator,
+    fit: Fit,
+    prior: GaussianPrior,
+    std: np.ndarray,
+    fixed: np.ndarray,
+    steps: Steps,
+) -> Fit:
+    """The better one of a fit and of descents from samples of its prior.
+
+    In a sample, a random half of the unknowns is from the prior's mean with the standard deviations
+    ``std`` (K,), the others are from the fit. Other motors' unknowns are candidates, too.
+    """
+    mean = np.broadcast_to(prior.mean, fit.x.shape)[:, None]
+    shape = (len(fit.x), CANDIDATES, fit.x.shape[1])
+    samples = mean + std * rng.standard_normal(shape)
+    candidates = half_resampled(rng, samples, fit)
+    add_other_motors(rng, candidates, fit.x)
+    start = search.best_of(reachable(candidates, fixed), prior)
+    return fit.better(search.descend(start, prior, steps))
 
 
 def _first_prior(search: Search, fit: Fit, classes: np.ndarray) -> GaussianPrior:

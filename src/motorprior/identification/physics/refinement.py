@@ -16,9 +16,9 @@ from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
 from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
 from motorprior.identification.physics.motor_model_fit import (
     ModelLevel,
-    fitted_with_models,
+    level_of_logs,
     likelihood_scale,
-    model_level,
+    refined_with_models,
 )
 from motorprior.identification.physics.motor_problem import (
     DISABLED_LIMIT_FACTOR,
@@ -114,9 +114,7 @@ def with_stiff_gears(
     """
     terms = model.terms
     fixed = fixed_constants(terms, runs)
-    level = None
-    if runs.recipe.grey_boxes == "together":
-        level = model_level(runs.motor_models, model.center, terms, runs.recipe.gain_unit, fixed)
+    level = level_of_logs(runs, model.center, terms)
     initial = initial_center(terms, runs) - model.center
     stiff = {}
     for name, factor in STIFF_GEAR.items():
@@ -217,20 +215,17 @@ def refined(
 
     The runs are longer than the runs of the search.
 
-    The prior of motors that are fitted ``together`` is the Gaussian over the motors, estimated at
-    x, or that of `motor_model_fit` if their models are stated. Otherwise it is
-    `single_motor_prior` around x.
+    Motors that are fitted ``together`` have the prior of `motor_model_fit` if their models are
+    stated, and otherwise the Gaussian over the motors, estimated at x. Motors that are fitted alone
+    have `single_motor_prior` around x.
     """
     search = motor_search(model, runs, checkpoint)
     terms = model.terms
     fixed = fixed_constants(terms, runs)
     initial = initial_center(terms, runs) - model.center
-    level = None
-    if together:
-        level = model_level(runs.motor_models, model.center, terms, runs.recipe.gain_unit, fixed)
+    level = level_of_logs(runs, model.center, terms) if together else None
     if level is not None:
-        fit = search.at(x, GaussianPrior(x, np.full(x.shape[1], WEAK_PRECISION)))
-        fit = fitted_with_models(search, None, fit, fixed, level)
+        fit = refined_with_models(search, x, fixed, level)
         return np.where(fixed, x, np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR))
 
     prior = single_motor_prior(search, x, x, initial).fixing(fixed)
