@@ -14,8 +14,20 @@ from motorprior.identification.baselines.response_fit import (
     fitted_responses,
 )
 from motorprior.identification.presets import identification_preset
-from motorprior.priors.validate import fitted_baselines
+from motorprior.identification.windows import with_window_that_fits
+from motorprior.priors.validate import baseline_recipes, fitted_baselines
 from motorprior.progress import SILENT, Lines
+
+
+def test_a_prior_of_long_runs_has_servo_baselines_whatever_the_length_of_its_log():
+    time = 0.002 * np.arange(400)
+    target = 0.3 * np.sin(9.0 * time)[:, None]
+    log = log_of(time, target, target)
+    preset = identification_preset("long_runs")
+    recipe = with_window_that_fits(preset, log)
+
+    assert recipe.window < preset.window
+    assert {"coulomb_viscous", "stribeck"} <= baseline_recipes(log, recipe).keys()
 
 
 def test_a_baseline_that_fails_is_none_with_a_warning(tmp_path: Path):

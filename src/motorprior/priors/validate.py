@@ -243,8 +243,9 @@ def baseline_recipes(log: MotorLog, recipe: Recipe) -> dict[str, tuple[str, Reci
     if recipe.period != BASELINE_PERIOD:
         return {}
     presets_of_baselines = dict(BASELINE_PRESETS)
-    is_servo_prior = recipe.window == PRESETS["long_runs"].window
-    if is_servo_prior:
+    # not the window, which `with_window_that_fits` shortens
+    has_long_runs = recipe.warm_up == PRESETS["long_runs"].warm_up
+    if has_long_runs:
         presets_of_baselines |= SERVO_BASELINE_PRESETS
 
     if log.has_command_frames:
