@@ -17,13 +17,17 @@ from motorprior.logs.motor_log import MotorLog
 
 def with_motor_torque(log: MotorLog, factor: float) -> MotorLog:
     """The log with ``factor`` times the torque of the motor, before rotor and friction."""
-    smooth = {"window_length": 51, "polyorder": 3, "axis": 0, "delta": PERIOD}
-    velocity = savgol_filter(log.joint_pos, deriv=1, **smooth)
-    acceleration = savgol_filter(log.joint_pos, deriv=2, **smooth)
+    velocity = derivative(log.joint_pos, 1)
+    acceleration = derivative(log.joint_pos, 2)
     friction = MOTOR["coulomb"] * np.sign(velocity) + MOTOR["viscous_damping"] * velocity
     inertia = INERTIA + MOTOR["armature"]
     torque = inertia * acceleration + WEIGHT * np.sin(log.joint_pos) + friction
     return MotorLog(**{**vars(log), "joint_torque": factor * torque})
+
+
+def derivative(angles: np.ndarray, order: int) -> np.ndarray:
+    """Smooth derivative of angles (T, J)."""
+    return np.asarray(savgol_filter(angles, 51, 3, order, PERIOD, axis=0))
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.4, 1.96])
