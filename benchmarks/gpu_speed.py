@@ -22,7 +22,7 @@ try:
     import mujoco_warp as mjw
     import warp as wp
 except ModuleNotFoundError as error:
-    raise SystemExit(f"{error}: pip install 'motorprior[mjlab]'") from error
+    raise SystemExit(f"{error}: pip install 'mjlab==1.6.*'") from error
 
 import motorprior as mp
 from figures import run_benchmark

@@ -1,4 +1,4 @@
-"""PPO on sampled motors; needs motorprior[rl].
+"""PPO on sampled motors; needs the extra `rl`.
 
 python examples/train_ppo.py runs/prior/prior.safetensors 300000
 """

@@ -58,7 +58,7 @@ def test_a_policy_is_trained_on_a_prior(prior: Path, tmp_path: Path, capsys):
 
 @pytest.mark.slow
 def test_a_virtual_arm_is_recorded_and_becomes_an_mjcf(tmp_path: Path, capsys):
-    pytest.importorskip("rustypot", reason="pip install 'motorprior[servos]'")
+    pytest.importorskip("rustypot", reason="pip install rustypot")
     recording = tmp_path / "recording"
     run_record(Record(robot="so101", virtual=True, yes=True, seconds=40.0, out=recording))
 
@@ -80,7 +80,7 @@ def test_every_example_is_run_here():
 @pytest.mark.slow
 def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
     pytest.importorskip(
-        "stable_baselines3", reason="it is not installed: pip install 'motorprior[rl]'"
+        "stable_baselines3", reason="it is not installed: pip install stable-baselines3"
     )
     run("train_ppo.py", prior, 4096)
     line = r"commanded 0\.3 m/s on 10 new sets of motors: -?\d\.\d\d m/s, upright for \d\.\d of 5 s"
@@ -90,7 +90,7 @@ def test_ppo_trains_on_sampled_motors(prior: Path, capsys):
 
 @pytest.mark.slow
 def test_mjlab_trains_on_motors_of_a_card(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    pytest.importorskip("mjlab", reason="it is not installed: pip install 'motorprior[mjlab]'")
+    pytest.importorskip("mjlab", reason="it is not installed: pip install mjlab")
     monkeypatch.chdir(tmp_path)
     run("train_in_mjlab.py", "--card=go2", "--worlds=2", "--iterations=1")
 

@@ -194,6 +194,16 @@ def test_the_section_on_your_log_runs(tmp_path: Path):
     assert (tmp_path / "runs" / "mine" / "prior.safetensors").is_file()
 
 
+def test_no_text_installs_motorprior_from_an_index_that_does_not_have_it():
+    paths = [*PAGES, *sorted((ROOT / "tutorials").glob("*.ipynb"))]
+    for folder in ("src", "examples", "benchmarks"):
+        paths += sorted((ROOT / folder).rglob("*.py"))
+
+    for path in paths:
+        line = re.search(r"pip install ['\"]?motorprior(?!-).*", path.read_text("utf-8"))
+        assert line is None, f"{path}: {line}"
+
+
 @pytest.mark.slow
 def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: Path):
     code = library_code()
@@ -224,7 +234,7 @@ def test_the_library_section_runs_from_a_raw_csv_to_a_walking_policy(tmp_path: P
     "text",
     [
         "make nothing",
-        "pip install 'motorprior[nothing]'",
+        "pip install '.[nothing]'",
         "nothing",
         "python no.py",
         "motorprior demo --no",

@@ -7,7 +7,7 @@ import pytest
 
 from motorprior.logs.load_log import load_log
 
-pytest.importorskip("rustypot", reason="pip install 'motorprior[servos]'")
+pytest.importorskip("rustypot", reason="pip install rustypot")
 
 
 def test_a_recorded_servo_becomes_a_log_with_its_load_and_registers(

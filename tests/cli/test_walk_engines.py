@@ -86,6 +86,6 @@ def test_an_engine_or_library_that_is_not_installed_is_named(
         "--engine",
         "pybullet",
         *out,
-        words=("PyBullet is not installed", "motorprior[pybullet]"),
+        words=("PyBullet is not installed", "pip install pybullet"),
     )
-    refused(*SMALL, "--executor", "ray", *out, words=("Ray is not installed", "motorprior[ray]"))
+    refused(*SMALL, "--executor", "ray", *out, words=("Ray is not installed", "pip install ray"))

@@ -115,9 +115,7 @@ def patient_ray() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def ray(patient_ray):
-    module = pytest.importorskip(
-        "ray", reason="Ray is not installed: pip install 'motorprior[ray]'"
-    )
+    module = pytest.importorskip("ray", reason="Ray is not installed: pip install ray")
     import sys
 
     import ray.cloudpickle

@@ -54,7 +54,7 @@ def test_walks_are_drawn_one_below_the_other_with_labels(
 
 def test_a_film_is_written_as_mp4(tmp_path: Path):
     if not can_write_mp4():
-        pytest.skip("imageio-ffmpeg is not installed: pip install 'motorprior[video]'")
+        pytest.skip("imageio-ffmpeg is not installed: pip install imageio-ffmpeg")
 
     path = tmp_path / "half-written.tmp"
     pictures = [Image.new("RGB", (64, 48), "red") for _ in range(5)]

@@ -23,7 +23,7 @@ def main() -> None:
         if (error.name or "").startswith("motorprior"):
             raise
         _fail(
-            f"{error.name} is not installed -> pip install motorprior; "
+            f"{error.name} is not installed -> pip install {error.name}; "
             "the robot's own computer has only deploy, record and doctor (docs/hardware.md)"
         )
     except BrokenPipeError:  # the reader of the output, such as `head`, has ended

@@ -13,7 +13,8 @@ shorted winding brakes the rotor by kd·filtered velocity. MuJoCo limits the sum
 torque limit (``actuatorfrcrange``), as our control law does. A damper outside of the actuators,
 such as a Maxwell element, would not be limited.
 
-An integrator that does not damp tendons implicitly is changed to implicitfast. A motor whose gear
+An integrator that does not damp tendons implicitly is changed to implicitfast, and the damping of
+a gear is limited, since MuJoCo turns it into inertia. A motor whose gear
 is too stiff for the timestep becomes a plain joint, as in the format mjcf.
 """
 
@@ -37,6 +38,9 @@ IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPL
 # maximum gear_stiffness·h²/armature: MuJoCo's explicit spring of a stiffer gear is unstable on a
 # light link
 MAX_STIFFNESS = 0.25
+# maximum gear_damping/(gear_stiffness·h): MuJoCo treats a tendon's damping implicitly, but without
+# the coupling of rotor and link, which adds h·gear_damping to the inertia of both
+MAX_DAMPING = 0.25
 
 
 def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
@@ -51,7 +55,7 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
         element.setAttribute(attribute, "0")
     rotor = f"{joint}_rotor"
     _add_rotor(mjcf, joint, rotor, values)
-    _add_gear(mjcf, joint, rotor, values)
+    _add_gear(mjcf, joint, rotor, values, option.timestep)
 
     # the sum of servo and brake is limited, not the servo
     at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}
@@ -67,16 +71,20 @@ def too_stiff(values: Mapping[str, Any], timestep: float) -> Any:
     return values["gear_stiffness"] * timestep**2 > MAX_STIFFNESS * values["armature"]
 
 
-def _add_gear(mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float]) -> None:
+def _add_gear(
+    mjcf: Mjcf, joint: str, rotor: str, values: Mapping[str, float], timestep: float
+) -> None:
     """Add the tendon between rotor and joint, whose dead band is the backlash."""
+    stiffness = values["gear_stiffness"]
+    damping = min(values["gear_damping"], MAX_DAMPING * stiffness * timestep)
     low = values["encoder_zero"] - 0.5 * values["backlash"]
     high = values["encoder_zero"] + 0.5 * values["backlash"]
     gear = mjcf.add(
         mjcf.section("tendon"),
         "fixed",
         name=f"{joint}_gear",
-        stiffness=number(values["gear_stiffness"]),
-        damping=number(values["gear_damping"]),
+        stiffness=number(stiffness),
+        damping=number(damping),
         springlength=number(low, high),
     )
     mjcf.add(gear, "joint", joint=rotor, coef="1")

@@ -25,9 +25,7 @@ try:
     from mjlab.managers.event_manager import EventTermCfg, requires_model_fields
     from mjlab.utils.spec import create_motor_actuator
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        f"{error}: pip install 'motorprior[mjlab]'", name=error.name
-    ) from error
+    raise ModuleNotFoundError(f"{error}: pip install 'mjlab==1.6.*'", name=error.name) from error
 
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior

@@ -23,7 +23,7 @@ try:
     from newton.actuators import DriveBase
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
-        f"{error}: pip install 'motorprior[newton]'", name=error.name
+        f"{error}: pip install 'newton>=1.6.1,<1.9'", name=error.name
     ) from error
 
 from motorprior.actuator.grey_box import DAMPING, GreyBoxActuator

@@ -13,7 +13,7 @@ def require_robot_extra() -> None:
     missing = [package for package, module in modules.items() if find_spec(module) is None]
     if missing:
         raise ConfigError(
-            f"{' and '.join(missing)} not installed", remedy="pip install 'motorprior[robot]'"
+            f"{' and '.join(missing)} not installed", remedy=f"pip install {' '.join(missing)}"
         )
 
 

@@ -255,5 +255,5 @@ def _import_ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise ConfigError("Ray is not installed", remedy="pip install 'motorprior[ray]'") from error
+        raise ConfigError("Ray is not installed", remedy="pip install ray") from error
     return ray

@@ -131,7 +131,7 @@ def gif_bytes(pictures: Iterable[Image.Image], seconds: float) -> bytes:
 
 
 def can_write_mp4() -> bool:
-    """Whether the encoder is installed: pip install 'motorprior[video]'."""
+    """Whether the encoder is installed: pip install imageio-ffmpeg."""
     return find_spec("imageio_ffmpeg") is not None
 
 

@@ -399,8 +399,6 @@ def import_bullet() -> Any:
     try:
         import pybullet
     except ImportError as error:
-        remedy = (
-            "pip install 'motorprior[pybullet]' on Python 3.11, the last that it has wheels for"
-        )
+        remedy = "pip install pybullet on Python 3.11, the last that it has wheels for"
         raise ConfigError("PyBullet is not installed", remedy=remedy) from error
     return pybullet

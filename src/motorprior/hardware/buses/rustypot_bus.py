@@ -51,9 +51,7 @@ def require_servos_extra() -> Any:
     try:
         import rustypot
     except ImportError as error:
-        raise ConfigError(
-            "rustypot is not installed", remedy="pip install 'motorprior[servos]'"
-        ) from error
+        raise ConfigError("rustypot is not installed", remedy="pip install rustypot") from error
     return rustypot
 
 

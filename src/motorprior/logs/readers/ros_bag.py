@@ -69,7 +69,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, str]]]:
         from mcap_ros2.decoder import DecoderFactory  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         problem = "ROS 2 bags need the libraries mcap and mcap-ros2-support"
-        raise LogError(problem, where=path, remedy='pip install "motorprior[ros]"') from error
+        remedy = "pip install mcap mcap-ros2-support"
+        raise LogError(problem, where=path, remedy=remedy) from error
 
     try:
         with open(path, "rb") as file:
