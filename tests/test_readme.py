@@ -1,5 +1,6 @@
 """Every command in the README, CONTRIBUTING and docs/ exists; it is checked without being run."""
 
+import json
 import re
 import shlex
 import tomllib
@@ -22,6 +23,7 @@ from motorprior.simulation.playback import simulated_log
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TUTORIALS = sorted((ROOT / "tutorials").glob("*.ipynb"))
 FENCE = re.compile(r"^ *(```+|~~~+) *(\w*)[^\n]*\n(.*?)^ *\1 *$", re.MULTILINE | re.DOTALL)
 # programs and words of the shell that are not checked
 UNCHECKED = {"cd", "git", "pre-commit", "for", "do", "done", "echo", "sudo"}
@@ -116,10 +118,19 @@ def check(command: list[str]) -> None:
         CHECKS[program](command[1:])
 
 
+def text_of(page: Path) -> str:
+    """Text of a page, or of the Markdown cells of a notebook."""
+    text = page.read_text("utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+
+
 def page_commands() -> Iterator[Any]:
-    for page in PAGES:
+    for page in [*PAGES, *TUTORIALS]:
         if page.is_file():
-            for words in commands(page.read_text("utf-8")):
+            for words in commands(text_of(page)):
                 yield pytest.param(words, id=f"{page.name}: {shlex.join(words)}")
 
 
@@ -195,7 +206,7 @@ def test_the_section_on_your_log_runs(tmp_path: Path):
 
 
 def test_no_text_installs_motorprior_from_an_index_that_does_not_have_it():
-    paths = [*PAGES, *sorted((ROOT / "tutorials").glob("*.ipynb"))]
+    paths = [*PAGES, *TUTORIALS]
     for folder in ("src", "examples", "benchmarks"):
         paths += sorted((ROOT / folder).rglob("*.py"))
 

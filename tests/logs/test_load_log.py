@@ -153,5 +153,5 @@ def test_a_recording_with_errors_is_refused_unless_they_are_allowed(tmp_path: Pa
 )
 @pytest.mark.parametrize("path", ["a.csv", Path("a.csv")])
 def test_a_path_in_place_of_a_log_is_an_error_that_names_the_function_to_read_it(use, path):
-    with pytest.raises(mp.ConfigError, match=r"'a\.csv' is not a motor log.*load_log"):
+    with pytest.raises(mp.ConfigError, match=r"'a\.csv' is a path, not a MotorLog.*load_log"):
         use(path)

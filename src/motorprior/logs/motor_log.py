@@ -378,9 +378,10 @@ def motor_logs(logs: MotorLog | Sequence[MotorLog]) -> list[MotorLog]:
 
 def not_a_motor_log(value: object) -> ConfigError:
     """The error for anything else in place of a `MotorLog`, such as the path of a recording."""
-    text = repr(str(value)) if isinstance(value, str | Path) else type(value).__name__
+    is_path = isinstance(value, str | Path)
+    problem = f"{str(value)!r} is a path" if is_path else type(value).__name__
     return ConfigError(
-        f"{text} is not a motor log",
+        f"{problem}, not a MotorLog",
         remedy="read it with mp.load_log(path, columns=…, robot=…), and give the result",
         argument="log",
     )
