@@ -20,6 +20,7 @@ import numpy as np
 
 import motorprior as mp
 from motorprior import robots
+from motorprior.hardware.buses.virtual_bus import SENSE_PERIOD
 from motorprior.simulation.simulated_servos import draw_servos
 
 PENDULUM = Path(robots.__file__).parent / "pendulum"
@@ -64,9 +65,15 @@ def record(name: str, seed: int, seconds: float, profile: str, out: Path) -> Pat
 
 
 def truth(name: str, seed: int, joints: int) -> dict[str, np.ndarray]:
-    """(n,) constants of the virtual motors, with the gains of their registers."""
+    """(n,) constants of the virtual motors, with the gains of their registers.
+
+    The delay includes the lag of the current, and the mean waits for a tick of the firmware and for
+    the next reading of the sensors: a log cannot tell them apart.
+    """
     motors = draw_servos(mp.load_fleet(BENCHES[name][2]), joints, seed)
-    return {key: np.array(getattr(motors, key)) for key in COMPARED}
+    values = {key: np.array(getattr(motors, key)) for key in COMPARED}
+    values["delay"] += motors.current_time + 0.5 * motors.servo_period + 0.5 * SENSE_PERIOD
+    return values
 
 
 def intervals(prior: mp.MotorPrior, log: mp.MotorLog) -> dict[str, np.ndarray]:

@@ -26,6 +26,7 @@ def test_a_recorded_servo_becomes_a_log_with_its_load_and_registers(
     assert log.gains is not None
     assert log.gains[0].tolist() == [400.0]
     assert log.firmware["profile_acceleration"] == 0.0
+    assert log.firmware["output_encoder"] == 1.0
     assert log.load_inertia is not None
 
     for command in (("logs", "check", recording), ("logs", "import", recording)):

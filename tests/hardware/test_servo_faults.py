@@ -114,7 +114,6 @@ def of_servo(change: Callable) -> Callable[[TestBus], object]:
 
 
 FAULTS = {
-    "overload": of_servo(lambda servo: servo.condition("overload", True)),
     "temperature": of_servo(lambda servo: setattr(servo, "temperature", 65.0)),
     "voltage": lambda bench: bench.virtual.set_supply(4.0),
     "stuck": lambda bench: bench.virtual.block(0),
@@ -131,6 +130,14 @@ def test_a_fault_ends_the_recording_without_torque(record: Callable, fault: str)
     assert incident.outcome == fault
     if fault != "silence":  # a servo that is gone gets no command
         assert incident.torque_is_off
+
+
+@pytest.mark.parametrize("condition", ["overload", "encoder", "current", "voltage", "temperature"])
+def test_a_condition_of_the_servo_ends_the_recording(record: Callable, condition: str):
+    incident = record(of_servo(lambda servo: servo.condition(condition, True)))
+
+    assert incident.fault == condition
+    assert incident.torque_is_off
 
 
 def test_a_stale_position_is_noticed(record: Callable):
@@ -166,11 +173,14 @@ def test_single_lost_and_damaged_answers_do_not_end_the_recording(record: Callab
     assert "0 lost" not in incident.messages[-1]
 
 
-def test_ctrl_c_returns_to_rest_and_switches_the_torque_off(record: Callable):
-    incident = record(lambda _: signal.raise_signal(signal.SIGINT))
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_returns_to_rest_and_switches_the_torque_off(
+    record: Callable, number: signal.Signals
+):
+    incident = record(lambda _: signal.raise_signal(number))
 
     assert incident.error is None
-    assert incident.outcome == "SIGINT"
+    assert incident.outcome == number.name
     assert incident.torque_is_off
     assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
 
@@ -209,6 +219,17 @@ def test_a_full_disk_returns_to_rest(record: Callable):
 
 
 def test_an_exception_returns_to_rest(record: Callable):
+    def fails(_: TestBus) -> None:
+        raise ValueError("no plan")
+
+    incident = record(fails)
+
+    assert incident.fault == "ValueError('no plan')"
+    assert incident.torque_is_off
+    assert abs(incident.bench.virtual.joint_pos()[0]) < 0.1
+
+
+def test_a_target_that_is_not_finite_returns_to_rest(record: Callable):
     def fails(period: float, *_: np.ndarray) -> list[MotionPart]:
         targets = np.linspace(0.0, 0.4, 100)[:, None]
         targets[60:] = np.nan

@@ -105,3 +105,13 @@ def test_a_log_of_another_firmware_is_rejected():
         training_data(log, preset, "x")
 
     assert refusal.value.where == "x"
+
+
+def test_the_logged_side_of_the_encoder_is_not_selected():
+    on_output, on_rotor = (
+        replace(PRESET, firmware=(("output_encoder", side),)) for side in (1.0, 0.0)
+    )
+
+    assert on_output.logged_terms == ("output_encoder",)
+    assert on_rotor.logged_terms == ()
+    assert on_rotor.disabled_terms == ("output_encoder",)

@@ -211,9 +211,17 @@ def constants_of(terms: Iterable[str]) -> tuple[str, ...]:
 
 
 def terms_with(constants: Iterable[str]) -> tuple[str, ...]:
-    """The terms with any of these constants, in the order of TERMS."""
+    """The terms with any of these constants, in the order of TERMS.
+
+    A term without constants counts as its own constant, which is 1 or 0.
+    """
     names = set(constants)
-    return tuple(term for term in TERMS if names.intersection(constants_of((term,))))
+    return tuple(term for term in TERMS if names.intersection(constants_or_name(term)))
+
+
+def constants_or_name(term: str) -> tuple[str, ...]:
+    """Names of the constants of a term; its own name if it has none."""
+    return constants_of((term,)) or (term,)
 
 
 def in_order(terms: Iterable[str]) -> tuple[str, ...]:

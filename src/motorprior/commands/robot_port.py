@@ -44,7 +44,7 @@ def opened_port(
         if find_spec("mujoco") is None:
             raise ConfigError(
                 "--virtual needs a simulator, which is not installed",
-                remedy="install motorprior with its dependencies (docs/start.md)",
+                remedy="pip install mujoco",
             )
         with running_virtual_robot(robot.name, virtual_robot or choice.virtual_robot) as port:
             yield port

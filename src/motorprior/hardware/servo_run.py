@@ -329,7 +329,7 @@ def header(
 
 def firmware(infos: Sequence[ServoInfo], settings: ServoSettings) -> dict[str, float]:
     """Registers of `logs.motor_log.FIRMWARE` that are equal for all servos."""
-    registers = {}
+    registers = {"output_encoder": 1.0}  # motors of the registry measure their output shaft
     for name in ("profile_speed", "profile_acceleration", "dead_zone"):
         values = {getattr(info, name) for info in infos}
         if name == "profile_acceleration" and settings.profile == "off":

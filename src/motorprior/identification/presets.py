@@ -6,7 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from motorprior.actuator.motor_prior import FROZEN, MotorPrior
-from motorprior.actuator.optional_terms import TERMS, UNLIMITED, constants_of, terms_with
+from motorprior.actuator.optional_terms import (
+    TERMS,
+    UNLIMITED,
+    constants_of,
+    constants_or_name,
+    terms_with,
+)
 from motorprior.bounds import require_count
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.logs.motor_log import (
@@ -100,15 +106,18 @@ class Recipe:
         off = {name for name, value in self.firmware if value == 0.0}
         disabled = []
         for term in TERMS:
-            constants = constants_of((term,))
-            if constants and off.issuperset(constants):
+            if off.issuperset(constants_or_name(term)):
                 disabled.append(term)
         return tuple(disabled)
 
     @property
     def logged_values(self) -> dict[str, float]:
         """Logged values of constants; UNLIMITED for a limit that is off."""
-        return {name: value or UNLIMITED.get(name, 0.0) for name, value in self.firmware}
+        values = {}
+        for name, value in self.firmware:
+            if name in constants_of(TERMS):
+                values[name] = value or UNLIMITED.get(name, 0.0)
+        return values
 
     def as_json(self) -> dict[str, Any]:
         """Entries of the recipe as files hold them."""

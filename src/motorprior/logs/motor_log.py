@@ -50,11 +50,13 @@ class Range(NamedTuple):
     unit: str
 
 
-# registers of the profile and the dead zone (0: off)
+# registers of the profile and the dead zone (0: off), and the encoder of the control law: 1 on the
+# output shaft, 0 on the rotor
 FIRMWARE = {
     "profile_speed": Range(1e-3, 1e6, "rad/s"),
     "profile_acceleration": Range(1e-3, 1e9, "rad/s²"),
     "dead_zone": Range(1e-6, 1.0, "rad"),
+    "output_encoder": Range(1.0, 1.0, "1"),
 }
 OPERATING_CONDITIONS = {
     "supply_voltage": Range(0.1, 2000.0, "V"),
@@ -315,7 +317,8 @@ def settings_text(log: MotorLog) -> str:
     texts = [] if log.command_mode == "position" else [f"{log.command_mode} commands"]
     texts += gain_texts(log)
     for name, value in log.firmware.items():
-        texts.append(f"{name} {value:.4g} {FIRMWARE[name].unit}" if value else f"{name} off")
+        value_text = f"{value:.4g} {FIRMWARE[name].unit}".removesuffix(" 1")
+        texts.append(f"{name} {value_text}" if value else f"{name} off")
     for name, values in channels(log).items():
         if name in OPERATING_CONDITIONS:
             texts.append(f"{name} {operating_condition_text(name, values.min(), values.max())}")

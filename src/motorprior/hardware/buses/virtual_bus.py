@@ -38,7 +38,7 @@ from motorprior.robots.servos import ServoChain, ServoCommand
 
 _BITS_PER_BYTE = 10  # 8N1
 _MAX_CATCH_UP = 0.05  # maximum simulated time per slice, so that other threads get the bus [s]
-_SENSE_PERIOD = 0.001  # period at which the firmware reads its sensors [s]
+SENSE_PERIOD = 0.001  # period at which the firmware reads its sensors [s]
 # delay of a USB converter and the host's driver per exchange [s]
 _HOST_DELAY = 0.0005
 _MAX_TRANSFER = 1.0  # time of a pseudo-terminal to pass bytes on [s], on a very busy computer
@@ -289,12 +289,12 @@ class VirtualBus:
     def _advance(self, end: float) -> None:
         """Simulate until ``end`` [s]; sensors are read every millisecond."""
         while self.now < end:
-            self.now = min(end, self._sensed + _SENSE_PERIOD)
+            self.now = min(end, self._sensed + SENSE_PERIOD)
             steps = round(self.now / self._mechanics.step) - self._steps
             if steps > 0:
                 self._mechanics.advance(steps)
                 self._steps += steps
-            if self.now >= self._sensed + _SENSE_PERIOD - 1e-9:
+            if self.now >= self._sensed + SENSE_PERIOD - 1e-9:
                 self._sense()
 
     def _sense(self) -> None:
