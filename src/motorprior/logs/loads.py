@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 
 from motorprior.exceptions import ConfigError, LogError
-from motorprior.logs.loads_bodies import bodies_of
+from motorprior.logs.loads_bodies import bodies_of, gravity_in_base
 from motorprior.logs.motor_log import BASE_AXES, POSTURES, MotorLog, checked
 from motorprior.robots.robot import Robot
 
@@ -169,13 +169,6 @@ def _require_fixed_robot(log: MotorLog, robot: Robot) -> None:
             )
 
 
-def _gravity(orientation: np.ndarray, magnitude: float) -> np.ndarray:
-    """(…, 3) gravity in the frame of a base with roll and pitch (…, 2) [rad]."""
-    roll, pitch = np.moveaxis(orientation, -1, 0)
-    down = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
-    return magnitude * np.stack(down, axis=-1)
-
-
 def with_loads(log: MotorLog, robot: Robot) -> MotorLog:
     """The log with loads by the robot's model, and its posture.
 
@@ -310,7 +303,7 @@ class _Dynamics:
         gravity = np.array(self._model.opt.gravity)
         if log.base_orientation is None:
             return np.tile(gravity, (log.num_rows, 1))
-        return _gravity(log.base_orientation, float(np.linalg.norm(gravity)))
+        return gravity_in_base(log.base_orientation, float(np.linalg.norm(gravity)))
 
     def set_gravity(self, gravity: np.ndarray) -> None:
         """Set the gravity (3,) in the frame of the base [m/s²]."""

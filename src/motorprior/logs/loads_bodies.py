@@ -1,7 +1,8 @@
 """Rigid bodies that the loads of a log come from, and the torque of gravity in any direction.
 
 A log with loads by a robot's model keeps the bodies as an MJCF of joints and inertias. A fit can
-therefore ask what the loads would be on a tilted base, or if the zero of a joint were another one.
+therefore ask what the loads would be on a tilted base, if the zero of a joint were another one, or
+if a link had a part that the model lacks.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -15,9 +16,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from motorprior.logs.motor_log import MotorLog
+from motorprior.robots.robot import GRAVITY
 
 # rows between two computed ones: a lever changes slowly
 _STRIDE = 5
+_MIN_DISTANCE = 1e-3  # of the centre of mass of a link from its joint [m]
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,28 @@ class GravityLevers:
     slope: np.ndarray  # (T, J, 3) its derivative with respect to the joint's angle [kg·m/rad]
     axis: np.ndarray  # (T, J, 3) axis of the joint, 0 for a slide
     carries: np.ndarray  # (J, J) whether joint k carries joint j, [k, j]; a joint carries itself
+
+
+@dataclass(frozen=True)
+class LinkMass:
+    """Loads of a point mass on the link of one joint, on J joints in T rows.
+
+    The mass is μ·``mass``, at the distance d·``reach`` from the joint, in the direction of the
+    link's centre of mass. Each load is μ·(c₀ + c₁·d + c₂·d²), with the definitions of `loads`.
+    """
+
+    mass: float  # of what the joint carries [kg]
+    reach: float  # twice the distance of the link's centre of mass from the joint [m]
+    inertia: np.ndarray  # (T, J, 3) coefficients c of load_inertia [kg·m²]
+    external: np.ndarray  # (T, J, 3) of external_torque [N·m]
+    stiffness: np.ndarray  # (T, J, 3) of load_stiffness [N·m/rad]
+
+
+def gravity_in_base(orientation: np.ndarray, magnitude: float) -> np.ndarray:
+    """(…, 3) gravity in the frame of a base with roll and pitch (…, 2) [rad]."""
+    roll, pitch = np.moveaxis(orientation, -1, 0)
+    down = [np.sin(pitch), -np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)]
+    return magnitude * np.stack(down, axis=-1)
 
 
 def bodies_of(model: Any) -> str:
@@ -71,17 +96,13 @@ def _vector(name: str, values: Sequence[float]) -> str:
 
 def gravity_levers(log: MotorLog) -> GravityLevers | None:
     """Levers of gravity at the recorded angles; None for loads that come from elsewhere."""
-    if not log.bodies:
+    compiled = _compiled(log)
+    if compiled is None:
         return None
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(log.bodies)
+    model, order = compiled
     data = mujoco.MjData(model)
-    names = [model.joint(joint).name for joint in range(model.njnt)]
-    if set(names) != set(log.joint_names):
-        return None  # some joints were left out since the loads were computed
-
-    order = [names.index(name) for name in log.joint_names]
     mass = model.body_subtreemass[model.jnt_bodyid][:, None]
     is_hinge = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)[:, None]
 
@@ -106,6 +127,140 @@ def gravity_levers(log: MotorLog) -> GravityLevers | None:
     every_row = np.arange(log.num_rows)
     nearest = np.clip(np.searchsorted(rows, every_row), 0, len(rows) - 1)
     return GravityLevers(lever[nearest], slope[nearest], axis[nearest], carries)
+
+
+def _compiled(log: MotorLog) -> tuple[Any, list[int]] | None:
+    """Compiled bodies of a log, and the index in them of each of its joints; None if unknown."""
+    if not log.bodies:
+        return None
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(log.bodies)
+    names = [model.joint(joint).name for joint in range(model.njnt)]
+    if set(names) != set(log.joint_names):
+        return None  # some joints were left out since the loads were computed
+    return model, [names.index(name) for name in log.joint_names]
+
+
+def link_masses(
+    log: MotorLog, segments: Sequence[slice], carries: np.ndarray
+) -> list[LinkMass | None]:
+    """Loads of a point mass on the link of each joint, in these segments; 0 in other rows.
+
+    ``carries`` (J, J) is that of `GravityLevers`. None stands for a link without mass, or whose
+    centre of mass is on its joint.
+    """
+    compiled = _compiled(log)
+    assert compiled is not None
+    assert log.joint_vel is not None
+    model, order = compiled
+    bodies = model.jnt_bodyid[order]
+    centers = model.body_ipos[bodies] - model.jnt_pos[order]  # (J, 3)
+    distances = np.linalg.norm(centers, axis=1)
+
+    masses: list[LinkMass | None] = [None] * len(order)
+    poses = [_poses(model, order, log.joint_pos[segment]) for segment in segments]
+    for link, distance in enumerate(distances.tolist()):
+        if distance < _MIN_DISTANCE or model.body_mass[bodies[link]] == 0.0:
+            continue
+        mass = float(model.body_subtreemass[bodies[link]])
+        arm = 2.0 * centers[link]
+        loads = np.zeros((3, log.num_rows, len(order), 3))
+        for segment, pose in zip(segments, poses, strict=True):
+            loads[:, segment] = mass * _loads_of_mass(log, segment, pose, arm, link, carries)
+
+        # as in `loads`, the inertia is constant, and the rest of it is in the external torque
+        inertia, external, stiffness = loads
+        used = np.concatenate([inertia[segment] for segment in segments])
+        mean_inertia = used.mean(axis=0)
+        for segment in segments:
+            acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
+            external[segment] += mean_inertia * acceleration[..., None]
+            external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
+            inertia[segment] = mean_inertia
+        masses[link] = LinkMass(mass, 2.0 * distance, inertia, external, stiffness)
+    return masses
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Joints of a robot in N rows."""
+
+    anchor: np.ndarray  # (N, J, 3) a point on the axis [m]
+    axis: np.ndarray  # (N, J, 3)
+    rotation: np.ndarray  # (N, J, 3, 3) of the link
+    is_hinge: np.ndarray  # (J, 1)
+
+
+def _poses(model: Any, order: list[int], joint_pos: np.ndarray) -> _Poses:
+    import mujoco
+
+    data = mujoco.MjData(model)
+    bodies = model.jnt_bodyid[order]
+    anchor = np.empty((*joint_pos.shape, 3))
+    axis = np.empty_like(anchor)
+    rotation = np.empty((*joint_pos.shape, 3, 3))
+    for row, angles in enumerate(joint_pos):
+        data.qpos[order] = angles
+        mujoco.mj_kinematics(model, data)
+        anchor[row] = data.xanchor[order]
+        axis[row] = data.xaxis[order]
+        rotation[row] = data.xmat[bodies].reshape(-1, 3, 3)
+    is_hinge = (model.jnt_type[order] == mujoco.mjtJoint.mjJNT_HINGE)[:, None]
+    return _Poses(anchor, axis, rotation, is_hinge)
+
+
+def _loads_of_mass(
+    log: MotorLog,
+    segment: slice,
+    poses: _Poses,
+    arm: np.ndarray,
+    link: int,
+    carries: np.ndarray,
+) -> np.ndarray:
+    """(3, N, J, 3) coefficients of inertia, torque and stiffness of 1 kg at d·``arm`` of a link.
+
+    With the velocity dp = Σ_j J_j·dq_j of the mass, its inertia about joint j is J_j², and its
+    torque on it is -J_j·(d²p - g), of which J_j²·d²q_j is not yet taken out.
+    """
+    # J and the acceleration are linear in the distance d of the mass from the joint
+    assert log.joint_vel is not None
+    turned_arm = poses.rotation[:, link] @ arm
+    relative = poses.anchor[:, [link]] - poses.anchor
+    jacobian = np.where(poses.is_hinge, np.cross(poses.axis, relative), poses.axis)
+    jacobian_slope = np.where(poses.is_hinge, np.cross(poses.axis, turned_arm[:, None]), 0.0)
+    jacobian = jacobian * carries[:, [link]]  # (N, J, 3)
+    jacobian_slope = jacobian_slope * carries[:, [link]]
+
+    gravity = np.array([0.0, 0.0, -GRAVITY])
+    if log.base_orientation is not None:
+        gravity = gravity_in_base(log.base_orientation[segment], GRAVITY)[:, None]
+    dq = log.joint_vel[segment]
+    time = log.time[segment]
+    velocity = np.einsum("njd,nj->nd", jacobian, dq)
+    velocity_slope = np.einsum("njd,nj->nd", jacobian_slope, dq)
+    acceleration = np.gradient(velocity, time, axis=0)[:, None] - gravity
+    acceleration_slope = np.gradient(velocity_slope, time, axis=0)[:, None]
+
+    def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.sum(first * second, axis=-1)
+
+    inertia = [
+        product(jacobian, jacobian),
+        2.0 * product(jacobian, jacobian_slope),
+        product(jacobian_slope, jacobian_slope),
+    ]
+    external = [
+        -product(jacobian, acceleration),
+        -product(jacobian, acceleration_slope) - product(jacobian_slope, acceleration),
+        -product(jacobian_slope, acceleration_slope),
+    ]
+    stiffness = []
+    for part in (jacobian, jacobian_slope):
+        turning = np.where(poses.is_hinge, np.cross(poses.axis, part), 0.0)
+        stiffness.append(product(turning, gravity))
+    stiffness.append(np.zeros_like(stiffness[0]))
+    return np.stack([np.stack(load, axis=-1) for load in (inertia, external, stiffness)])
 
 
 def _is_ancestor(model: Any, carrier: int, joint: int) -> bool:

@@ -1,9 +1,11 @@
 """A fit whose inputs contradict the model is explained by the right cause, with its value."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import two_link_arm
 from swinging_weights import KD, KP, PERIOD, World, swing
 
 from motorprior.identification.explanations.attempt import Attempts
@@ -143,3 +145,21 @@ def test_a_note_never_asks_for_another_seed():
 
     assert any("lacks physics" in note.text for note in notes)
     assert not any("seed" in note.text for note in notes)
+
+
+def test_a_part_that_the_model_of_the_load_lacks_is_named_with_its_mass(tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path)
+    log = two_link_arm.swing(arm, SECONDS, 1, tool_mass=0.3)
+
+    explanations = explained(log)
+
+    (cause,) = explanations.causes
+    best = cause.trials[0]
+    assert cause.joints == (0, 1)
+    assert best.name == "mass_of_link"
+    estimate = best.common_estimate(cause.joints)
+    assert estimate is not None
+    assert two_link_arm.FOREARM_MASS * estimate.values[0] == pytest.approx(0.3, abs=0.03)
+    (note,) = explanations.notes()
+    assert note.text.startswith("shoulder, elbow: the model of the load lacks 0.")
+    assert "from elbow" in note.text

@@ -19,8 +19,12 @@ from motorprior.identification.explanations.attempt import Attempt, Attempts
 from motorprior.identification.explanations.explanation import (
     AXIS,
     CHANNELS_WITH_GRAVITY,
+    CHANNELS_WITH_MASS,
     IS_TURNED,
     LEVER,
+    MASS_EXTERNAL,
+    MASS_INERTIA,
+    MASS_STIFFNESS,
     SLOPE,
     TURNED_POS,
     Estimate,
@@ -33,7 +37,7 @@ from motorprior.identification.explanations.rows import ROW_EXPLANATIONS
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, spread_windows
-from motorprior.logs.loads_bodies import GravityLevers, gravity_levers
+from motorprior.logs.loads_bodies import GravityLevers, LinkMass, gravity_levers, link_masses
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.progress import Note
 from motorprior.signals import rms
@@ -159,7 +163,10 @@ def explain(
 
     runs = WindowRuns(subset, recipe, motors)
     log_names = _log_names(log, len(set(segment_logs)))
-    facts = _facts(log, data, runs, model, outputs, motors, log_names, levers is not None)
+    masses: Sequence[LinkMass | None] = [None] * len(motors)
+    if levers is not None:
+        masses = link_masses(log, subset.segments, levers.carries)
+    facts = _facts(log, data, runs, model, outputs, motors, log_names, levers is not None, masses)
     attempts = Attempts(model, outputs[motors], runs)
 
     starts = np.array(sorted(first_rows))
@@ -170,7 +177,7 @@ def explain(
 
     with_gravity = None if levers is None else _with_gravity(subset, levers)
     logs = _Logs(
-        runs, _of_motors(data, motors), subset.segments, with_gravity, logs_of_runs, levers
+        runs, _of_motors(data, motors), subset.segments, with_gravity, logs_of_runs, levers, masses
     )
 
     errors = attempts.errors_on(runs)
@@ -234,6 +241,7 @@ def _facts(
     motors: np.ndarray,
     log_names: tuple[str, ...],
     has_gravity: bool,
+    masses: Sequence[LinkMass | None],
 ) -> Facts:
     gains = None
     kd_over_kp = model.constants(outputs[motors])["kd_over_kp"]
@@ -254,6 +262,8 @@ def _facts(
         at_rotor=data.at_rotor,
         motion=np.std(log.joint_pos[:, motors], axis=0),
         kd_over_kp=kd_over_kp,
+        link_mass=np.array([0.0 if mass is None else mass.mass for mass in masses]),
+        link_reach=np.array([0.0 if mass is None else mass.reach for mass in masses]),
     )
 
 
@@ -286,6 +296,7 @@ class _Logs:
     with_gravity: TrainingData | None  # rows of the runs, if the bodies are known
     logs_of_segments: list[int]  # index of the log of each segment of the runs
     levers: GravityLevers | None
+    masses: Sequence[LinkMass | None]  # of the link of each joint
 
 
 @dataclass(frozen=True)
@@ -297,7 +308,7 @@ class _Input:
     runs: WindowRuns
     is_changed: list[bool]  # for each segment of the runs
     scope: int | None  # index of the log, None for all
-    turned: int | None  # joint that the explanation turns
+    turned: int | None  # joint that the explanation turns, or whose link gets a mass
     predicted: np.ndarray | None = None  # (M, P) parameters over their units
 
 
@@ -306,6 +317,9 @@ def _inputs(joints: np.ndarray, logs: _Logs, facts: Facts) -> Iterator[_Input]:
     levers = logs.levers
     for explanation in EXPLANATIONS:
         if not explanation.applies(facts):
+            continue
+        if explanation.adds_mass:
+            yield from _mass_inputs(explanation, joints, logs)
             continue
         scopes: list[int | None] = [None]
         if explanation.per_log and len(facts.logs) > 1:
@@ -331,6 +345,26 @@ def _inputs(joints: np.ndarray, logs: _Logs, facts: Facts) -> Iterator[_Input]:
             for scope in scopes:
                 is_changed = [scope is None or log == scope for log in logs.logs_of_segments]
                 yield _Input(explanation, changed_joints, changed_runs, is_changed, scope, joint)
+
+
+def _mass_inputs(explanation: Explanation, joints: np.ndarray, logs: _Logs) -> Iterator[_Input]:
+    """A mass on each link, for the joints that carry it."""
+    assert logs.levers is not None
+    assert logs.with_gravity is not None
+    for link, mass in enumerate(logs.masses):
+        carriers = joints[logs.levers.carries[joints, link]]
+        if mass is not None and carriers.size:
+            runs = WindowRuns(_with_mass_channels(logs.with_gravity, mass), logs.runs.recipe)
+            yield _Input(explanation, carriers, runs, [True] * len(logs.segments), None, link)
+
+
+def _with_mass_channels(data: TrainingData, mass: LinkMass) -> TrainingData:
+    """The data with channels of a mass in the place of those of gravity."""
+    series = data.series[..., :CHANNELS_WITH_MASS].copy()
+    series[..., MASS_INERTIA] = mass.inertia.transpose(1, 0, 2)
+    series[..., MASS_EXTERNAL] = mass.external.transpose(1, 0, 2)
+    series[..., MASS_STIFFNESS] = mass.stiffness.transpose(1, 0, 2)
+    return replace(data, series=series)
 
 
 def _screened(
@@ -403,8 +437,9 @@ def _input_trial(attempts: Attempts, candidate: _Input, facts: Facts) -> Trial:
     where = "" if scope is None else f" in {facts.logs[scope]}"
 
     def describe(joint: int, estimate: Estimate) -> tuple[str, str]:
-        problem, remedy = explanation.describe(estimate, joint, facts)
-        name = facts.joint_names[joint if turned is None else turned]
+        described_joint = joint if turned is None else turned
+        problem, remedy = explanation.describe(estimate, described_joint, facts)
+        name = facts.joint_names[described_joint]
         problem = problem.replace("{of}", "" if turned is None else f" of {name}")
         return problem.replace("{joint}", name) + where, remedy.replace("{joint}", name)
 

@@ -22,6 +22,11 @@ AXIS = slice(_FIRST + 6, _FIRST + 9)
 TURNED_POS = _FIRST + 9
 IS_TURNED = _FIRST + 10
 CHANNELS_WITH_GRAVITY = _FIRST + 11
+# Channels of a mass on a link, in the place of those of gravity: coefficients of `LinkMass`
+MASS_INERTIA = slice(_FIRST, _FIRST + 3)
+MASS_EXTERNAL = slice(_FIRST + 3, _FIRST + 6)
+MASS_STIFFNESS = slice(_FIRST + 6, _FIRST + 9)
+CHANNELS_WITH_MASS = _FIRST + 9
 
 
 def has_gravity(rows: np.ndarray) -> bool:
@@ -43,6 +48,8 @@ class Facts:
     at_rotor: bool
     motion: np.ndarray  # (M,) standard deviation of the angles [rad]
     kd_over_kp: np.ndarray  # (M,) of the fitted motors [s]
+    link_mass: np.ndarray  # (M,) mass of what each joint carries, 0 if unknown [kg]
+    link_reach: np.ndarray  # (M,) twice the distance of its link's centre of mass [m]
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,8 @@ class Explanation:
         is_shared: whether it has the same parameters for all joints.
         turns: whether it turns what a joint carries; with known bodies it is tried for one joint
             after the other, and changes the loads of all joints that this joint carries.
+        adds_mass: whether it adds a mass to the link of a joint; it is tried for one joint after
+            the other, and changes the loads of all joints that carry this link.
     """
 
     name: str
@@ -121,6 +130,7 @@ class Explanation:
     only_per_log: bool = False
     is_shared: bool = False
     turns: bool = False
+    adds_mass: bool = False
 
 
 # (time steps of one segment as rows (T, channels, M), motion (M,) [rad], period [s]) -> mask (T, M)

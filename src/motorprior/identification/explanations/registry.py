@@ -9,6 +9,9 @@ from motorprior.identification.explanations.explanation import (
     AXIS,
     IS_TURNED,
     LEVER,
+    MASS_EXTERNAL,
+    MASS_INERTIA,
+    MASS_STIFFNESS,
     SLOPE,
     TURNED_POS,
     Estimate,
@@ -267,6 +270,30 @@ def _zero_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     return problem, f"{remedy} zero = {estimate.values[0]:.3g} for both columns in the column map"
 
 
+def _with_mass(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
+    """The loads of a mass on a link are added, by the formula of `LinkMass`."""
+    distance = np.exp(theta[1])
+    weights = theta[0] * np.stack([np.ones_like(distance), distance, distance**2])
+    inertia = np.einsum("tpl,pl->tl", rows[:, MASS_INERTIA], weights)
+    external = np.einsum("tpl,pl->tl", rows[:, MASS_EXTERNAL], weights)
+    stiffness = np.einsum("tpl,pl->tl", rows[:, MASS_STIFFNESS], weights)
+    rows[:, channel.INERTIA] += inertia
+    rows[:, channel.EXTERNAL] += external - stiffness * rows[:, channel.POS]
+    rows[:, channel.STIFFNESS] += stiffness
+    return rows
+
+
+def _mass_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
+    size = Estimate(np.abs(estimate.values), estimate.half_widths)
+    mass = f"{size.text(0, float(facts.link_mass[joint]))} kg"
+    distance = facts.link_reach[joint] * np.exp(estimate.values[1])
+    where = f"about {distance:.2g} m from {facts.joint_names[joint]}"
+    if estimate.values[0] < 0.0:
+        return f"the model of the load has {mass} too much, {where}", "correct the robot's model"
+    remedy = "add this part (a tool, a cable, the next motor) to the robot's model"
+    return f"the model of the load lacks {mass}, {where}", remedy
+
+
 def _led(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
     rows[:, channel.TARGET] += theta[0] * np.gradient(rows[:, channel.TARGET], period, axis=0)
     return rows
@@ -366,6 +393,15 @@ EXPLANATIONS = (
         applies=lambda facts: facts.has_gravity,
         per_log=True,
         is_shared=True,
+    ),
+    Explanation(
+        "mass_of_link",
+        _with_mass,
+        _mass_text,
+        units=(0.15, 0.5),
+        smallest=(0.03, np.inf),
+        applies=lambda facts: facts.has_gravity,
+        adds_mass=True,
     ),
     Explanation("velocity_target", _led, _lead_text, units=(0.1,), smallest=(0.005,)),
     Explanation(
