@@ -14,30 +14,23 @@ import numpy as np
 
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.exceptions import listed
-from motorprior.identification import windows
 from motorprior.identification.explanations.attempt import Attempt, Attempts
+from motorprior.identification.explanations.changed_rows import (
+    ChangedRows,
+    LoggedRows,
+    changed_rows,
+    with_gravity_channels,
+)
 from motorprior.identification.explanations.explanation import (
-    AXIS,
-    CHANNELS_WITH_GRAVITY,
-    CHANNELS_WITH_MASS,
-    IS_TURNED,
-    LEVER,
-    MASS_EXTERNAL,
-    MASS_INERTIA,
-    MASS_STIFFNESS,
-    SLOPE,
-    TURNED_POS,
     Estimate,
-    Explanation,
     Facts,
     RowExplanation,
 )
-from motorprior.identification.explanations.registry import EXPLANATIONS
 from motorprior.identification.explanations.rows import ROW_EXPLANATIONS
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.windows import TrainingData, spread_windows
-from motorprior.logs.loads_bodies import GravityLevers, LinkMass, gravity_levers, link_masses
+from motorprior.logs.loads_bodies import LinkMass, gravity_levers, link_masses
 from motorprior.logs.motor_log import PHYSICAL_GAINS, MotorLog
 from motorprior.progress import Note
 from motorprior.signals import rms
@@ -175,8 +168,8 @@ def explain(
         first = int(starts[np.searchsorted(starts, segment.start, side="right") - 1])
         logs_of_runs.append(first_rows[first])
 
-    with_gravity = None if levers is None else _with_gravity(subset, levers)
-    logs = _Logs(
+    with_gravity = None if levers is None else with_gravity_channels(subset, levers)
+    logs = LoggedRows(
         runs, _of_motors(data, motors), subset.segments, with_gravity, logs_of_runs, levers, masses
     )
 
@@ -187,7 +180,7 @@ def explain(
     errors[joints] = attempts.unchanged(joints).errors[joints]
     joints = np.flatnonzero(errors > MIN_ERROR)
     is_bad = errors > MISSING_PHYSICS * facts.motion
-    screened = _screened(attempts, joints, is_bad, _inputs(joints, logs, facts))
+    screened = _screened(attempts, joints, is_bad, changed_rows(joints, logs, facts))
     faulty_rows = _faulty_rows(logs, facts)
     begun = [
         *_row_trials(attempts, joints, logs, faulty_rows),
@@ -195,16 +188,6 @@ def explain(
     ]
     trials = _refined(attempts, begun, errors)
     return Explanations(facts, errors, tuple(causes_of(errors, trials)))
-
-
-def _with_gravity(data: TrainingData, levers: GravityLevers) -> TrainingData:
-    """The data with channels of gravity."""
-    motors, rows, _ = data.series.shape
-    series = np.zeros((motors, rows, CHANNELS_WITH_GRAVITY), data.series.dtype)
-    series[..., : data.series.shape[2]] = data.series
-    series[..., LEVER] = levers.lever.transpose(1, 0, 2)
-    series[..., SLOPE] = levers.slope.transpose(1, 0, 2)
-    return replace(data, series=series)
 
 
 def _log_of_segments(log: MotorLog) -> list[int]:
@@ -286,90 +269,9 @@ def _refined(attempts: Attempts, begun: list[Trial], errors: np.ndarray) -> list
     return trials
 
 
-@dataclass(frozen=True)
-class _Logs:
-    """Rows that the explanations are tried on."""
-
-    runs: WindowRuns
-    data: TrainingData  # all rows
-    segments: tuple[slice, ...]  # rows of the runs
-    with_gravity: TrainingData | None  # rows of the runs, if the bodies are known
-    logs_of_segments: list[int]  # index of the log of each segment of the runs
-    levers: GravityLevers | None
-    masses: Sequence[LinkMass | None]  # of the link of each joint
-
-
-@dataclass(frozen=True)
-class _Input:
-    """An explanation of the inputs of some joints, for all logs or for one."""
-
-    explanation: Explanation
-    joints: np.ndarray  # indices
-    runs: WindowRuns
-    is_changed: list[bool]  # for each segment of the runs
-    scope: int | None  # index of the log, None for all
-    turned: int | None  # joint that the explanation turns, or whose link gets a mass
-    predicted: np.ndarray | None = None  # (M, P) parameters over their units
-
-
-def _inputs(joints: np.ndarray, logs: _Logs, facts: Facts) -> Iterator[_Input]:
-    """`EXPLANATIONS` of these joints, for all logs, for single logs and for single joints."""
-    levers = logs.levers
-    for explanation in EXPLANATIONS:
-        if not explanation.applies(facts):
-            continue
-        if explanation.adds_mass:
-            yield from _mass_inputs(explanation, joints, logs)
-            continue
-        scopes: list[int | None] = [None]
-        if explanation.per_log and len(facts.logs) > 1:
-            scopes += list(range(len(facts.logs)))
-        if explanation.only_per_log:
-            scopes = scopes[1:]
-        turned: list[int | None] = [None]
-        if explanation.turns and levers is not None:
-            turned = list(range(len(facts.joint_names)))
-
-        for joint in turned:
-            changed_joints = joints
-            changed_runs = logs.runs
-            if levers is not None and logs.with_gravity is not None:
-                if joint is not None:
-                    changed_joints = joints[levers.carries[joint, joints]]
-                    changed_data = _with_axis(logs.with_gravity, levers, joint)
-                    changed_runs = WindowRuns(changed_data, logs.runs.recipe)
-                elif explanation.is_shared:
-                    changed_runs = WindowRuns(logs.with_gravity, logs.runs.recipe)
-            if not changed_joints.size:
-                continue
-            for scope in scopes:
-                is_changed = [scope is None or log == scope for log in logs.logs_of_segments]
-                yield _Input(explanation, changed_joints, changed_runs, is_changed, scope, joint)
-
-
-def _mass_inputs(explanation: Explanation, joints: np.ndarray, logs: _Logs) -> Iterator[_Input]:
-    """A mass on each link, for the joints that carry it."""
-    assert logs.levers is not None
-    assert logs.with_gravity is not None
-    for link, mass in enumerate(logs.masses):
-        carriers = joints[logs.levers.carries[joints, link]]
-        if mass is not None and carriers.size:
-            runs = WindowRuns(_with_mass_channels(logs.with_gravity, mass), logs.runs.recipe)
-            yield _Input(explanation, carriers, runs, [True] * len(logs.segments), None, link)
-
-
-def _with_mass_channels(data: TrainingData, mass: LinkMass) -> TrainingData:
-    """The data with channels of a mass in the place of those of gravity."""
-    series = data.series[..., :CHANNELS_WITH_MASS].copy()
-    series[..., MASS_INERTIA] = mass.inertia.transpose(1, 0, 2)
-    series[..., MASS_EXTERNAL] = mass.external.transpose(1, 0, 2)
-    series[..., MASS_STIFFNESS] = mass.stiffness.transpose(1, 0, 2)
-    return replace(data, series=series)
-
-
 def _screened(
-    attempts: Attempts, joints: np.ndarray, is_bad: np.ndarray, inputs: Iterator[_Input]
-) -> list[_Input]:
+    attempts: Attempts, joints: np.ndarray, is_bad: np.ndarray, inputs: Iterator[ChangedRows]
+) -> list[ChangedRows]:
     """The inputs, each with the joints whose errors it may explain.
 
     The score test decides; of joints that are fitted badly (M,), also candidates far away from the
@@ -416,17 +318,7 @@ def _screened(
     return screened
 
 
-def _with_axis(data: TrainingData, levers: GravityLevers, moved: int) -> TrainingData:
-    """The data with the axis of the moved joint, for the joints that it carries."""
-    series = data.series.copy()
-    series[moved, :, IS_TURNED] = 1.0
-    for joint in np.flatnonzero(levers.carries[moved]):
-        series[joint, :, AXIS] = levers.axis[:, moved]
-        series[joint, :, TURNED_POS] = series[moved, :, windows.POS]
-    return replace(data, series=series)
-
-
-def _input_trial(attempts: Attempts, candidate: _Input, facts: Facts) -> Trial:
+def _input_trial(attempts: Attempts, candidate: ChangedRows, facts: Facts) -> Trial:
     """A few steps of an explanation of inputs."""
     explanation = candidate.explanation
     scope = candidate.scope
@@ -450,7 +342,7 @@ def _input_trial(attempts: Attempts, candidate: _Input, facts: Facts) -> Trial:
     )
 
 
-def _faulty_rows(logs: _Logs, facts: Facts) -> dict[str, np.ndarray]:
+def _faulty_rows(logs: LoggedRows, facts: Facts) -> dict[str, np.ndarray]:
     """Mask (R, M) of the rows that each of `ROW_EXPLANATIONS` leaves out, by its name."""
     masks = {}
     for explanation in ROW_EXPLANATIONS:
@@ -463,7 +355,7 @@ def _faulty_rows(logs: _Logs, facts: Facts) -> dict[str, np.ndarray]:
 
 
 def _row_trials(
-    attempts: Attempts, joints: np.ndarray, logs: _Logs, faulty_rows: dict[str, np.ndarray]
+    attempts: Attempts, joints: np.ndarray, logs: LoggedRows, faulty_rows: dict[str, np.ndarray]
 ) -> Iterator[Trial]:
     """Trials of `ROW_EXPLANATIONS`, each on the windows that it leaves."""
     recipe = logs.runs.recipe
