@@ -152,7 +152,7 @@ class LogErrors:
         with np.errstate(invalid="ignore"):
             return np.nansum(errors, axis=0) / np.isfinite(errors).sum(axis=0)
 
-    def warnings(self, model: str) -> list[str]:
+    def warnings(self, model: str, remedy: str = "prefer it there") -> list[str]:
         """Warnings that simpler models have errors that are smaller by more than MIN_ADVANTAGE."""
         mean = {name: 1e3 * float(np.nanmean(values)) for name, values in self.models.items()}
         logs = shorten(", ".join(self.logs), 200, placeholder=" …")
@@ -161,7 +161,7 @@ class LogErrors:
             if mean.get(name, np.inf) < (1.0 - MIN_ADVANTAGE) * mean[model]:
                 warnings.append(
                     f"{name} has smaller errors on {logs} than {model}: {mean[name]:.2f} instead "
-                    f"of {mean[model]:.2f} mrad -> prefer it there"
+                    f"of {mean[model]:.2f} mrad -> {remedy}"
                 )
         return warnings
 
@@ -172,11 +172,12 @@ def evaluate_replay(
     log: MotorLog,
     recipe: Recipe,
     progress: Progress,
+    remedy: str = "prefer it there",
 ) -> LogErrors:
     """Errors of PRIOR and TUNED_PD in replays of the log that the motors were fitted to.
 
     The errors and their warnings are reported. ``tuned`` is a PD that was tuned to the log; it is
-    tuned here if not given.
+    tuned here if not given; ``remedy`` is for motors with larger errors than the PD.
     """
     models = {PRIOR: motors, TUNED_PD: tuned or fitted_tuned_pd(log, progress)}
     errors = {}
@@ -190,7 +191,7 @@ def evaluate_replay(
 
     progress.note(f"replayed log, joint RMSE [mrad]: {'; '.join(texts)}")
     replayed = LogErrors((log.source,), log.joint_names, errors)
-    for warning in replayed.warnings(PRIOR):
+    for warning in replayed.warnings(PRIOR, remedy):
         progress.warn(warning)
     return replayed
 

@@ -33,6 +33,7 @@ WEAK_MOTOR_SHARE = 0.7
 WEAK_ROBOT_SHARE = 0.85
 _WEAK_MOTOR_DEVIATIONS = 2.93
 _WEAK_ROBOT_DEVIATIONS = 1.33
+_OTHER_MOTORS = "the prior is of other motors: fit this log itself with mp.fit_prior (identify)"
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,8 @@ def _report_fit(
     for note in notes_on_log(log, recipe):
         progress.report(note)
     if isinstance(prior.model, GreyBox):
-        evaluate_replay(prior.model.motors(posterior.mean), None, log, recipe, progress)
+        motors = prior.model.motors(posterior.mean)
+        evaluate_replay(motors, None, log, recipe, progress, _OTHER_MOTORS)
     advice = advice_on_weak_motors(prior, log.joint_names, posterior.mean)
     if advice:
         progress.note(advice)
