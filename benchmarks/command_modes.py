@@ -1,13 +1,15 @@
-"""Constants of simulated drives in MIT mode and under torque control, fitted to their logs.
+"""Constants of simulated drives in MIT mode and under velocity and torque control.
 
     python benchmarks/command_modes.py --out runs/command_modes
 
-Every drive swings a pendulum. Its truth is a rigid rotor with Coulomb and viscous friction, whose
-control law gets whole command frames after a delay, integrated in steps of PHYSICS_DT. In MIT mode
-a frame has position target, velocity target, gravity compensation as feed-forward torque, and gains
-that ramp up at the start; with --firmware-gains, they are logged in units of a firmware, so that kp
-and kd must be found, too, and a heavy load hides a small armature. Under torque control a frame has
-a torque alone. Angles have noise of NOISE. figures.json has for MODE mit and torque
+They are fitted to the logs of the drives. Every drive swings a pendulum. Its truth is a rigid rotor
+with Coulomb and viscous friction, whose control law gets whole command frames after a delay,
+integrated in steps of PHYSICS_DT. In MIT mode a frame has position target, velocity target, gravity
+compensation as feed-forward torque, and gains that ramp up at the start. With --firmware-gains,
+gains are logged in units of a firmware, so that kp and kd must be found, too, and a heavy load
+hides a small armature. Under velocity control a frame has the velocity target of a host that
+follows a motion; kp is 0. Under torque control a frame has a torque alone. Angles have noise of
+NOISE. figures.json has for MODE mit, torque and velocity
 
     MODE/replay               median of the replay errors of the drives [rad]
     MODE/replay_max           the largest [rad]
@@ -26,12 +28,13 @@ from typing import Any
 import numpy as np
 
 import motorprior as mp
-from figures import PROGRESS, run_benchmark
+from figures import PROGRESS, report, run_benchmark
 from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.compiled import njit
 from motorprior.evaluation.errors import replay_errors
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.signals import rms
+from motorprior.stage import FIGURES
 
 PHYSICS_DT = 1e-4  # [s]
 PERIOD = 0.002  # of commands and of the fit [s]
@@ -52,7 +55,12 @@ RANGES = {
 }
 LENGTH = 0.25  # of the pendulum [m]
 MASSES = (0.5, 1.5)  # [kg]
-COMPARED = {"mit": ("kp", "kd", "armature", "coulomb"), "torque": ("armature", "coulomb")}
+COMPARED = {
+    "mit": ("kp", "kd", "armature", "coulomb"),
+    "torque": ("armature", "coulomb"),
+    "velocity": ("kd", "armature", "coulomb"),
+}
+HOST_GAIN = 5.0  # velocity target per error of the angle, under velocity control [1/s]
 COVERED = ("delay", "armature", "coulomb", "viscous_damping")
 Constants = dict[str, np.ndarray]  # (drives,) by name
 
@@ -64,6 +72,7 @@ class Settings:
     out: Path  # run folder
     mit: int = 20  # drives in MIT mode
     torque: int = 10  # drives under torque control
+    velocity: int = 10  # drives under velocity control
     seconds: float = 20.0  # duration of the log of each drive [s]
     preset: str = "quick"  # recipe of the fits
     firmware_gains: bool = False  # whether gains are logged in units of a firmware
@@ -73,14 +82,20 @@ class Settings:
 def figures(settings: Settings) -> dict[str, float]:
     """The figures of both modes, by their keys."""
     results = {}
-    for mode, count in (("mit", settings.mit), ("torque", settings.torque)):
+    for mode in COMPARED:
+        count = getattr(settings, mode)
+        if not count:
+            continue
         rng = np.random.default_rng([settings.seed, len(mode)])
         constants = drawn_constants(rng, count)
         log = recorded(rng, constants, mode, settings.seconds, settings.firmware_gains)
         out = settings.out / mode
         prior = mp.fit_prior(log, settings.preset, settings.seed, out=out, progress=PROGRESS)
-        for name, value in errors_of(prior, log, constants).items():
-            results[f"{mode}/{name}"] = value
+        errors = {
+            f"{mode}/{name}": value for name, value in errors_of(prior, log, constants).items()
+        }
+        report(errors, out / FIGURES)
+        results |= errors
     return results
 
 
@@ -134,25 +149,38 @@ def recorded(
     weight = constants["mass"] * GRAVITY * LENGTH
     target, velocity = motion(rng, time, count)
 
-    kp_factor = np.broadcast_to(np.clip(time / RAMP, 0.05, 1.0)[:, None], shape)
-    unit = FIRMWARE_UNIT if firmware_gains else 1.0
-    channels: dict[str, Any] = {}
-    if mode == "mit":
-        feedforward = weight * np.sin(target)
-        channels = {
-            "position_target": target,
-            "velocity_target": velocity,
-            "logged_kp": kp_factor * constants["kp"] / unit,
-            "logged_kd": kp_factor * constants["kd"] / unit,
-            "gain_unit": "firmware" if firmware_gains else "N·m/rad",
-        }
-    else:
-        kp_factor = np.zeros(shape)
-        feedforward = 0.8 * weight * target
+    zeros = np.zeros(shape)
+    ones = np.ones(shape)
+    ramp = np.broadcast_to(np.clip(time / RAMP, 0.05, 1.0)[:, None], shape)
+    kp_factor, kd_factor = {
+        "mit": (ramp, ramp),
+        "velocity": (zeros, ones),
+        "torque": (zeros, zeros),
+    }[mode]
+    feedforward = {
+        "mit": weight * np.sin(target),
+        "velocity": zeros,
+        "torque": 0.8 * weight * target,
+    }[mode]
+    host_gain = HOST_GAIN if mode == "velocity" else 0.0
+
     names = ("kp", "kd", "delay", "armature", "coulomb", "viscous_damping")
     table = np.stack([constants[name] for name in names] + [inertia, weight])
     angle = np.zeros(shape)
-    integrate(table, target, velocity, feedforward, kp_factor, angle)
+    integrate(table, target, velocity, feedforward, kp_factor, kd_factor, host_gain, angle)
+
+    unit = FIRMWARE_UNIT if firmware_gains else 1.0
+    channels: dict[str, Any] = {}
+    if mode == "mit":
+        channels |= {"position_target": target, "logged_kp": kp_factor * constants["kp"] / unit}
+    if mode != "torque":
+        channels |= {
+            "velocity_target": velocity,
+            "logged_kd": kd_factor * constants["kd"] / unit,
+            "gain_unit": "firmware" if firmware_gains else "N·m/rad",
+        }
+    if mode != "velocity":
+        channels["torque_feedforward"] = feedforward
 
     reading = angle + NOISE * rng.standard_normal(shape)
     channels.setdefault("position_target", reading)
@@ -164,7 +192,6 @@ def recorded(
         motor="simulated drive",
         source=f"drives in mode {mode}",
         command_mode=mode,
-        torque_feedforward=feedforward,
         load_inertia=np.broadcast_to(inertia, shape),
         external_torque=-weight * np.sin(reading),
         load_stiffness=-weight * np.cos(reading),
@@ -186,23 +213,26 @@ def motion(rng: np.random.Generator, time: np.ndarray, count: int) -> tuple[np.n
 
 
 @njit(cache=True, nogil=True)
-def integrate(table, target, velocity, feedforward, factor, angle):
-    """Write (rows, count) angles [rad] of drives with constants ``table`` (8, count)."""
+def integrate(table, target, velocity, feedforward, kp_factor, kd_factor, host_gain, angle):
+    """Write (rows, count) angles [rad] of drives with constants ``table`` (8, count).
+
+    A host adds ``host_gain`` [1/s] times the error of the angle to the velocity targets.
+    """
     substeps = round(PERIOD / PHYSICS_DT)
     for drive in range(target.shape[1]):
         kp, kd, delay, armature, coulomb, viscous, load, weight = table[:, drive]
         inertia = armature + load
         lag = delay / PERIOD
-        q = target[0, drive] * (factor[0, drive] > 0.0)
+        q = target[0, drive] * (kp_factor[0, drive] > 0.0)
         dq = 0.0
         for row in range(target.shape[0]):
             angle[row, drive] = q
+            velocity[row, drive] += host_gain * (target[row, drive] - q)
             for substep in range(substeps):
                 sent = max(0, int(np.floor(row + substep / substeps - lag + 1e-9)))
-                gain = factor[sent, drive]
-                torque = gain * kp * (target[sent, drive] - q)
-                torque += gain * kd * (velocity[sent, drive] - dq) + feedforward[sent, drive]
-                torque -= weight * np.sin(q) + viscous * dq
+                torque = kp_factor[sent, drive] * kp * (target[sent, drive] - q)
+                torque += kd_factor[sent, drive] * kd * (velocity[sent, drive] - dq)
+                torque += feedforward[sent, drive] - weight * np.sin(q) - viscous * dq
                 free = dq + PHYSICS_DT * torque / inertia
                 slowed = max(0.0, abs(free) - PHYSICS_DT * coulomb / inertia)
                 dq = np.copysign(slowed, free)

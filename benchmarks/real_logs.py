@@ -34,6 +34,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 import motorprior as mp
+from ak80_logs import ak80_logs
 from figures import PROGRESS, run_benchmark
 from motorprior.artifacts import read_json, write_json
 from motorprior.evaluation.bands import log_coverage, zero_shot
@@ -85,10 +86,10 @@ Test: TypeAlias = tuple[str, list[Figures]]  # name of a test, figures of each f
 class Settings:
     """Identify real motors and measure the errors of models on held-out logs."""
 
-    # folder with go2/, so101/, xl330/, z1/ (raw logs, optional) and robots/ (their models)
+    # folder with go2/, so101/, xl330/, z1/, ak80/ (raw logs, optional) and robots/ (their models)
     data: Path
     out: Path  # run folder
-    robots: tuple[str, ...] = tuple(LOGS)  # robots to test
+    robots: tuple[str, ...] = (*LOGS, "ak80")  # robots to test
     # total length of the training segments [s]; 5 times as long for the arm, 3 for the pendulum
     seconds: float = 24.0
     logs: int | None = None  # number of logs per robot; all if not given
@@ -157,12 +158,17 @@ def xl330(settings: Settings) -> Iterator[Test]:
 def z1(settings: Settings) -> Iterator[Test]:
     """Seven motors of an arm, one chirp: trained on its slow half, tested on its fast half."""
     (path,) = imported(settings, "z1")
-    halves = []
-    for name, log in zip(("first", "second"), train_test_halves(read_parquet(path)), strict=True):
-        half = path.with_name(f"{name}_half.parquet")
-        mp.write_log(half, log)
-        halves.append(half)
-    yield "second_half", [fold(settings, "z1", "second_half", halves[:1], halves[1:])]
+    yield "second_half", [second_half(settings, "z1", "second_half", path)]
+
+
+def ak80(settings: Settings) -> Iterator[Test]:
+    """Quasi-direct drives: a pendulum in MIT mode, a double pendulum under torque control.
+
+    Models are trained on the first half of each log and tested on the second.
+    """
+    logs = ak80_logs(settings.data / "ak80", settings.out / "ak80" / "logs")
+    for name, path in logs.items():
+        yield name, [second_half(settings, "ak80", name, path)]
 
 
 ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {
@@ -170,6 +176,7 @@ ROBOTS: dict[str, Callable[[Settings], Iterator[Test]]] = {
     "so101": so101,
     "xl330": xl330,
     "z1": z1,
+    "ak80": ak80,
 }
 
 
@@ -185,6 +192,16 @@ def leave_out(
         train = [path for path in paths if path not in group]
         folds.append(fold(settings, robot, group[0].stem, train, group))
     return folds
+
+
+def second_half(settings: Settings, robot: str, name: str, path: Path) -> Figures:
+    """Figures of a fold that trains on the first half of a log and tests on the second."""
+    halves = []
+    for part, log in zip(("first", "second"), train_test_halves(read_parquet(path)), strict=True):
+        half = path.with_name(f"{path.stem}_{part}_half.parquet")
+        mp.write_log(half, log)
+        halves.append(half)
+    return fold(settings, robot, name, halves[:1], halves[1:])
 
 
 def fold(
@@ -340,7 +357,8 @@ def as_figures(robot: str, test: str, folds: Sequence[Figures]) -> dict[str, flo
         figures[f"{robot}/{test}/{model}"] = error
     figures[f"{robot}/{test}/rest/prior"] = means["rest"]["prior"]  # over the rows of adapted
 
-    prefix = f"{robot}/{test}" if test in (UNSEEN_GAINS, UNSEEN_LEG) else robot
+    has_own_coverage = robot == "ak80" or test in (UNSEEN_GAINS, UNSEEN_LEG)
+    prefix = f"{robot}/{test}" if has_own_coverage else robot
     for level, share in means["coverage"].items():
         figures[f"{prefix}/coverage{level}"] = share
     for level, share in means["unseen"].items():

@@ -14,6 +14,7 @@ import pytest
 from motor_logs import log_of
 
 import motorprior as mp
+from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bench.dynamometer import Trial, run
@@ -127,6 +128,40 @@ def test_a_model_that_would_be_driven_wrongly_is_refused_with_a_remedy(
         mp.export(prior, "mjcf", arm.parent / "out", model="arm.xml", joints=joints)
 
     assert refused.value.remedy
+
+
+def prior_of_commands(prior: MotorPrior, command_mode: str) -> MotorPrior:
+    """The prior, as if its logs had commands of this mode."""
+    assert isinstance(prior.model, GreyBox)
+    return replace(prior, model=replace(prior.model, command_mode=command_mode))
+
+
+@pytest.mark.parametrize("format", ["mjcf", pytest.param("mjcf-detailed", marks=DETAILED)])
+@pytest.mark.parametrize("command_mode", ["velocity", "torque"])
+def test_motors_of_velocity_or_torque_commands_are_no_position_servos(
+    prior: MotorPrior, arm: Path, format: str, command_mode: str
+):
+    key = '<key name="home" qpos="0.1 0.2 0.3" qvel="0 0 0" ctrl="5 0.6"/>'
+    arm.write_text(MODEL.replace("</actuator>", f"</actuator><keyframe>{key}</keyframe>"))
+    source = prior_of_commands(prior, command_mode)
+
+    exported = mp.export(source, format, arm.parent / "out", model=arm, joints=("shoulder",))
+
+    assert command_mode in str(exported)
+    assert max(exported.losses.values()) < 0.06, "they move as the learned motors"
+    model, data = simulation_of(exported.files[0])
+    shoulder = model.actuator("first").id
+    assert model.actuator_biasprm[shoulder, 1] == 0.0, "no torque for an angle"
+    assert data.ctrl[0] == 0.0, "the angle of the keyframe is no control"
+
+
+def test_a_format_of_position_servos_refuses_motors_of_other_commands(
+    prior: MotorPrior, tmp_path: Path
+):
+    with pytest.raises(ConfigError, match="torque commands") as refused:
+        mp.export(prior_of_commands(prior, "torque"), "bam", tmp_path)
+
+    assert "gains" in str(refused.value.remedy)
 
 
 @pytest.mark.parametrize("format", ["mjcf", pytest.param("mjcf-detailed", marks=DETAILED)])

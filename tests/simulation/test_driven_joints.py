@@ -4,15 +4,18 @@
 # MuJoCo ships no type stubs.
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
+import motorprior as mp
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
 from motorprior.simulation.driven_joints import DrivenJoints
+from motorprior.simulation.motors import simulated_motors
 
 HAND = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
 <site name="out" pos=".1 0 0"/><body name="palm"><joint name="wrist" axis="0 1 0"/>
@@ -158,3 +161,35 @@ def test_a_simulation_that_mujoco_reset_is_a_fault(motors):
 
     mujoco.mj_resetData(model, data)
     driven.drive(np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("command_mode", "command"),
+    [("velocity", {"velocity_target": 2.0}), ("torque", {"torque_feedforward": 1.0})],
+)
+def test_motors_of_other_commands_follow_these_and_no_position_target(
+    motors: Callable[[int], GreyBoxActuator], command_mode: str, command: dict[str, float]
+):
+    def turned(position_target: float, **other: float) -> float:
+        """Angle [rad] of the wrist after 0.1 s."""
+        model = mujoco.MjModel.from_xml_string(UNCOUPLED_HAND)
+        data = mujoco.MjData(model)
+        driven = DrivenJoints(
+            model, data, replace(motors(1), command_mode=command_mode), ("wrist",)
+        )
+        for _ in range(50):
+            driven.drive(np.array([position_target]), **other)
+            mujoco.mj_step(model, data)
+        return float(data.joint("wrist").qpos[0])
+
+    assert abs(turned(1.0)) < 1e-3
+    assert turned(0.0, **command) > 0.05
+
+
+def test_a_robot_that_is_sent_position_targets_refuses_motors_of_velocity_commands():
+    prior = mp.from_pretrained("pupper_v2")
+    assert isinstance(prior.model, GreyBox)
+    prior = replace(prior, model=replace(prior.model, command_mode="velocity"))
+
+    with pytest.raises(ConfigError, match="velocity commands"):
+        simulated_motors(prior, mp.load_robot("pupper_v2"))

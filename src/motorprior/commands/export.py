@@ -85,6 +85,15 @@ def _gains(config: Export, source: MotorPrior | MotorPosterior) -> tuple[float, 
             argument="kd" if config.kp is None else "kp",
         )
 
+    command_mode = prior_of(source).command_mode
+    if command_mode in ("velocity", "torque") and (config.kp is None or config.kd is None):
+        raise ConfigError(
+            f"the logs of the prior have {command_mode} commands, so they do not give the other "
+            "gain",
+            remedy="give kp and kd, for motors that follow positions",
+            argument="kp" if config.kp is None else "kd",
+        )
+
     kp, kd = np.median(logged, axis=1).tolist()
     if config.kp is not None:
         kp = config.kp

@@ -316,4 +316,5 @@ BAM = Exporter(
     not_expressed=("velocity_filter", "gear_stiffness", "backlash", "gear_damping"),
     write=_write,
     replay=_replay,
+    has_other_commands=False,
 )

@@ -73,6 +73,8 @@ class Exporter:
     replay: ReplayFunction | None = None
     needs_model: bool = False  # whether it changes the user's MJCF
     min_mujoco: int = 3  # smallest major version of MuJoCo that the format needs
+    # whether the format has motors that follow velocities or torques, see `command_frame`
+    has_other_commands: bool = True
     # (constants, timestep [s]) -> whether a motor is written as a plain joint
     is_written_as_plain_joint: Callable[[ConstantArrays, float], np.ndarray] | None = None
 

@@ -60,7 +60,8 @@ def write_detailed(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
     # the sum of servo and brake is limited, not the servo
     at_rotor = {**values, "encoder_zero": 0.0, "torque_limit": math.inf}
     drive(mjcf, joint, rotor, servo(at_rotor, 0.0, option.timestep))
-    _add_brake(mjcf, joint, rotor, values)
+    if values["kd"]:
+        _add_brake(mjcf, joint, rotor, values)
 
     if option.integrator not in IMPLICIT:
         mjcf.section("option").setAttribute("integrator", "implicitfast")

@@ -2,7 +2,10 @@
 
 Both follow the same targets for two seconds at the model's own timestep, from its initial pose, in
 the air: without contacts and joint limits, and without gravity if its base is free. So the error is
-the format's, on the links that its motors will move. The targets of motors with a motion profile
+the format's, on the links that its motors will move. Motors of velocity commands follow
+VELOCITY_PER_CHANGE times the changes of the targets. Motors of torque commands get the torques of
+gravity at the start, and those that accelerate their joints by ACCELERATION_PER_CHANGE times the
+changes. The targets of motors with a motion profile
 pass a `MotionProfile` first, as they must where the export is used.
 """
 
@@ -25,6 +28,8 @@ from motorprior.simulation.driven_joints import DrivenJoints, drives
 
 SECONDS = 2.0  # duration of a run [s]
 AMPLITUDE = 0.15  # amplitude of the targets about the initial pose [rad]
+VELOCITY_PER_CHANGE = 10.0  # [1/s]
+ACCELERATION_PER_CHANGE = 100.0  # [1/s²]
 MIN_FREQUENCY = 0.5  # [Hz]
 MAX_FREQUENCY = 3.0  # [Hz]
 _IN_THE_AIR = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -53,13 +58,14 @@ def run_model(
         joints: names of the J joints.
     """
     model = mujoco.MjModel.from_xml_path(str(exported))
-    targets = _targets(model.opt.timestep, len(joints))
+    changes = _changes(model.opt.timestep, len(joints))
     values = motors.constants()
     limits = None
     if SPEED in values:
         limits = (values[SPEED], values[ACCELERATION])
-    angles = _run_exported(model, joints, targets, limits)
-    learned = _run_learned(original, motors, joints, targets, model.opt.timestep)
+    commands = _commands(original, motors, joints, changes)
+    angles = _run_exported(model, joints, commands, limits)
+    learned = _run_learned(original, motors, joints, commands, model.opt.timestep)
 
     error = np.abs(angles - learned).max(axis=1)
     is_unstable = ~(error < UNSTABLE)  # also NaN
@@ -72,7 +78,30 @@ def run_model(
     return ModelRun(float(model.opt.timestep), losses, diverged_at)
 
 
-def _targets(timestep: float, num_joints: int) -> np.ndarray:
+def _commands(
+    original: Path, motors: GreyBoxActuator, joints: Sequence[str], changes: np.ndarray
+) -> np.ndarray:
+    """(steps, J) commands of the motors, see above; position targets are relative to the start."""
+    if motors.command_mode in ("position", "mit"):
+        return changes
+    if motors.command_mode == "velocity":
+        return VELOCITY_PER_CHANGE * changes
+
+    model = _without_actuators(original, joints)
+    _put_in_the_air(model)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    dofs = [model.joint(name).dofadr[0] for name in joints]
+    torque = np.array(data.qfrc_bias[dofs])  # of gravity
+    joint_inertia = motors.constants()["armature"] - model.dof_armature[dofs]
+    momentum = np.zeros(model.nv)
+    for joint, dof in enumerate(dofs):
+        mujoco.mj_mulM(model, data, momentum, np.eye(model.nv)[dof])
+        joint_inertia[joint] += momentum[dof]
+    return torque + ACCELERATION_PER_CHANGE * joint_inertia * changes
+
+
+def _changes(timestep: float, num_joints: int) -> np.ndarray:
     """(steps, J) changes of the targets [rad]: a chirp, shifted in time between the joints."""
     time = np.arange(0.0, SECONDS, timestep)[:, None] + 0.1 * np.arange(num_joints)
     sweep = (MAX_FREQUENCY - MIN_FREQUENCY) / (2.0 * SECONDS)
@@ -90,7 +119,7 @@ def _put_in_the_air(model: mujoco.MjModel) -> None:
 def _run_exported(
     model: mujoco.MjModel,
     joints: Sequence[str],
-    targets: np.ndarray,
+    commands: np.ndarray,
     limits: tuple[np.ndarray, np.ndarray] | None,
 ) -> np.ndarray:
     """(steps, J) angles [rad] of the exported motors; NaN after they diverge.
@@ -101,21 +130,22 @@ def _run_exported(
     data = mujoco.MjData(model)
     addresses = [model.joint(name).qposadr[0] for name in joints]
     controls = [_control_of(model, name) for name in joints]
-    start = data.qpos[addresses].copy()
-    for actuator, target in zip(controls, start, strict=True):
-        data.ctrl[_address(model, actuator)] = target
-        fill_delay_line(model, data, actuator, target)
+    # controls that are no angles have the bias 0 for the angle
+    start = data.qpos[addresses] * (model.actuator_biasprm[controls, 1] != 0.0)
+    for actuator, control in zip(controls, start, strict=True):
+        data.ctrl[_address(model, actuator)] = control
+        fill_delay_line(model, data, actuator, control)
 
     profile = None
     if limits is not None:
         profile = MotionProfile(*limits, dt=model.opt.timestep, start=start)
 
-    angles = np.full(targets.shape, np.nan)
-    for step, change in enumerate(targets):
+    angles = np.full(commands.shape, np.nan)
+    for step, command in enumerate(commands):
         angles[step] = data.qpos[addresses]
-        references = start + change if profile is None else profile.step(start + change)
-        for actuator, target in zip(controls, references, strict=True):
-            data.ctrl[_address(model, actuator)] = target
+        references = start + command if profile is None else profile.step(start + command)
+        for actuator, control in zip(controls, references, strict=True):
+            data.ctrl[_address(model, actuator)] = control
         mujoco.mj_step(model, data)
         if (
             data.time < (step + 0.5) * model.opt.timestep
@@ -146,7 +176,7 @@ def _run_learned(
     original: Path,
     motors: GreyBoxActuator,
     joints: Sequence[str],
-    targets: np.ndarray,
+    commands: np.ndarray,
     timestep: float,
 ) -> np.ndarray:
     """(steps, J) angles [rad] of the learned motors, in steps that they support."""
@@ -163,11 +193,16 @@ def _run_learned(
     addresses = [model.joint(name).qposadr[0] for name in joints]
     start = data.qpos[addresses].copy()
 
-    angles = np.zeros_like(targets)
-    for step, change in enumerate(targets):
+    angles = np.zeros_like(commands)
+    for step, command in enumerate(commands):
         angles[step] = data.qpos[addresses]
         for _ in range(substeps):
-            driven.drive(start + change)
+            if motors.command_mode == "velocity":
+                driven.drive(start, velocity_target=command)
+            elif motors.command_mode == "torque":
+                driven.drive(start, torque_feedforward=command)
+            else:
+                driven.drive(start + command)
             mujoco.mj_step(model, data)
     return angles
 

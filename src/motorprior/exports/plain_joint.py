@@ -1,4 +1,7 @@
-"""A motor as what every engine has: armature, damping, friction and a delayed position servo."""
+"""A motor as what every engine has: armature, damping, friction and a delayed servo.
+
+A servo follows position targets; with kp 0 velocity targets; with kp and kd 0 it is a torque.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 # MuJoCo ships no type stubs.
@@ -55,16 +58,22 @@ def write_plain(mjcf: Mjcf, joint: str, values: Mapping[str, float]) -> None:
 
 
 def servo(values: Mapping[str, float], kv: float, timestep: float) -> dict[str, str]:
-    """Attributes of an actuator that is a delayed position servo.
+    """Attributes of an actuator that is a delayed servo.
 
-    Its force is clip(kp·(target - q - encoder_zero) - kv·dq, ±torque_limit). A ``position``
-    actuator is the same without the encoder zero.
+    Its force for the control u is clip(F, ±torque_limit) with
+
+        F = kp·(u - q - encoder_zero) - kv·dq    for position targets
+        F = kd·u - kv·dq                         for velocity targets, if kp is 0
+        F = u                                    for torques, if kp and kd are 0
+
+    A ``position`` actuator is the first without the encoder zero.
     """
     kp = values["kp"]
+    gain = kp or values["kd"] or 1.0
     control_law = {
         "dyntype": "none",
         "gaintype": "fixed",
-        "gainprm": number(kp),
+        "gainprm": number(gain),
         "biastype": "affine",
         "biasprm": number(-kp * values["encoder_zero"], -kp, -kv),
         "ctrllimited": "false",
@@ -90,11 +99,13 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
     """Replace the actuator of ``joint`` by a servo of the joint ``driven``, or add a servo.
 
     The servo gets the name of the actuator that it replaces. It keeps the range and the controls of
-    a position servo; other controls in keyframes become the joint's angle.
+    a position servo; other controls in keyframes become the joint's angle, or 0 if the servo
+    follows velocities or torques.
     """
     model = mjcf.compiled
     joint_address = model.joint(joint).qposadr[0]
-    angles = [number(angle) for angle in model.key_qpos[:, joint_address]]
+    follows_angles = follows_positions(attributes)
+    angles = [number(angle * follows_angles) for angle in model.key_qpos[:, joint_address]]
 
     old_actuator = mjcf.actuator_of(joint)
     if old_actuator is None:
@@ -104,7 +115,7 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
         return
 
     element, index = old_actuator
-    if _is_position_servo(model, index):
+    if follows_angles and _is_position_servo(model, index):
         if model.actuator_ctrllimited[index]:
             attributes["ctrllimited"] = "true"
             attributes["ctrlrange"] = number(*model.actuator_ctrlrange[index])
@@ -116,6 +127,11 @@ def drive(mjcf: Mjcf, joint: str, driven: str, attributes: dict[str, str]) -> No
 
     _drop_activations(mjcf, index)
     _replace(mjcf, element, element.getAttribute("name") or joint, driven, attributes)
+
+
+def follows_positions(attributes: Mapping[str, str]) -> bool:
+    """Whether the control of a `servo` is an angle."""
+    return float(attributes["biasprm"].split()[1]) != 0.0
 
 
 def _is_position_servo(model: mujoco.MjModel, index: int) -> bool:
@@ -176,21 +192,30 @@ def _replayed_motor(
     model = mujoco.MjModel.from_xml_string(mjcf.text())
     data = mujoco.MjData(model)
 
-    targets = trial.position_target[:, motor]
-    data.qpos[:] = targets[0]
+    data.qpos[:] = trial.position_target[0, motor]
+    commands = _commands(values, trial)[:, motor]
     for actuator in range(len(model.actuator_history)):
-        fill_delay_line(model, data, actuator, targets[0])
+        fill_delay_line(model, data, actuator, commands[0])
 
     joint = data.joint("joint")
-    angles = np.zeros(len(targets))
-    for step, target in enumerate(targets):
+    angles = np.zeros(len(commands))
+    for step, command in enumerate(commands):
         angle = joint.qpos[0]
         angles[step] = angle
-        data.ctrl[0] = target
+        data.ctrl[0] = command
         external = trial.external_torque[step, motor]
         joint.qfrc_applied[0] = external + trial.load_stiffness[step, motor] * angle
         mujoco.mj_step(model, data)
     return angles
+
+
+def _commands(values: Mapping[str, float], trial: Trial) -> np.ndarray:
+    """(steps, n) controls of the `servo` of a motor."""
+    if values["kp"]:
+        return trial.position_target
+    assert trial.frames is not None
+    commands = trial.frames.velocity_target if values["kd"] else trial.frames.torque_feedforward
+    return np.broadcast_to(commands, trial.position_target.shape)
 
 
 def fill_delay_line(

@@ -30,6 +30,8 @@ from motorprior.texts import ShownInNotebooks
 # factors on a model's timestep at which an export that diverges is tried again
 SHORTER_STEPS = (0.5, 0.25, 0.125)
 MAX_LOSS = 0.02  # a loss that is larger is pointed out [rad]
+# control of motors that do not follow positions, by command mode
+CONTROLS = {"velocity": "velocity target [rad/s]", "torque": "torque [N·m]"}
 EXPORTERS = {exporter.name: exporter for exporter in (BAM, CARD, MJCF, DETAILED, TABLE)}
 
 
@@ -49,6 +51,7 @@ class Exported(ShownInNotebooks):
     # RMSE [rad] by joint on the user's model, over all variants of it, see `run_model`; empty for
     # formats without a model
     model_losses: dict[str, float] = field(default_factory=dict)
+    control: str = ""  # what the motors follow in place of positions
 
     def __str__(self) -> str:
         lines = [f"{len(self.files)} files in {self.files[0].parent}"]
@@ -58,6 +61,8 @@ class Exported(ShownInNotebooks):
             if f"{kd:.4g}" != f"{kp:.4g}":
                 text += f" and kd {kd:.4g}"
             lines.append(f"motors at {text}, in the unit of their logs")
+        if self.control:
+            lines.append(f"the control of these motors is a {self.control}")
         if self.plain:
             lines.append(
                 f"{100 * self.plain:.0f} % are plain joints: too stiff for the model's timestep, "
@@ -119,9 +124,18 @@ def export(
     joints = joints or source.joint_names or ("motor",)
     if log is not None:
         log = _with_joints(log, joints)
-        gains = log.gains if gains is None else gains
+        if gains is None and log.command_mode in ("position", "mit"):
+            gains = log.gains
 
     actuator = sampled(source, motors, seed, joints, gains)
+    follows_positions = actuator.command_mode in ("position", "mit")
+    if not follows_positions and not exporter.has_other_commands:
+        raise ConfigError(
+            f"motors of format {exporter.name} follow positions, and these motors "
+            f"{actuator.command_mode} commands",
+            remedy="give the gains kp and kd that will be sent, or choose format mjcf or table",
+            argument="gains",
+        )
     step = min(MAX_STEP, actuator.model.period)
     values = constants(actuator, step)
 
@@ -149,9 +163,10 @@ def export(
     if document is not None:
         model_losses = _losses_on_model(exporter, request, actuator, files)
     median_gains = None
-    if actuator.gains is not None:
+    if actuator.gains is not None and follows_positions:
         median_gains = tuple(np.median(actuator.gains, axis=1).tolist())
-    return Exported(files, errors, not_expressed, median_gains, plain_share, model_losses)
+    control = "" if exporter.replay is None else CONTROLS.get(actuator.command_mode, "")
+    return Exported(files, errors, not_expressed, median_gains, plain_share, model_losses, control)
 
 
 def _losses_on_model(

@@ -11,6 +11,7 @@ from motorprior.actuator import registry
 from motorprior.actuator.actuator import Actuator, require_motors
 from motorprior.actuator.fleet import Fleet
 from motorprior.actuator.fleet_motors import fleet_motors
+from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import IdealPd
 from motorprior.actuator.motor_posterior import MotorPosterior
 from motorprior.actuator.motor_prior import MotorPrior
@@ -62,6 +63,7 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
 
     first_motors = episode_motors.draw(np.random.default_rng(0))
     require_motors(first_motors, robot.num_joints)
+    _require_position_commands(first_motors)
     return SimulatedMotors(
         draw=episode_motors.draw,
         physics_dt=robot.physics_step(first_motors.kind.max_step),
@@ -70,6 +72,17 @@ def simulated_motors(motors: MotorSource, robot: Robot) -> SimulatedMotors:
         files=[Path(options[name]) for name in registry.file_options(options)],
         nominal=nominal_gains(robot, fleet),
     )
+
+
+def _require_position_commands(motors: Actuator) -> None:
+    """Raise ConfigError for motors without the gains that position targets need."""
+    if isinstance(motors, GreyBoxActuator) and motors.command_mode in ("velocity", "torque"):
+        raise ConfigError(
+            f"the motors follow {motors.command_mode} commands, and position targets are sent",
+            remedy="log the gains in N·m/rad: the motors then have the gains of the robot's "
+            "description; or drive them in your own loop by mp.DrivenJoints",
+            argument="motors",
+        )
 
 
 def _episode_motors(
