@@ -5,8 +5,9 @@
     pd_system_identification_*, fft_*   dfki-ric-underactuated-lab/torque_limited_simple_pendulum
     design_C.0_*                        dfki-ric-underactuated-lab/double_pendulum
 
-The first two are pairs of desired and measured values of a pendulum in MIT mode, whose gains and
-torque scale are not recorded. The third is a double pendulum under torque control.
+The first two are pairs of desired and measured values of a pendulum in MIT mode, without gains. The
+first is read with the gains GAINS of its authors' settings. The second contradicts these gains, so
+it is read without any. The third is a double pendulum under torque control.
 """
 
 from pathlib import Path
@@ -21,6 +22,7 @@ GRAVITY = 9.81  # [m/s²]
 # of the pendulum, in the settings of its trajectories
 MASS = 0.6755  # [kg]
 LENGTH = 0.5  # [m]
+GAINS = "kp = 50.0\nkd = 4.0\n"
 INERTIA = 0.139625  # [kg·m²]
 PENDULUM_HEADER = ("t", "q_des", "dq_des", "tau_des", "q", "inertia", "gravity", "stiffness")
 PENDULUM_MAP = """motor = "AK80-6"
@@ -79,7 +81,8 @@ MODEL = """<mujoco model="double_pendulum">
 def ak80_logs(folder: Path, out: Path) -> dict[str, Path]:
     """Motor logs with loads, by name of the log, from the raw logs in ``folder``."""
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "pendulum.toml", PENDULUM_MAP)
+    write_text(out / "pendulum_pd.toml", PENDULUM_MAP + GAINS)
+    write_text(out / "pendulum_fft.toml", PENDULUM_MAP)
     write_text(out / "double_pendulum_map.toml", DOUBLE_MAP)
     write_text(out / "double_pendulum.toml", ROBOT)
     write_text(out / "double_pendulum.xml", MODEL)
@@ -91,7 +94,7 @@ def ak80_logs(folder: Path, out: Path) -> dict[str, Path]:
     }.items():
         table = out / f"{name}.csv"
         _write_pendulum(folder, pair, table)
-        paths[name] = _imported(table, out / "pendulum.toml", None)
+        paths[name] = _imported(table, out / f"{name}.toml", None)
     raw = next(folder.glob("design_C.0_*.csv.gz"))
     columns = out / "double_pendulum_map.toml"
     paths["double_pendulum"] = _imported(raw, columns, out / "double_pendulum.toml")

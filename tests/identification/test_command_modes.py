@@ -1,4 +1,4 @@
-"""Priors of drives under MIT commands and torque commands: constants, files, samples and notes."""
+"""Priors of drives under MIT, velocity and torque commands: constants, files, samples, notes."""
 
 from pathlib import Path
 
@@ -7,12 +7,15 @@ import pytest
 
 import command_modes as bench
 import motorprior as mp
+from motorprior.evaluation.errors import replay_errors
+from motorprior.identification.load_fit import fit_loads
 from motorprior.logs.motor_log import MotorLog
 from motorprior.priors.adapt import note_command_mode
 from motorprior.progress import SILENT, Note, Progress
+from motorprior.signals import rms
 
 pytestmark = pytest.mark.slow
-SECONDS = {"mit": 15.0, "torque": 6.0}
+SECONDS = {"mit": 15.0, "torque": 6.0, "velocity": 6.0}
 
 
 def recorded(mode: str) -> tuple[MotorLog, bench.Constants]:
@@ -33,6 +36,41 @@ def test_gains_that_ramp_and_whole_frames_give_the_constants_of_a_drive():
     # gains in firmware units and a load of ten rotors hide the armature
     low, high = prior.intervals()["armature"]
     assert low <= constants["armature"] <= high
+
+
+def test_velocity_commands_give_kd_and_rotor_of_a_drive_and_no_kp():
+    log, constants = recorded("velocity")
+    prior = mp.fit_prior(log, "quick", progress=SILENT)
+    errors = bench.errors_of(prior, log, constants)
+
+    assert errors["replay"] < 6e-4
+    for name in ("kd", "coulomb"):
+        assert errors[name] < 0.1, name
+    assert errors["delay"] < 5e-4
+    names = [row.name for row in prior.constants()]
+    assert "kd" in names
+    assert not {"kp", "kd_over_kp"} & set(names)
+
+    # a log of other motion, of the same drive
+    other = bench.recorded(np.random.default_rng(5), constants, "velocity", 6.0, True)
+    posterior = mp.adapt(prior, other, progress=SILENT)
+    motors = prior.model.motors(posterior.mean, gains=other.gains)
+    assert rms(replay_errors(motors, other, {})[0]) < 6e-4
+
+
+@pytest.mark.parametrize("command_mode", ["mit", "velocity", "torque"])
+def test_an_unknown_load_is_fitted_in_every_command_mode(command_mode: str):
+    rng = np.random.default_rng(4)
+    constants = bench.drawn_constants(rng, 1)
+    log = bench.recorded(rng, constants, command_mode, 6.0)
+    inertia = constants["mass"][0] * bench.LENGTH**2
+    weight = constants["mass"][0] * bench.GRAVITY * bench.LENGTH
+
+    (load,) = fit_loads(log, restarts=1)
+
+    assert load.gravity[0] == pytest.approx(weight, rel=0.1)
+    # without play, the log identifies the sum of load inertia and armature only
+    assert 0.3 * inertia < load.inertia < 1.1 * (inertia + constants["armature"][0])
 
 
 @pytest.fixture(scope="module")

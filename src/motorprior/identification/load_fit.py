@@ -7,11 +7,13 @@ The load is a rigid body on the joint of a robot with a fixed base:
     load_stiffness = -(s·cos q - c·sin q)
 
 q is the joint angle. Free runs of the grey box have three more latents: ln(J/J₀), s/g and c/g, with
-g = 0.2 rad·kp. Their prior is about a regression of the logged proportional control law,
+g = 0.2 rad·kp (`kp_of_size`). Their prior is about a regression of the logged control law,
 
-    kp·(position_target - q) = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
+    kp·(position_target - q) + kd·velocity_target + torque_feedforward
+        = J₀·q̈ + s₀·sin q + c₀·cos q + d·q̇ + f·sign q̇.
 
-Gains must be logged in N·m/rad, since angles and commands do not identify the scale of torques.
+Gains must be logged in N·m/rad, or torques be commanded, since angles and other commands do not
+identify the scale of torques.
 Without play they identify only the sum of load inertia and armature, which the prior divides.
 Standard deviations (Laplace) count the whole log as one observation: most of the residual is
 missing physics, the same in every window.
@@ -33,6 +35,7 @@ from motorprior.identification.physics.motor_problem import (
     fixed_constants,
     grey_box,
     initial_center,
+    kp_of_size,
 )
 from motorprior.identification.physics.term_selection import (
     MIN_VARIATION,
@@ -111,7 +114,7 @@ class _LoadProblem(MotorProblem):
     def __init__(self, model: GreyBox, runs: WindowRuns):
         super().__init__(model, runs)
         self.start = _regression(runs)
-        self.unit = _SAG * float(runs.gains[0, 0])
+        self.unit = _SAG * kp_of_size(runs)
 
     def load(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(L,) inertia [kg·m²], and (2, L) s and c [N·m], of unknowns x (L, K)."""
@@ -154,7 +157,10 @@ def _gravity_torque(angle: np.ndarray, gravity: np.ndarray) -> tuple[np.ndarray,
 
 
 def _regression(runs: WindowRuns) -> np.ndarray:
-    """(3,) J₀, s₀, c₀ of the logged proportional control law, by least squares on all rows."""
+    """(3,) J₀, s₀, c₀ of the logged control law, by least squares on all rows.
+
+    The law has no kd·velocity, which is like viscous friction.
+    """
     channels = [windows.TARGET, windows.POS, windows.VEL, windows.KP]
     regressors = []
     torques = []
@@ -164,25 +170,41 @@ def _regression(runs: WindowRuns) -> np.ndarray:
         regressors.append(
             np.stack([acceleration, np.sin(angle), np.cos(angle), speed, np.sign(speed)])
         )
-        torques.append(kp * (target - angle))
+        torque = kp * (target - angle)
+        if segment.has_frames:
+            frames = [windows.VELOCITY_TARGET, windows.FEEDFORWARD]
+            velocity_target, feedforward = segment.rows[:, frames, 0].T
+            factors = [windows.KP_FACTOR, windows.KD_FACTOR]
+            kp_factor, kd_factor = segment.rows[:, factors, 0].T
+            torque = kp_factor * torque + feedforward
+            if runs.logs_kd:
+                torque += kd_factor * segment.rows[:, windows.KD, 0] * velocity_target
+        torques.append(torque)
 
     matrix = np.concatenate(regressors, axis=1).T
     solution, *_ = np.linalg.lstsq(matrix, np.concatenate(torques), rcond=None)
     inertia, *gravity = solution[:_LOAD]
-    min_inertia = 1e-5 * float(runs.gains[0, 0])
+    min_inertia = 1e-5 * kp_of_size(runs)
     return np.array([np.clip(inertia, min_inertia, 1e4 * min_inertia), *gravity])
 
 
-def _require_physical_kp(log: MotorLog) -> None:
-    """Raise `LogError` unless the log has kp in N·m/rad, which sets the scale of torques."""
-    if log.logged_kp is None or log.gain_unit != PHYSICAL_GAINS:
-        problem = "no kp" if log.logged_kp is None else "kp in firmware units"
+def _require_physical_gains(log: MotorLog) -> None:
+    """Raise `LogError` unless the log has the scale of torques.
+
+    It is that of logged torques, or of kp in N·m/rad, or of kd of velocity commands.
+    """
+    if log.command_mode == "torque":
+        return
+    name = "kd" if log.command_mode == "velocity" else "kp"
+    gains = log.logged_kd if log.command_mode == "velocity" else log.logged_kp
+    if gains is None or log.gain_unit != PHYSICAL_GAINS:
+        problem = f"no {name}" if gains is None else f"{name} in firmware units"
         raise LogError(
-            f"{problem}: without kp in {PHYSICAL_GAINS} a load cannot be fitted",
+            f"{problem}: without {name} in {PHYSICAL_GAINS} a load cannot be fitted",
             where=log.source,
             remedy=(
                 f"in the column map, set gain = '{PHYSICAL_GAINS}' in [units], "
-                "and kp of every joint in that unit"
+                f"and {name} of every joint in that unit"
             ),
         )
 
@@ -197,8 +219,8 @@ def with_fitted_loads(
     Inertia and weight, with their standard deviations, are reported to ``progress``.
 
     Args:
-        logs: with gains in N·m/rad, and the rows of the recording: `load_log` with
-            `LogSettings.period` None. Their own loads and torques are replaced.
+        logs: with gains in N·m/rad or under torque control, and the rows of the recording:
+            `load_log` with `LogSettings.period` None. Their own loads and torques are replaced.
         progress: where to report to.
         restarts: maximum number of restarts of the search of a joint.
 
@@ -209,7 +231,7 @@ def with_fitted_loads(
     """
     recordings = motor_logs(logs)
     for log in recordings:
-        _require_physical_kp(log)
+        _require_physical_gains(log)
     smooth = [smooth_on_grid(log, RECIPE.period) for log in recordings]
     log = joined(smooth)
 
@@ -225,7 +247,7 @@ def with_fitted_loads(
 def fit_loads(
     log: MotorLog, report: Callable[[], None] = lambda: None, restarts: int = RESTARTS
 ) -> tuple[FittedLoad, ...]:
-    """Fit the load of every joint of a log with gains in N·m/rad.
+    """Fit the load of every joint of a log with gains in N·m/rad or under torque control.
 
     The log's own loads and torques are ignored. ``report`` is called ``restarts`` times per joint,
     the maximum number.
@@ -234,7 +256,7 @@ def fit_loads(
         LogError: no such gains, another period than RECIPE's, a log that is too short, a static
             joint, or all simulations diverge.
     """
-    _require_physical_kp(log)
+    _require_physical_gains(log)
     static = static_joints(log)
     if static:
         raise LogError(

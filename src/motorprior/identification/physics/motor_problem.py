@@ -299,7 +299,7 @@ def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[st
     kp and kd_over_kp become multiples of the logged gains. Gains in N·m/rad also give the size of
     the motor, and thereby its torques.
     """
-    kp = _kp_of_size(runs)
+    kp = kp_of_size(runs)
     kd_over_kp = float(np.median(runs.gains[1] / runs.gains[0]))
     if kd_over_kp == 0.0:
         kd_over_kp = 1.0
@@ -322,7 +322,7 @@ def _relative_gains(constants: Mapping[str, float], runs: WindowRuns) -> dict[st
     return scaled
 
 
-def _kp_of_size(runs: WindowRuns) -> float:
+def kp_of_size(runs: WindowRuns) -> float:
     """Logged kp, or without position control the kp of a motor of this size [N·m/rad].
 
     A motor under velocity control has the size of its kd. A motor under torque control commands a
