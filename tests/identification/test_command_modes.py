@@ -68,7 +68,7 @@ def test_an_unknown_load_is_fitted_in_every_command_mode(command_mode: str):
 
     (load,) = fit_loads(log, restarts=1)
 
-    assert load.gravity[0] == pytest.approx(weight, rel=0.1)
+    assert load.gravity[0] == pytest.approx(weight, rel=0.15)
     # without play, the log identifies the sum of load inertia and armature only
     assert 0.3 * inertia < load.inertia < 1.1 * (inertia + constants["armature"][0])
 
