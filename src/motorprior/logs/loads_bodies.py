@@ -20,6 +20,9 @@ from motorprior.robots.robot import GRAVITY
 
 # rows between two computed ones: a lever changes slowly
 _STRIDE = 5
+# angles at which the loads of a turned joint are interpolated [rad]
+_TURNS = np.array([-0.5, -0.25, 0.25, 0.5])
+TURN_POWERS = len(_TURNS)
 _MIN_DISTANCE = 1e-3  # of the centre of mass of a link from its joint [m]
 
 
@@ -32,7 +35,6 @@ class GravityLevers:
 
     lever: np.ndarray  # (T, J, 3) mass·(axis × arm) of what a joint carries [kg·m]
     slope: np.ndarray  # (T, J, 3) its derivative with respect to the joint's angle [kg·m/rad]
-    axis: np.ndarray  # (T, J, 3) axis of the joint, 0 for a slide
     carries: np.ndarray  # (J, J) whether joint k carries joint j, [k, j]; a joint carries itself
 
 
@@ -110,7 +112,6 @@ def gravity_levers(log: MotorLog) -> GravityLevers | None:
     rows = np.unique([*range(0, log.num_rows, _STRIDE), log.num_rows - 1])
     lever = np.empty((len(rows), *shape[1:]))
     slope = np.empty_like(lever)
-    axis = np.empty_like(lever)
     for index, row in enumerate(rows):
         data.qpos[order] = log.joint_pos[row]
         mujoco.mj_fwdPosition(model, data)
@@ -118,7 +119,6 @@ def gravity_levers(log: MotorLog) -> GravityLevers | None:
         hinge_lever = mass * np.cross(data.xaxis, arm)
         lever[index] = np.where(is_hinge, hinge_lever, mass * data.xaxis)[order]
         slope[index] = np.where(is_hinge, np.cross(data.xaxis, hinge_lever), 0.0)[order]
-        axis[index] = np.where(is_hinge, data.xaxis, 0.0)[order]
 
     carries = np.zeros((len(order), len(order)), bool)
     for k, carrier in enumerate(order):
@@ -126,7 +126,7 @@ def gravity_levers(log: MotorLog) -> GravityLevers | None:
             carries[k, j] = _is_ancestor(model, carrier, joint)
     every_row = np.arange(log.num_rows)
     nearest = np.clip(np.searchsorted(rows, every_row), 0, len(rows) - 1)
-    return GravityLevers(lever[nearest], slope[nearest], axis[nearest], carries)
+    return GravityLevers(lever[nearest], slope[nearest], carries)
 
 
 def _compiled(log: MotorLog) -> tuple[Any, list[int]] | None:
@@ -169,17 +169,79 @@ def link_masses(
         for segment, pose in zip(segments, poses, strict=True):
             loads[:, segment] = mass * _loads_of_mass(log, segment, pose, arm, link, carries)
 
-        # as in `loads`, the inertia is constant, and the rest of it is in the external torque
-        inertia, external, stiffness = loads
-        used = np.concatenate([inertia[segment] for segment in segments])
-        mean_inertia = used.mean(axis=0)
-        for segment in segments:
-            acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
-            external[segment] += mean_inertia * acceleration[..., None]
-            external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
-            inertia[segment] = mean_inertia
-        masses[link] = LinkMass(mass, 2.0 * distance, inertia, external, stiffness)
+        masses[link] = LinkMass(mass, 2.0 * distance, *_with_constant_inertia(log, segments, loads))
     return masses
+
+
+def _with_constant_inertia(
+    log: MotorLog, segments: Sequence[slice], loads: np.ndarray
+) -> np.ndarray:
+    """(3, T, J, …) loads as a log has them, see `loads`.
+
+    The inertia is constant and the rest of it in the external torque, which is the mean to the next
+    row. ``loads`` have the inertia of each row, and the whole torque of the bodies.
+    """
+    assert log.joint_vel is not None
+    inertia, external, stiffness = loads
+    mean_inertia = np.concatenate([inertia[segment] for segment in segments]).mean(axis=0)
+    for segment in segments:
+        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
+        missing_axes = tuple(range(2, external.ndim))
+        external[segment] += mean_inertia * np.expand_dims(acceleration, missing_axes)
+        external[segment][:-1] = 0.5 * (external[segment][:-1] + external[segment][1:])
+        inertia[segment] = mean_inertia
+    return np.stack([inertia, external, stiffness])
+
+
+def turned_loads(log: MotorLog, segments: Sequence[slice], joint: int) -> np.ndarray:
+    """(3, T, J, TURN_POWERS) coefficients c of loads with a joint at another angle.
+
+    With the joint at its logged angle plus Δ [rad], and the same velocities, inertia, external
+    torque and stiffness change by Σ_n c_n·Δⁿ, n from 1. Rows outside of the segments have 0.
+    """
+    at_log = _loads_of_bodies(log, segments, joint, 0.0)
+    changes = [_loads_of_bodies(log, segments, joint, turn) - at_log for turn in _TURNS]
+    powers = _TURNS[:, None] ** np.arange(1, 1 + TURN_POWERS)
+    return np.einsum("nk,kctj->ctjn", np.linalg.inv(powers), np.stack(changes))
+
+
+def _loads_of_bodies(
+    log: MotorLog, segments: Sequence[slice], joint: int, turn: float
+) -> np.ndarray:
+    """(3, T, J) loads of the bodies, with a joint turned by ``turn`` [rad]."""
+    import mujoco
+
+    compiled = _compiled(log)
+    assert compiled is not None
+    assert log.joint_vel is not None
+    model, order = compiled
+    data = mujoco.MjData(model)
+    is_hinge = model.jnt_type[order] == mujoco.mjtJoint.mjJNT_HINGE
+    mass = model.body_subtreemass[model.jnt_bodyid[order]][:, None]
+    units = np.eye(model.nv)
+    columns = np.empty((model.nv, model.nv))
+    loads = np.zeros((3, log.num_rows, log.num_joints))
+    for segment in segments:
+        acceleration = np.gradient(log.joint_vel[segment], log.time[segment], axis=0)
+        for row, joint_acc in zip(range(log.num_rows)[segment], acceleration, strict=True):
+            if log.base_orientation is not None:
+                model.opt.gravity[:] = gravity_in_base(log.base_orientation[row], GRAVITY)
+            data.qpos[order] = log.joint_pos[row]
+            data.qpos[order[joint]] += turn
+            data.qvel[order] = log.joint_vel[row]
+            data.qacc[order] = joint_acc
+            mujoco.mj_inverse(model, data)
+
+            for column, unit in zip(columns, units, strict=True):
+                mujoco.mj_mulM(model, data, column, unit)
+            axis = data.xaxis[order]
+            arm = (data.subtree_com[model.jnt_bodyid] - data.xanchor)[order]
+            weight = mass * model.opt.gravity
+            twice_turned = np.cross(axis, np.cross(axis, arm))
+            loads[0, row] = np.diag(columns)[order]
+            loads[1, row] = -data.qfrc_inverse[order]
+            loads[2, row] = np.where(is_hinge, np.sum(twice_turned * weight, axis=1), 0.0)
+    return _with_constant_inertia(log, segments, loads)
 
 
 @dataclass(frozen=True)

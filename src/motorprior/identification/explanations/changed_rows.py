@@ -7,33 +7,37 @@ import numpy as np
 
 from motorprior.identification import windows
 from motorprior.identification.explanations.explanation import (
-    AXIS,
     CHANNELS_WITH_GRAVITY,
     CHANNELS_WITH_MASS,
+    CHANNELS_WITH_TURN,
     IS_TURNED,
     LEVER,
     MASS_EXTERNAL,
     MASS_INERTIA,
     MASS_STIFFNESS,
     SLOPE,
+    TURNED_EXTERNAL,
+    TURNED_INERTIA,
     TURNED_POS,
+    TURNED_STIFFNESS,
     Explanation,
     Facts,
 )
 from motorprior.identification.explanations.registry import EXPLANATIONS
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.windows import TrainingData
-from motorprior.logs.loads_bodies import GravityLevers, LinkMass
+from motorprior.logs.loads_bodies import GravityLevers, LinkMass, turned_loads
+from motorprior.logs.motor_log import MotorLog
 
 
 @dataclass(frozen=True)
 class LoggedRows:
     """Rows that the explanations are tried on."""
 
+    log: MotorLog
     runs: WindowRuns
     data: TrainingData  # all rows
-    segments: tuple[slice, ...]  # rows of the runs
-    with_gravity: TrainingData | None  # rows of the runs, if the bodies are known
+    subset: TrainingData  # rows of the runs
     logs_of_segments: list[int]  # index of the log of each segment of the runs
     levers: GravityLevers | None
     masses: Sequence[LinkMass | None]  # of the link of each joint
@@ -55,6 +59,11 @@ class ChangedRows:
 def changed_rows(joints: np.ndarray, logs: LoggedRows, facts: Facts) -> Iterator[ChangedRows]:
     """`EXPLANATIONS` of these joints, for all logs, for single logs and for single joints."""
     levers = logs.levers
+    runs_with_turn: list[WindowRuns] = []
+    if levers is not None:
+        for joint in range(len(facts.joint_names)):
+            runs_with_turn.append(WindowRuns(_with_turn(logs, joint), logs.runs.recipe))
+
     for explanation in EXPLANATIONS:
         if not explanation.applies(facts):
             continue
@@ -73,13 +82,13 @@ def changed_rows(joints: np.ndarray, logs: LoggedRows, facts: Facts) -> Iterator
         for joint in turned:
             changed_joints = joints
             changed_runs = logs.runs
-            if levers is not None and logs.with_gravity is not None:
+            if levers is not None:
                 if joint is not None:
-                    changed_joints = joints[levers.carries[joint, joints]]
-                    changed_data = _with_axis(logs.with_gravity, levers, joint)
-                    changed_runs = WindowRuns(changed_data, logs.runs.recipe)
+                    is_connected = levers.carries[joint] | levers.carries[:, joint]
+                    changed_joints = joints[is_connected[joints]]
+                    changed_runs = runs_with_turn[joint]
                 elif explanation.is_shared:
-                    changed_runs = WindowRuns(logs.with_gravity, logs.runs.recipe)
+                    changed_runs = WindowRuns(_with_gravity(logs.subset, levers), logs.runs.recipe)
             if not changed_joints.size:
                 continue
             for scope in scopes:
@@ -94,38 +103,47 @@ def _mass_inputs(
 ) -> Iterator[ChangedRows]:
     """A mass on each link, for the joints that carry it."""
     assert logs.levers is not None
-    assert logs.with_gravity is not None
     for link, mass in enumerate(logs.masses):
         carriers = joints[logs.levers.carries[joints, link]]
         if mass is not None and carriers.size:
-            runs = WindowRuns(_with_mass_channels(logs.with_gravity, mass), logs.runs.recipe)
-            yield ChangedRows(explanation, carriers, runs, [True] * len(logs.segments), None, link)
+            runs = WindowRuns(_with_mass(logs.subset, mass), logs.runs.recipe)
+            yield ChangedRows(
+                explanation, carriers, runs, [True] * len(logs.subset.segments), None, link
+            )
 
 
-def _with_mass_channels(data: TrainingData, mass: LinkMass) -> TrainingData:
-    """The data with channels of a mass in the place of those of gravity."""
-    series = data.series[..., :CHANNELS_WITH_MASS].copy()
+def _with_mass(data: TrainingData, mass: LinkMass) -> TrainingData:
+    """The data with channels of a mass on a link."""
+    series = _widened(data, CHANNELS_WITH_MASS)
     series[..., MASS_INERTIA] = mass.inertia.transpose(1, 0, 2)
     series[..., MASS_EXTERNAL] = mass.external.transpose(1, 0, 2)
     series[..., MASS_STIFFNESS] = mass.stiffness.transpose(1, 0, 2)
     return replace(data, series=series)
 
 
-def with_gravity_channels(data: TrainingData, levers: GravityLevers) -> TrainingData:
+def _with_gravity(data: TrainingData, levers: GravityLevers) -> TrainingData:
     """The data with channels of gravity."""
-    motors, rows, _ = data.series.shape
-    series = np.zeros((motors, rows, CHANNELS_WITH_GRAVITY), data.series.dtype)
-    series[..., : data.series.shape[2]] = data.series
+    series = _widened(data, CHANNELS_WITH_GRAVITY)
     series[..., LEVER] = levers.lever.transpose(1, 0, 2)
     series[..., SLOPE] = levers.slope.transpose(1, 0, 2)
     return replace(data, series=series)
 
 
-def _with_axis(data: TrainingData, levers: GravityLevers, moved: int) -> TrainingData:
-    """The data with the axis of the moved joint, for the joints that it carries."""
-    series = data.series.copy()
-    series[moved, :, IS_TURNED] = 1.0
-    for joint in np.flatnonzero(levers.carries[moved]):
-        series[joint, :, AXIS] = levers.axis[:, moved]
-        series[joint, :, TURNED_POS] = series[moved, :, windows.POS]
-    return replace(data, series=series)
+def _with_turn(logs: LoggedRows, joint: int) -> TrainingData:
+    """The rows of the runs with channels of a joint that is turned."""
+    series = _widened(logs.subset, CHANNELS_WITH_TURN)
+    inertia, external, stiffness = turned_loads(logs.log, logs.subset.segments, joint)
+    series[..., TURNED_INERTIA] = inertia.transpose(1, 0, 2)
+    series[..., TURNED_EXTERNAL] = external.transpose(1, 0, 2)
+    series[..., TURNED_STIFFNESS] = stiffness.transpose(1, 0, 2)
+    series[..., TURNED_POS] = series[joint, :, windows.POS]
+    series[joint, :, IS_TURNED] = 1.0
+    return replace(logs.subset, series=series)
+
+
+def _widened(data: TrainingData, channels: int) -> np.ndarray:
+    """(M, R, channels) series of the data, with further channels of 0."""
+    motors, rows, count = data.series.shape
+    series = np.zeros((motors, rows, channels), data.series.dtype)
+    series[..., :count] = data.series
+    return series

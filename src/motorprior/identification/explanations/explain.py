@@ -19,7 +19,6 @@ from motorprior.identification.explanations.changed_rows import (
     ChangedRows,
     LoggedRows,
     changed_rows,
-    with_gravity_channels,
 )
 from motorprior.identification.explanations.explanation import (
     Estimate,
@@ -168,10 +167,8 @@ def explain(
         first = int(starts[np.searchsorted(starts, segment.start, side="right") - 1])
         logs_of_runs.append(first_rows[first])
 
-    with_gravity = None if levers is None else with_gravity_channels(subset, levers)
-    logs = LoggedRows(
-        runs, _of_motors(data, motors), subset.segments, with_gravity, logs_of_runs, levers, masses
-    )
+    data_of_motors = _of_motors(data, motors)
+    logs = LoggedRows(log, runs, data_of_motors, subset, logs_of_runs, levers, masses)
 
     errors = attempts.errors_on(runs)
     joints = np.flatnonzero(errors > MIN_ERROR)
@@ -361,7 +358,7 @@ def _row_trials(
     recipe = logs.runs.recipe
     for explanation in ROW_EXPLANATIONS:
         mask = faulty_rows[explanation.name]
-        in_runs = np.stack([mask[segment].any(axis=0) for segment in logs.segments])
+        in_runs = np.stack([mask[segment].any(axis=0) for segment in logs.subset.segments])
 
         # one joint at a time: the other joints keep their rows
         for joint in joints[in_runs[:, joints].any(axis=0)]:

@@ -11,27 +11,31 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from motorprior.identification import windows
+from motorprior.logs.loads_bodies import TURN_POWERS
 
-# Channels of gravity, after the channels of `windows`: lever and slope (`GravityLevers`); of the
-# joint that an explanation turns, its axis, its angle, and whether it is this joint itself. Vectors
-# have the directions x, y and z
+# Further channels, after those of `windows`, of three kinds of explanations.
 _FIRST = windows.CHANNELS + windows.FRAME_CHANNELS
+# Gravity: lever and slope (`GravityLevers`) in the directions x, y and z
 LEVER = slice(_FIRST, _FIRST + 3)
 SLOPE = slice(_FIRST + 3, _FIRST + 6)
-AXIS = slice(_FIRST + 6, _FIRST + 9)
-TURNED_POS = _FIRST + 9
-IS_TURNED = _FIRST + 10
-CHANNELS_WITH_GRAVITY = _FIRST + 11
-# Channels of a mass on a link, in the place of those of gravity: coefficients of `LinkMass`
+CHANNELS_WITH_GRAVITY = _FIRST + 6
+# A mass on a link: coefficients of `LinkMass`
 MASS_INERTIA = slice(_FIRST, _FIRST + 3)
 MASS_EXTERNAL = slice(_FIRST + 3, _FIRST + 6)
 MASS_STIFFNESS = slice(_FIRST + 6, _FIRST + 9)
 CHANNELS_WITH_MASS = _FIRST + 9
+# A joint that is turned: coefficients of `turned_loads`, its angle, and whether it is this joint
+TURNED_INERTIA = slice(_FIRST, _FIRST + TURN_POWERS)
+TURNED_EXTERNAL = slice(_FIRST + TURN_POWERS, _FIRST + 2 * TURN_POWERS)
+TURNED_STIFFNESS = slice(_FIRST + 2 * TURN_POWERS, _FIRST + 3 * TURN_POWERS)
+TURNED_POS = _FIRST + 3 * TURN_POWERS
+IS_TURNED = TURNED_POS + 1
+CHANNELS_WITH_TURN = IS_TURNED + 1
 
 
-def has_gravity(rows: np.ndarray) -> bool:
-    """Whether rows (T, channels, L) have the channels of gravity."""
-    return rows.shape[1] == CHANNELS_WITH_GRAVITY
+def has_turned_loads(rows: np.ndarray) -> bool:
+    """Whether rows (T, channels, L) have the channels of a joint that is turned."""
+    return rows.shape[1] == CHANNELS_WITH_TURN
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,8 @@ class Explanation:
         only_per_log: whether it is not tried on all logs together.
         is_shared: whether it has the same parameters for all joints.
         turns: whether it turns what a joint carries; with known bodies it is tried for one joint
-            after the other, and changes the loads of all joints that this joint carries.
+            after the other, and changes the loads of this joint, and of all joints that carry it or
+            that it carries.
         adds_mass: whether it adds a mass to the link of a joint; it is tried for one joint after
             the other, and changes the loads of all joints that carry this link.
     """

@@ -6,19 +6,22 @@ import numpy as np
 
 from motorprior.identification import windows as channel
 from motorprior.identification.explanations.explanation import (
-    AXIS,
     IS_TURNED,
     LEVER,
     MASS_EXTERNAL,
     MASS_INERTIA,
     MASS_STIFFNESS,
     SLOPE,
+    TURNED_EXTERNAL,
+    TURNED_INERTIA,
     TURNED_POS,
+    TURNED_STIFFNESS,
     Estimate,
     Explanation,
     Facts,
-    has_gravity,
+    has_turned_loads,
 )
+from motorprior.logs.loads_bodies import TURN_POWERS
 from motorprior.robots.robot import GRAVITY
 
 _MIN_OFFSET = 0.15  # of a command [rad]; the encoder zero of a motor takes up less
@@ -157,7 +160,7 @@ def _scaled_angle(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
 
 def _scale_of_joint(rows: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Scale exp(θ) of the joint that is turned; 1 for the joints that it carries."""
-    is_turned = rows[:, IS_TURNED] if has_gravity(rows) else 1.0
+    is_turned = rows[:, IS_TURNED] if has_turned_loads(rows) else 1.0
     return np.exp(theta[0] * is_turned)
 
 
@@ -174,7 +177,7 @@ def _scaled_joint(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
     With s = exp(θ), J·s·q̈ = kp·s·(u - q) + τ(s·q) for an external torque τ; τ/s is the external
     torque in logged units. Loads were computed at the logged angles.
     """
-    angle = rows[:, TURNED_POS] if has_gravity(rows) else rows[:, channel.POS]
+    angle = rows[:, TURNED_POS] if has_turned_loads(rows) else rows[:, channel.POS]
     rows = _turned(rows, np.expm1(theta[0]) * angle)
     scale = _scale_of_joint(rows, theta)
     external = rows[:, channel.EXTERNAL] + rows[:, channel.STIFFNESS] * rows[:, channel.POS]
@@ -240,23 +243,20 @@ def _moved_zero(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarra
 
 def _turned(rows: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """What the joint carries is turned about its axis by an angle (T, L) [rad]."""
-    cosine = np.cos(angle)
-    sine = np.sin(angle)
-    if has_gravity(rows):
-        # gravity in the frame of what is carried turns the other way, by Rodrigues' formula
-        axis = rows[:, AXIS]
-        level = np.zeros_like(axis)
-        level[:, 2] = -GRAVITY
-        cross = np.cross(axis, level, axis=1)
-        along = np.einsum("tdl,tdl->tl", axis, level)[:, None] * axis
-        turned = cosine[:, None] * level - sine[:, None] * cross
-        turned += (1.0 - cosine[:, None]) * along
-        is_carried = np.any(axis != 0.0, axis=1, keepdims=True)
-        return _gravity_change(rows, np.where(is_carried, turned, level))
+    if has_turned_loads(rows):
+        powers = angle[:, None] ** np.arange(1, 1 + TURN_POWERS)[:, None]  # (T, powers, L)
+        stiffness = np.sum(rows[:, TURNED_STIFFNESS] * powers, axis=1)
+        external = np.sum(rows[:, TURNED_EXTERNAL] * powers, axis=1)
+        rows[:, channel.INERTIA] += np.sum(rows[:, TURNED_INERTIA] * powers, axis=1)
+        rows[:, channel.EXTERNAL] += external - stiffness * rows[:, channel.POS]
+        rows[:, channel.STIFFNESS] += stiffness
+        return rows
 
     # without bodies: all of the external torque is that of one weight
     stiffness = rows[:, channel.STIFFNESS].copy()
     external = rows[:, channel.EXTERNAL] + stiffness * rows[:, channel.POS]
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     rows[:, channel.STIFFNESS] = cosine * stiffness - sine * external
     torque = cosine * external + sine * stiffness
     rows[:, channel.EXTERNAL] = torque - rows[:, channel.STIFFNESS] * rows[:, channel.POS]

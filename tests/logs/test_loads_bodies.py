@@ -1,5 +1,6 @@
-"""Loads of a mass on a link are those of a model that has it."""
+"""Loads of changed bodies: a mass on a link, a joint at another angle."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import two_link_arm
 
 from motorprior.logs.loads import LOADS, with_loads
-from motorprior.logs.loads_bodies import gravity_levers, link_masses
+from motorprior.logs.loads_bodies import gravity_levers, link_masses, turned_loads
 
 
 def test_a_mass_adds_the_loads_of_a_model_with_this_mass(tmp_path: Path):
@@ -32,3 +33,17 @@ def test_a_mass_adds_the_loads_of_a_model_with_this_mass(tmp_path: Path):
         added = getattr(expected, name) - getattr(log, name)
         tolerance = 2e-3 * np.abs(added).max()
         assert of_mass[1:-1] @ powers == pytest.approx(added[1:-1], abs=tolerance)
+
+
+def test_loads_of_a_turned_joint_are_those_of_the_arm_at_these_angles(tmp_path: Path):
+    turn = 0.3
+    robot = two_link_arm.robot_of(tmp_path)
+    log = two_link_arm.swing(robot, 2.0, 1)
+
+    coefficients = turned_loads(log, tuple(log.segment_slices()), joint=1)
+
+    turned = with_loads(replace(log, joint_pos=log.joint_pos + np.array([0.0, turn])), robot)
+    for name, of_turn in zip(LOADS, coefficients, strict=True):
+        change = getattr(turned, name) - getattr(log, name)
+        tolerance = 5e-3 * np.abs(change).max()
+        assert of_turn[1:-1] @ turn ** np.arange(1, 5) == pytest.approx(change[1:-1], abs=tolerance)
