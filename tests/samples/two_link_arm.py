@@ -67,8 +67,13 @@ def robot_of(folder: Path, tool_mass: float = 0.0, tool_distance: float = 0.3) -
     return load_robot(folder / "arm.toml")
 
 
-def swing(robot: Robot, seconds: float, seed: int, tool_mass: float = 0.0) -> MotorLog:
-    """Log of the arm with a tool, and the loads of the model of ``robot``."""
+def swing(
+    robot: Robot, seconds: float, seed: int, tool_mass: float = 0.0, elbow_zero: float = 0.0
+) -> MotorLog:
+    """Log of the arm with a tool, and the loads of the model of ``robot``.
+
+    ``elbow_zero`` is added to logged command and angle of the elbow [rad].
+    """
     rng = np.random.default_rng(seed)
     time = PERIOD * np.arange(round(seconds / PERIOD))
     commands = np.array([0.6, 0.8]) + _sines(rng, time)
@@ -91,10 +96,11 @@ def swing(robot: Robot, seconds: float, seed: int, tool_mass: float = 0.0) -> Mo
             mujoco.mj_step(model, data)
 
     ones = np.ones_like(angles)
+    zeros = np.array([0.0, elbow_zero])
     log = log_of(
         time,
-        commands,
-        angles + 1e-4 * rng.standard_normal(angles.shape),
+        commands + zeros,
+        angles + zeros + 1e-4 * rng.standard_normal(angles.shape),
         joint_vel=velocities,
         logged_kp=KP * ones,
         logged_kd=KD * ones,

@@ -163,3 +163,17 @@ def test_a_part_that_the_model_of_the_load_lacks_is_named_with_its_mass(tmp_path
     (note,) = explanations.notes()
     assert note.text.startswith("shoulder, elbow: the model of the load lacks 0.")
     assert "from elbow" in note.text
+
+
+def test_the_zero_of_one_joint_explains_the_errors_of_the_joint_that_carries_it(tmp_path: Path):
+    arm = two_link_arm.robot_of(tmp_path)
+    log = two_link_arm.swing(arm, SECONDS, 2, elbow_zero=0.25)
+
+    explanations = explained(log)
+
+    (cause,) = explanations.causes
+    best = cause.trials[0]
+    assert best.name == "zero"
+    assert best.turned_joint == 1
+    assert 1 in cause.joints
+    assert best.estimate(1).values[0] == pytest.approx(-0.25, abs=0.03)
