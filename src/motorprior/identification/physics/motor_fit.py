@@ -35,6 +35,7 @@ from motorprior.identification.physics.descents import (
     reachable,
 )
 from motorprior.identification.physics.effect_scales import effect_scale
+from motorprior.identification.physics.limits import with_decided_limits
 from motorprior.identification.physics.motor_model_fit import (
     fitted_with_models,
     level_of_logs,
@@ -56,7 +57,6 @@ from motorprior.identification.physics.population_fit import (
     empirical_bayes,
     searched_near_others,
 )
-from motorprior.identification.physics.refinement import without_unidentified_limits
 from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.search import FIXED, NARROW, Fit, GaussianPrior, Search
 
@@ -152,7 +152,10 @@ def fit_motors(
             fit = refined_with_models(search, fit.x, fixed, level)
         for _ in range(restarts - restarts // 4 + TURNS):
             report()
-    x = without_unidentified_limits(search, center, terms, runs, fit, fixed, level)
+    groups = search.all_problems
+    if together:
+        groups = runs.classes if level is None else level.index
+    x = with_decided_limits(search, center, terms, runs, fit.x, fixed, groups, level)
     x = np.where(fixed, 0.0, x)
 
     # move the centre to a point from which the decoder reaches every motor

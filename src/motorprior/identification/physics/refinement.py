@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS, parameters_of
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
-from motorprior.actuator.optional_terms import NEGLIGIBLE
 from motorprior.identification.checkpoint import PartCheckpoint, unsaved_part
-from motorprior.identification.physics.descents import FINEST, RIGID_STEPS, STEPS
+from motorprior.identification.physics.descents import FINEST, STEPS
 from motorprior.identification.physics.motor_model_fit import (
     ModelLevel,
     level_of_logs,
@@ -21,7 +20,6 @@ from motorprior.identification.physics.motor_model_fit import (
     refined_with_models,
 )
 from motorprior.identification.physics.motor_problem import (
-    DISABLED_LIMIT_FACTOR,
     WEAK_PRECISION,
     fixed_constants,
     initial_center,
@@ -29,20 +27,18 @@ from motorprior.identification.physics.motor_problem import (
     single_motor_prior,
 )
 from motorprior.identification.physics.population_fit import population_prior, posterior_variance
-from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.identification.physics.window_runs import WindowRuns
 from motorprior.identification.presets import Recipe
 from motorprior.identification.search import (
     FIXED,
     NARROW,
     WIDE,
-    Fit,
     GaussianPrior,
     Search,
     Steps,
 )
 from motorprior.identification.windows import TrainingData
 
-MIN_LIMIT_SAVING = 0.02  # share of the loss that a limit must save, otherwise it is off
 # factors on constants of the initial motor that make its gear stiff. Short velocity filters are not
 # tried in this way: that costs two of five mrad in an unseen leg of a real quadruped
 STIFF_GEAR = {"gear_stiffness": 140.0, "backlash": 1e-4}
@@ -54,50 +50,6 @@ MIN_LONGER_WINDOWS = 10
 MAX_LOST_ROWS = 0.2  # share of the rows
 # refinement: wide differences average over ripples, narrow ones find the minimum
 REFINEMENT = ((10, WIDE), (10, NARROW), (10, FINEST))
-
-
-def without_unidentified_limits(
-    search: Search,
-    center: np.ndarray,
-    terms: tuple[str, ...],
-    runs: WindowRuns,
-    fit: Fit,
-    fixed: np.ndarray,
-    level: ModelLevel | None = None,
-) -> np.ndarray:
-    """(M, K) unknowns of the fit, without limits that save less than MIN_LIMIT_SAVING of the loss.
-
-    With limits that the logs do not identify, the motor could saturate in other motions. A limit
-    that is off is DISABLED_LIMIT_FACTOR times the largest request or speed; a limit of acceleration
-    that is off has its value in `NEGLIGIBLE`. A limit that the maker states is never off.
-    """
-    x = np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
-    names = parameters_of(terms)
-
-    kp = names.index("kp")
-    requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request  # (M,) [N·m]
-    off_values = {"torque_limit": DISABLED_LIMIT_FACTOR * requested_torque.max()}
-    for name in SPEED_LIMITS:
-        off_values[name] = DISABLED_LIMIT_FACTOR * runs.max_speed
-    off_values["profile_acceleration"] = NEGLIGIBLE["profile_acceleration"]
-
-    for name, value in off_values.items():
-        if name in names and value:
-            column = names.index(name)
-            if level is not None and level.is_stated[:, column].all():
-                continue
-            off = np.clip(np.log(value) - center[column], x[:, column], MAX_LOG_FACTOR)
-            x = _set_where_cheap(
-                search,
-                x,
-                fixed,
-                {column: off},
-                RIGID_STEPS[1:],
-                search.all_problems,
-                MIN_LIMIT_SAVING,
-                level,
-            )
-    return x
 
 
 def with_stiff_gears(

@@ -1,0 +1,337 @@
+"""Limits that the logs identify, decided by the windows in which they bind.
+
+A motor saturates in few windows, and the loss grows slowly with large errors. The share of the
+total loss that a limit saves therefore says little about it. Each limit of torque, speed or
+acceleration is decided in three steps:
+
+1. Propose a value: the best of descents from several values.
+2. Fit the motors to every second block of the logs, with the limit and without it.
+3. Compare both fits on the windows of the other blocks in which the limit binds: in which it
+   changes the simulated motion. The limit is kept if the losses of these windows are significantly
+   smaller with it, by Wilcoxon's signed-rank test of the logarithms of their ratios at LEVEL.
+
+For a motor with fewer than MIN_BINDING such windows, the windows of its siblings are added, the
+motors of its model or class. If those are too few as well, the limit must save MIN_SAVING of the
+loss of all windows of the motor in which it binds.
+
+A limit that is much lower than its siblings' limits, or than what its siblings reach without a
+limit, is replaced by the siblings' median.
+
+A limit that is not kept is off: DISABLED_LIMIT_FACTOR times the largest request or speed, or the
+value in `NEGLIGIBLE` for an acceleration. With a limit that the logs do not identify, the motor
+could saturate in other motions. A limit that the maker states is never off.
+"""
+
+from typing import Any, cast
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
+from motorprior.actuator.optional_terms import NEGLIGIBLE
+from motorprior.identification.physics.descents import RIGID_STEPS
+from motorprior.identification.physics.effect_scales import effect_scale
+from motorprior.identification.physics.estimate_uncertainty import blocks_of
+from motorprior.identification.physics.motor_model_fit import (
+    MAX_DEVIATION,
+    OTHER_STD,
+    ModelLevel,
+    likelihood_scale,
+)
+from motorprior.identification.physics.motor_problem import (
+    DISABLED_LIMIT_FACTOR,
+    WEAK_PRECISION,
+    centred_search,
+)
+from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
+from motorprior.identification.search import FIXED, WIDE, GaussianPrior, Search
+
+LEVEL = 0.05  # of the signed-rank test
+MIN_BINDING = 5  # fewer windows cannot be significant at this level
+MIN_SAVING = 0.2  # share of the loss of the windows in which a limit binds
+MIN_LOG_RATIO = -np.log(1.0 - MIN_SAVING)
+MIN_LOG_RATIO_OF_FEW = np.log(2.0)  # for a motor with fewer than MIN_BINDING windows
+# A limit binds in a window in which it changes a scaled error by more than this: 1 mrad or
+# 0.03 rad/s.
+MIN_CHANGE = 0.1
+# Scan of a limit: number of values, and their range relative to what the log reached. Accelerations
+# are relative to the value without effect.
+SCANNED = 8
+TORQUE_RANGE = (0.05, 0.8)
+SPEED_RANGE = (1.02, 3.0)
+ACCELERATION_RANGE = (2e-3, 0.5)
+PROPOSAL_STEPS = ((10, WIDE),)
+
+
+def with_decided_limits(
+    search: Search,
+    center: np.ndarray,
+    terms: tuple[str, ...],
+    runs: WindowRuns,
+    x: np.ndarray,
+    fixed: np.ndarray,
+    groups: np.ndarray,
+    level: ModelLevel | None = None,
+) -> np.ndarray:
+    """(M, K) unknowns x (M, K) of a fit, with the limits that the logs identify.
+
+    Args:
+        search: of the motors' problems, on ``runs``.
+        center: (K,) decoder outputs of the central motor.
+        terms: optional terms of the motors.
+        runs: free runs over the logs.
+        x: unknowns of the fit.
+        fixed: (K,) mask of the constants that are not fitted.
+        groups: (M,) motors of one group are siblings.
+        level: motor models, near whose means the motors stay.
+    """
+    x = np.clip(x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+    names = parameters_of(terms)
+    for name in ("torque_limit", *SPEED_LIMITS, "profile_acceleration"):
+        if name not in names:
+            continue
+        column = names.index(name)
+        is_stated = level is not None and level.is_stated[:, column].all()
+        if fixed[column] or is_stated or _off_value(name, center, terms, runs, x) == 0.0:
+            continue
+        x = _LimitDecision(search, center, terms, runs, x, fixed, groups, level, name).decided()
+    return x
+
+
+def _off_value(
+    name: str, center: np.ndarray, terms: tuple[str, ...], runs: WindowRuns, x: np.ndarray
+) -> float:
+    """Value of a limit that is off; 0 if the logs do not move."""
+    if name == "profile_acceleration":
+        return NEGLIGIBLE[name]
+    if name in SPEED_LIMITS:
+        return DISABLED_LIMIT_FACTOR * runs.max_speed
+    kp = parameters_of(terms).index("kp")
+    requested_torque = np.exp(center[kp] + x[:, kp]) * runs.max_request  # (M,) [N·m]
+    return DISABLED_LIMIT_FACTOR * float(requested_torque.max())
+
+
+class _LimitDecision:
+    """Decision on one limit of all motors; arguments as for `with_decided_limits`."""
+
+    def __init__(
+        self,
+        search: Search,
+        center: np.ndarray,
+        terms: tuple[str, ...],
+        runs: WindowRuns,
+        x: np.ndarray,
+        fixed: np.ndarray,
+        groups: np.ndarray,
+        level: ModelLevel | None,
+        name: str,
+    ):
+        names = parameters_of(terms)
+        self._search = search
+        self._x = x
+        self._fixed = fixed
+        self._level = level
+        self._column = names.index(name)
+        self._is_limit = np.arange(len(names)) == self._column
+        self._groups = groups
+
+        log_off = np.log(_off_value(name, center, terms, runs, x)) - center[self._column]
+        self._off = np.clip(log_off, x[:, self._column], MAX_LOG_FACTOR)
+        values = {key: np.exp(center[index] + x[:, index]) for index, key in enumerate(names)}
+        reached = effect_scale(name, values, runs)  # (M,)
+        with np.errstate(divide="ignore"):
+            self._log_reached = np.log(reached) - center[self._column]
+        self._scan = _scan(name, self._log_reached, center[self._column])
+
+        self._center = center
+        self._terms = terms
+        self._runs = runs
+
+    def decided(self) -> np.ndarray:
+        """(M, K) unknowns with the limit decided."""
+        proposed = self._proposed()
+        binds = self._binds(proposed)
+        off = self._x.copy()
+        off[:, self._column] = self._off
+        with_limit = off.copy()
+        without_limit = off.copy()
+        is_test = np.zeros(binds.shape, bool)
+        for motor in np.flatnonzero(binds.any(axis=1)).tolist():
+            is_test[motor] = is_held_out(self._runs, binds[motor])
+            fits = self._fitted_to_rest(motor, proposed, off, is_test[motor])
+            with_limit[motor], without_limit[motor] = fits
+
+        binds = self._binds(with_limit)
+        losses_with = self._search.observation_losses(with_limit)
+        losses_without = self._search.observation_losses(without_limit)
+        ratios = np.log(losses_without + 1e-9) - np.log(losses_with + 1e-9)
+        kept = np.array([self._is_kept(motor, binds, is_test, ratios) for motor in range(len(off))])
+        value = np.where(kept, with_limit[:, self._column], self._off)
+        contradicted, siblings_value = self._contradicted(value, kept)
+        value = np.where(contradicted, siblings_value, value)
+
+        # A fit that already has the decided limit stays as it is.
+        binds_in_fit = self._binds(self._x)
+        losses_of_fit = self._search.observation_losses(self._x)
+        is_worse = np.sum(binds * (losses_of_fit - (1.0 + MIN_SAVING) * losses_with), axis=1) > 0.0
+        is_changed = np.where(kept, is_worse, binds_in_fit.any(axis=1)) | contradicted
+        x = np.where(kept[:, None], self._x, off)
+        changed = np.flatnonzero(is_changed)
+        if len(changed):
+            start = np.where(kept[:, None], with_limit, without_limit)
+            start[:, self._column] = value
+            holds_limit = ~kept | contradicted
+            x[changed] = self._descended(self._search, start, holds_limit, changed)
+        return x
+
+    def _proposed(self) -> np.ndarray:
+        """(M, K) the best of the fit and of descents from the values of the scan."""
+        motors = self._search.all_problems
+        count = self._scan.shape[1]
+        starts = np.repeat(self._x[None], count, axis=0)  # (SCANNED, M, K)
+        starts[:, :, self._column] = self._scan.T
+        prior = self._prior(self._x, np.broadcast_to(self._fixed, self._x.shape))
+        prior.precision[:, self._column] = 0.0
+        size = starts.shape[-1]
+        fit = self._search.at(self._x, prior)
+        fits = self._search.descend(
+            starts.reshape(-1, size), prior, PROPOSAL_STEPS, np.tile(motors, count)
+        )
+        for index in range(count):
+            fit = fit.better(fits.subset(index * len(motors) + motors))
+        return np.clip(fit.x, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+    def _prior(self, start: np.ndarray, frozen: np.ndarray) -> GaussianPrior:
+        """Prior of the motors, which are ``frozen`` (M, K) at ``start`` (M, K) or near it."""
+        prior = GaussianPrior(start, np.where(frozen, FIXED, WEAK_PRECISION))
+        if self._level is None:
+            return prior
+        scale = likelihood_scale(self._search, self._search.losses(self._x))
+        near_siblings = self._level.prior_of(self._x, scale, self._fixed)
+        return GaussianPrior(
+            np.where(frozen, start, near_siblings.mean),
+            np.where(frozen, FIXED, near_siblings.precision),
+        )
+
+    def _fitted_to_rest(
+        self, motor: int, proposed: np.ndarray, off: np.ndarray, is_test: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) unknowns of a motor with and without its limit, fitted to windows without a test.
+
+        ``proposed`` and ``off`` (M, K) are the starts; ``is_test`` (N,) are the held-out windows.
+        """
+        is_training = np.zeros(self._runs.windows, bool)
+        is_training[self._runs.counted[~is_test]] = True
+        search = centred_search(self._center, self._terms, self._runs.counting(is_training))
+        problem = np.array([motor])
+        free = np.zeros(len(off), bool)
+        with_limit = self._descended(search, proposed, free, problem)
+        without_limit = self._descended(search, off, ~free, problem)
+        return with_limit[0], without_limit[0]
+
+    def _descended(
+        self, search: Search, start: np.ndarray, holds_limit: np.ndarray, motors: np.ndarray
+    ) -> np.ndarray:
+        """(m, K) unknowns of ``motors`` (m,) after a descent from ``start`` (M, K).
+
+        The limit of motors in ``holds_limit`` (M,) is fixed.
+        """
+        frozen = self._fixed | (holds_limit[:, None] & self._is_limit)
+        prior = self._prior(start, frozen)
+        x = search.descend(start[motors], prior, RIGID_STEPS, motors).x
+        return np.clip(np.where(frozen[motors], start[motors], x), -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+    def _binds(self, x: np.ndarray) -> np.ndarray:
+        """(M, N) mask of the windows in which the limit of motors x (M, K) binds."""
+        off = x.copy()
+        off[:, self._column] = np.maximum(self._off, x[:, self._column])
+        problem = self._search.problem
+        binds = []
+        for motor in range(len(x)):
+            lanes = np.stack([x[motor], off[motor]])
+            with np.errstate(over="ignore", invalid="ignore"):
+                residuals = problem.residuals(lanes, np.array([motor, motor]))
+                change = np.abs(residuals[0] - residuals[1]).reshape(problem.observations, -1)
+            binds.append(~(change.max(axis=1) <= MIN_CHANGE))
+        return np.array(binds)
+
+    def _is_kept(
+        self, motor: int, binds: np.ndarray, is_test: np.ndarray, ratios: np.ndarray
+    ) -> bool:
+        """Whether the windows in which the limit of a motor binds are simulated better with it.
+
+        ``binds`` and ``is_test`` (M, N) are masks; ``ratios`` (M, N) are the logarithms of the
+        losses without a limit over the losses with it.
+        """
+        own = ratios[motor, binds[motor]]
+        own_test = ratios[motor, binds[motor] & is_test[motor]]
+        if len(own_test) >= MIN_BINDING:
+            return own_test.mean() > MIN_LOG_RATIO or _is_significant(own_test)
+
+        siblings = self._groups == self._groups[motor]
+        of_siblings = ratios[binds & is_test & siblings[:, None]]
+        if len(own) and len(of_siblings) >= MIN_BINDING and _is_significant(of_siblings):
+            return own.mean() > 0.0
+        if len(own) >= MIN_BINDING and _is_significant(own):
+            return True
+        return len(own) > 0 and own.mean() > MIN_LOG_RATIO_OF_FEW
+
+    def _contradicted(self, value: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) whether siblings contradict a low limit, and the value (M,) that they suggest.
+
+        ``value`` (M,) are the limits, and ``kept`` (M,) those that are not off. A sibling without a
+        limit has at least the one that its log reached.
+        """
+        shift = np.zeros(len(value))
+        if self._level is not None:
+            shift = self._level.shift[:, self._column]
+        own = value - shift
+        lower_bound = np.where(kept, value, self._log_reached) - shift
+        contradicted = np.zeros(len(value), bool)
+        suggested = value.copy()
+        for motor in np.flatnonzero(kept):
+            is_sibling = self._groups == self._groups[motor]
+            is_sibling[motor] = False
+            if not is_sibling.any():
+                continue
+            theirs = np.where(kept, own, np.maximum(lower_bound, own[motor]))[is_sibling]
+            std = OTHER_STD * np.sqrt(1.0 + 1.0 / is_sibling.sum())
+            if np.median(theirs) - own[motor] > MAX_DEVIATION * std:
+                contradicted[motor] = True
+                known = is_sibling & kept
+                suggested[motor] = self._off[motor]
+                if known.any():
+                    suggested[motor] = np.median(own[known]) + shift[motor]
+        return contradicted, np.clip(suggested, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+
+def is_held_out(runs: WindowRuns, binds: np.ndarray) -> np.ndarray:
+    """(N,) mask of the counted windows that are held out.
+
+    They are in every second block of the logs. Windows in which a limit ``binds`` (N,) are held out
+    in every second sequence of such windows, or every second one if there is only one sequence.
+    """
+    blocks = np.unique(blocks_of(runs), return_inverse=True)[1]
+    is_first = binds & ~np.concatenate([[False], binds[:-1]])
+    sequences = np.cumsum(is_first)  # (N,) number of the sequence, from 1
+    if sequences[-1] == 1:
+        sequences = np.cumsum(binds)
+    return np.where(binds, sequences, blocks) % 2 == 1
+
+
+def _scan(name: str, log_reached: np.ndarray, center: float) -> np.ndarray:
+    """(M, SCANNED) values of a limit to try, relative to the ``center``."""
+    ends = TORQUE_RANGE if name == "torque_limit" else SPEED_RANGE
+    if name == "profile_acceleration":
+        log_reached = np.full(len(log_reached), np.log(NEGLIGIBLE[name]) - center)
+        ends = ACCELERATION_RANGE
+    factors = np.linspace(np.log(ends[0]), np.log(ends[1]), SCANNED)
+    return np.clip(log_reached[:, None] + factors, -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
+
+
+def _is_significant(ratios: np.ndarray) -> bool:
+    """Whether the logarithms of ratios are positive, by the signed-rank test."""
+    from scipy.stats import wilcoxon  # here: it takes half a second to import
+
+    if not ratios.any():
+        return False
+    return float(cast(Any, wilcoxon(ratios, alternative="greater")).pvalue) < LEVEL

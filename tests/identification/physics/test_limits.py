@@ -1,0 +1,82 @@
+"""Limits are decided by the windows in which they bind."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from motorprior.actuator.geared_motor_step import PARAMETERS
+from motorprior.identification.physics.limits import with_decided_limits
+from motorprior.identification.physics.motor_fit import fit_motors
+from motorprior.identification.physics.motor_problem import (
+    centred_search,
+    fixed_constants,
+    grey_box,
+    initial_center,
+)
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.presets import PRESETS
+from motorprior.identification.windows import POS, READING, TARGET, TORQUE, VEL, TrainingData
+
+Data = Callable[..., TrainingData]
+PRESET = replace(PRESETS["per_motor"], warm_up=60)
+LIMIT = PARAMETERS.index("torque_limit")
+KP = PARAMETERS.index("kp")
+KD_OVER_KP = PARAMETERS.index("kd_over_kp")
+
+
+def noisy_logs(decoder_data: Data, limits: list[float]) -> tuple[WindowRuns, np.ndarray]:
+    """Free runs over noisy logs of motors with these limits, and the motors' outputs (M, K)."""
+    center = initial_center(())
+    z = 0.1 * np.random.default_rng(1).standard_normal((len(limits), len(center)))
+    z[:, LIMIT] = np.log(limits) - center[LIMIT]
+    data = decoder_data(grey_box(center, (), PRESET), z, segments=20, rows=400)
+    noise = np.random.default_rng(5).standard_normal((*data.series.shape[:2], 3))
+    series = data.series.copy()
+    series[..., [POS, VEL, TORQUE]] += (noise * [3e-4, 0.02, 0.02]).astype(np.float32)
+    series[..., READING] = series[..., POS]
+    return WindowRuns(replace(data, series=series), PRESET), center + z
+
+
+def saturated_share(runs: WindowRuns, outputs: np.ndarray) -> np.ndarray:
+    """(M,) share of rows in which the control law requests more than the limit of a motor."""
+    rows = np.concatenate([segment.rows for segment in runs.segments])
+    kp, kd_over_kp, limit = np.exp(outputs[:, [KP, KD_OVER_KP, LIMIT]]).T
+    error = rows[:, TARGET] - rows[:, POS]
+    request = kp * (error - kd_over_kp * rows[:, VEL])
+    return np.mean(np.abs(request) > limit, axis=0)
+
+
+def test_a_limit_that_binds_in_few_rows_is_found(decoder_data: Data):
+    runs, outputs = noisy_logs(decoder_data, [2.1])
+    share = saturated_share(runs, outputs)
+    assert np.all((share > 0.005) & (share < 0.04)), share
+
+    fits = fit_motors(runs, (), together=False, seed=0, restarts=6)
+
+    np.testing.assert_allclose(np.exp(fits.outputs[:, LIMIT]), 2.1, rtol=0.1)
+
+
+def test_a_limit_that_a_search_missed_is_found_in_the_fit(decoder_data: Data):
+    runs, outputs = noisy_logs(decoder_data, [1.5, 1.5])
+    center = initial_center(())
+    x = outputs - center
+    x[:, LIMIT] = 4.0
+
+    x = decided(runs, center, x, groups=np.arange(2))
+
+    np.testing.assert_allclose(np.exp(center[LIMIT] + x[:, LIMIT]), 1.5, rtol=0.1)
+
+
+def test_a_low_limit_that_all_siblings_exceed_is_off(decoder_data: Data):
+    runs, outputs = noisy_logs(decoder_data, [1.0, 60.0, 60.0])
+    center = initial_center(())
+
+    x = decided(runs, center, outputs - center, groups=np.zeros(3, int))
+
+    assert np.all(np.exp(center[LIMIT] + x[:, LIMIT]) > 10.0)
+
+
+def decided(runs: WindowRuns, center: np.ndarray, x: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    search = centred_search(center, (), runs)
+    return with_decided_limits(search, center, (), runs, x, fixed_constants((), runs), groups)
