@@ -36,6 +36,7 @@ from motorprior.signals import rms
 
 PRIOR = "prior"
 TUNED_PD = "tuned_pd"
+PER_MOTOR = "per_motor"
 SIMPLER_MODELS = (
     "ideal_pd",
     TUNED_PD,
@@ -44,6 +45,7 @@ SIMPLER_MODELS = (
     "servo_limits",
     "coulomb_viscous",
     "stribeck",
+    PER_MOTOR,
 )
 MAX_UNEXPLAINED = 0.35  # share of the tuned PD's error above which samples of a prior vary more
 MIN_ADVANTAGE = 0.1  # share by which the error of a simpler model must be smaller

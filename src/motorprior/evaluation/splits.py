@@ -128,6 +128,16 @@ def split(logs: Mapping[str, MotorLog], train_seconds: float, test_seconds: floa
     return Split(train, test, rule)
 
 
+def alternating_chunks(log: MotorLog, seconds: float) -> tuple[MotorLog, MotorLog]:
+    """Chunks of a log in turn, for training and for a test, of about ``seconds`` each.
+
+    Raises LogError if no joint moves in both.
+    """
+    train, test = _chunks({log.source: log})
+    pieces = [_evenly_spaced(chunks, seconds) for chunks in (train, test)]
+    return pieces[0][log.source], pieces[1][log.source]
+
+
 def _moving_part(log: MotorLog) -> MotorLog:
     """From the row before the first change of a command to the row after the last.
 

@@ -25,6 +25,7 @@ from motorprior.evaluation.errors import (
     notes_on_log,
     replay_errors,
 )
+from motorprior.evaluation.held_out_baselines import better_baselines
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of, unsaved
 from motorprior.identification.explanations.explain import explain
@@ -236,9 +237,13 @@ def _fitted(
     metrics = training_errors.with_training_errors(metrics, model, data, recipe, mean, log)
     for note in result.notes:
         progress.report(note)
-    if explains:
-        for note in _explanations(log, data, result):
+    if explains and isinstance(model, GreyBox):
+        separate, x = _separate(result)
+        for note in _explanations(log, data, result, separate, x):
             progress.report(note)
+        if log.joint_names != bench_names(log.num_joints):
+            for warning in better_baselines(separate, x, log, recipe, seed, progress):
+                progress.warn(warning)
 
     misfit = np.ones(log.num_joints)
     if isinstance(model, GreyBox):
@@ -291,15 +296,21 @@ def _fitted(
     return prior
 
 
-def _explanations(log: MotorLog, data: TrainingData, result: TrainingResult) -> list[Note]:
-    """What in the log explains the errors of the fitted motors."""
-    model = result.model
-    if not isinstance(model, GreyBox) or data.command_mode in ("velocity", "torque"):
-        return []
-    outputs = model.outputs(result.mean)
+def _separate(result: TrainingResult) -> tuple[GreyBox, np.ndarray]:
+    """The fitted motors with one latent per constant: model and latents (M, K)."""
+    assert isinstance(result.model, GreyBox)
+    outputs = result.model.outputs(result.mean)
     center = np.median(outputs, axis=0)
-    separate = grey_box(center, model.terms, result.recipe)
-    return explain(log, data, result.recipe, separate, outputs - center).notes()
+    return grey_box(center, result.model.terms, result.recipe), outputs - center
+
+
+def _explanations(
+    log: MotorLog, data: TrainingData, result: TrainingResult, separate: GreyBox, x: np.ndarray
+) -> list[Note]:
+    """What in the log explains the errors of the fitted motors, see `_separate`."""
+    if data.command_mode in ("velocity", "torque"):
+        return []
+    return explain(log, data, result.recipe, separate, x).notes()
 
 
 def _report_data(log: MotorLog, recipe: Recipe, data: TrainingData, progress: Progress) -> None:

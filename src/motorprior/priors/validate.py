@@ -7,7 +7,7 @@ from pathlib import Path
 from motorprior.actuator.motor_prior import MotorPrior
 from motorprior.bounds import require_count, require_seed
 from motorprior.evaluation.bands import log_coverage, zero_shot
-from motorprior.evaluation.errors import PRIOR, TUNED_PD, notes_on_log
+from motorprior.evaluation.errors import PER_MOTOR, PRIOR, TUNED_PD, notes_on_log
 from motorprior.evaluation.free_runs import (
     FREE_RUN,
     MEDIAN_AND_MEAN,
@@ -41,11 +41,11 @@ TRAINED_ON = "prior_was_trained_on_this_log"
 # baseline -> preset of identification. per_motor fits the physics of each motor alone;
 # pooled_network is one network for all motors.
 POOLED_NETWORK = "pooled_network"
-BASELINE_PRESETS = {"per_motor": "pace", POOLED_NETWORK: "one_network"}
+BASELINE_PRESETS = {PER_MOTOR: "pace", POOLED_NETWORK: "one_network"}
 # baseline -> preset for a prior of preset long_runs or quick; these are for servos with much
 # friction
 SERVO_BASELINE_PRESETS = {
-    "per_motor": "pace_long_runs",
+    PER_MOTOR: "pace_long_runs",
     "coulomb_viscous": "coulomb_viscous",
     "stribeck": "stribeck",
 }
