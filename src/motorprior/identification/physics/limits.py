@@ -5,14 +5,15 @@ total loss that a limit saves therefore says little about it. Each limit of torq
 acceleration is decided in three steps:
 
 1. Propose a value: the best of descents from several values.
-2. Fit the motors to every second block of the logs, with the limit and without it.
+2. Fit the motor to every second block of its log, with the limit and without it.
 3. Compare both fits on the windows of the other blocks in which the limit binds: in which it
-   changes the simulated motion. The limit is kept if the losses of these windows are significantly
-   smaller with it, by Wilcoxon's signed-rank test of the logarithms of their ratios at LEVEL.
+   changes the simulated motion. The limit is kept if it saves MIN_SAVING of the losses of these
+   windows, as a geometric mean, or if the saving is significant at LEVEL by Wilcoxon's signed-rank
+   test of the logarithms of the ratios of the losses.
 
-For a motor with fewer than MIN_BINDING such windows, the windows of its siblings are added, the
-motors of its model or class. If those are too few as well, the limit must save MIN_SAVING of the
-loss of all windows of the motor in which it binds.
+A motor with fewer than MIN_BINDING such windows keeps its limit in three cases: the saving is
+significant together with the windows of its siblings, the motors of its model or class; it is
+significant on all its windows in which the limit binds; or it is more than half of their losses.
 
 A limit that is much lower than its siblings' limits, or than what its siblings reach without a
 limit, is replaced by the siblings' median.
@@ -49,7 +50,7 @@ LEVEL = 0.05  # of the signed-rank test
 MIN_BINDING = 5  # fewer windows cannot be significant at this level
 MIN_SAVING = 0.2  # share of the loss of the windows in which a limit binds
 MIN_LOG_RATIO = -np.log(1.0 - MIN_SAVING)
-MIN_LOG_RATIO_OF_FEW = np.log(2.0)  # for a motor with fewer than MIN_BINDING windows
+MIN_LOG_RATIO_OF_FEW = np.log(2.0)  # for fewer than MIN_BINDING windows
 # A limit binds in a window in which it changes a scaled error by more than this: 1 mrad or
 # 0.03 rad/s.
 MIN_CHANGE = 0.1
@@ -173,7 +174,8 @@ class _LimitDecision:
         binds_in_fit = self._binds(self._x)
         losses_of_fit = self._search.observation_losses(self._x)
         is_worse = np.sum(binds * (losses_of_fit - (1.0 + MIN_SAVING) * losses_with), axis=1) > 0.0
-        is_changed = np.where(kept, is_worse, binds_in_fit.any(axis=1)) | contradicted
+        is_bound = binds_in_fit.any(axis=1)
+        is_changed = np.where(kept, is_worse | ~is_bound, is_bound) | contradicted
         x = np.where(kept[:, None], self._x, off)
         changed = np.flatnonzero(is_changed)
         if len(changed):
