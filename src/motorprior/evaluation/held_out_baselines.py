@@ -35,6 +35,8 @@ def better_baselines(
 
     ``model`` has one latent per constant. The warning is about the best of the simpler models.
     """
+    if log.command_mode in ("velocity", "torque"):  # there are no responses
+        return []
     excited = excited_joints(log)
     places = np.linspace(0, len(excited) - 1, min(len(excited), MAX_JOINTS))
     joints = [int(excited[round(place)]) for place in places.tolist()]

@@ -25,7 +25,6 @@ from motorprior.evaluation.errors import (
     notes_on_log,
     replay_errors,
 )
-from motorprior.evaluation.held_out_baselines import better_baselines
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of, unsaved
 from motorprior.identification.explanations.explain import explain
@@ -242,6 +241,9 @@ def _fitted(
         for note in _explanations(log, data, result, separate, x):
             progress.report(note)
         if log.joint_names != bench_names(log.num_joints):
+            # here: the import of the package stays light
+            from motorprior.evaluation.held_out_baselines import better_baselines
+
             for warning in better_baselines(separate, x, log, recipe, seed, progress):
                 progress.warn(warning)
 
