@@ -29,7 +29,7 @@ import numpy as np
 
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
 from motorprior.actuator.optional_terms import NEGLIGIBLE
-from motorprior.identification.physics.descents import RIGID_STEPS, STEPS
+from motorprior.identification.physics.descents import RIGID_STEPS
 from motorprior.identification.physics.effect_scales import effect_scale
 from motorprior.identification.physics.estimate_uncertainty import blocks_of
 from motorprior.identification.physics.motor_model_fit import (
@@ -44,7 +44,7 @@ from motorprior.identification.physics.motor_problem import (
     centred_search,
 )
 from motorprior.identification.physics.window_runs import SPEED_LIMITS, WindowRuns
-from motorprior.identification.search import FIXED, WIDE, GaussianPrior, Search, Steps
+from motorprior.identification.search import FIXED, WIDE, GaussianPrior, Search
 
 LEVEL = 0.05  # of the signed-rank test
 MIN_BINDING = 5  # fewer windows cannot be significant at this level
@@ -60,7 +60,7 @@ SCANNED = 8
 TORQUE_RANGE = (0.05, 0.8)
 SPEED_RANGE = (1.02, 3.0)
 ACCELERATION_RANGE = (2e-3, 0.5)
-PROPOSAL_STEPS = ((6, 0.2), (6, WIDE))
+PROPOSAL_STEPS = ((10, WIDE),)
 
 
 def with_decided_limits(
@@ -182,7 +182,7 @@ class _LimitDecision:
             start = np.where(kept[:, None], with_limit, without_limit)
             start[:, self._column] = value
             holds_limit = ~kept | contradicted
-            x[changed] = self._descended(self._search, start, holds_limit, changed, STEPS)
+            x[changed] = self._descended(self._search, start, holds_limit, changed)
         return x
 
     def _proposed(self) -> np.ndarray:
@@ -231,12 +231,7 @@ class _LimitDecision:
         return with_limit[0], without_limit[0]
 
     def _descended(
-        self,
-        search: Search,
-        start: np.ndarray,
-        holds_limit: np.ndarray,
-        motors: np.ndarray,
-        steps: Steps = RIGID_STEPS,
+        self, search: Search, start: np.ndarray, holds_limit: np.ndarray, motors: np.ndarray
     ) -> np.ndarray:
         """(m, K) unknowns of ``motors`` (m,) after a descent from ``start`` (M, K).
 
@@ -244,7 +239,7 @@ class _LimitDecision:
         """
         frozen = self._fixed | (holds_limit[:, None] & self._is_limit)
         prior = self._prior(start, frozen)
-        x = search.descend(start[motors], prior, steps, motors).x
+        x = search.descend(start[motors], prior, RIGID_STEPS, motors).x
         return np.clip(np.where(frozen[motors], start[motors], x), -MAX_LOG_FACTOR, MAX_LOG_FACTOR)
 
     def _binds(self, x: np.ndarray) -> np.ndarray:
