@@ -48,7 +48,7 @@ def test_velocity_commands_give_kd_and_rotor_of_a_drive_and_no_kp():
         assert errors[name] < 0.1, name
     assert errors["delay"] < 5e-4
     names = [row.name for row in prior.constants()]
-    assert "kd" in names
+    assert "kd_per_logged" in names, "in units of the firmware"
     assert not {"kp", "kd_over_kp"} & set(names)
 
     # a log of other motion, of the same drive

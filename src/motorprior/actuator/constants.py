@@ -38,6 +38,7 @@ UNITS = {
     "encoder_zero": "rad",
     f"kp{PER_LOGGED_GAIN}": f"N·m/rad per unit {_PER_UNIT}",
     f"kd_over_kp{PER_LOGGED_GAIN}": f"s per unit {_PER_UNIT}",
+    f"kd{PER_LOGGED_GAIN}": f"N·m·s/rad per unit {_PER_UNIT}",
     **{constant.name: constant.unit for constant in CONSTANTS.values()},
 }
 COLUMNS = ("constant", "unit", "median", "5 %", "95 %", "identifiable")
@@ -191,7 +192,10 @@ def named_constants(
         values = with_logged_gains(values, *gains)
     if model.command_mode in ("velocity", "torque"):
         kd = values.pop("kp") * values.pop("kd_over_kp")
-        return values if model.command_mode == "torque" else {"kd": kd} | values
+        if model.command_mode == "torque":
+            return values
+        is_in_si = not model.gain_unit or (model.gain_unit == PHYSICAL_GAINS and gains is not None)
+        return {"kd" if is_in_si else f"kd{PER_LOGGED_GAIN}": kd} | values
     if model.gain_unit == PHYSICAL_GAINS and gains is not None:
         return values
     if not model.gain_unit:

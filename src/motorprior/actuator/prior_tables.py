@@ -146,7 +146,7 @@ def _median_estimate(
 def _shown_name(prior: "MotorPrior", name: str) -> str:
     """Name of a decoded constant in tables: a multiple of a logged gain has a suffix."""
     if prior.command_mode == "velocity" and name == "kd_over_kp":
-        return "kd"  # kp has no meaning
+        name = "kd"  # kp has no meaning
     gains = None if prior.gains is None else prior.gains[:, :1]
     shown = named_constants(prior.model, prior.mean[:1], gains)
     return name if name in shown else f"{name}{PER_LOGGED_GAIN}"
