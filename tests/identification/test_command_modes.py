@@ -53,7 +53,7 @@ def test_velocity_commands_give_kd_and_rotor_of_a_drive_and_no_kp():
 
     # a log of other motion, of the same drive
     other = bench.recorded(np.random.default_rng(5), constants, "velocity", 6.0, True)
-    posterior = mp.adapt(prior, other, allow_outliers=True, progress=SILENT)
+    posterior = mp.adapt(prior, other, progress=SILENT)
     motors = prior.model.motors(posterior.mean, gains=other.gains)
     assert rms(replay_errors(motors, other, {})[0]) < 6e-4
 

@@ -129,7 +129,7 @@ def loss_p_value(training_losses: LossStatistics, losses: np.ndarray, blocks: fl
 
     where m and s come from logs of N blocks, and V is the variance of a block. Since s is estimated
     from the training motors, the test uses Student's t with motors - 1 degrees of freedom and s²·(1
-    + 1/motors).
+    + 1/motors). One training motor does not tell s, and p is then 1.
 
     Args:
         training_losses: losses of the training motors.
@@ -138,9 +138,11 @@ def loss_p_value(training_losses: LossStatistics, losses: np.ndarray, blocks: fl
     """
     from scipy.stats import t as student_t  # here: it takes half a second to import
 
+    if training_losses.motors == 1:
+        return np.ones(len(losses))
     variance = training_losses.block_variance
     added = max(0.0, math.log1p(variance / blocks) - math.log1p(variance / training_losses.blocks))
     total_variance = training_losses.log_std**2 * (1 + 1 / training_losses.motors) + added
     std = math.sqrt(max(total_variance, 1e-12))
     deviation = (np.log(losses) - training_losses.log_mean + added / 2) / std
-    return student_t.sf(deviation, max(training_losses.motors - 1, 1))
+    return student_t.sf(deviation, training_losses.motors - 1)
