@@ -31,7 +31,7 @@ def test_a_mass_adds_the_loads_of_a_model_with_this_mass(tmp_path: Path):
     coefficients = (forearm.inertia, forearm.external, forearm.stiffness)
     for name, of_mass in zip(LOADS, coefficients, strict=True):
         added = getattr(expected, name) - getattr(log, name)
-        tolerance = 2e-3 * np.abs(added).max()
+        tolerance = 5e-3 * np.abs(added).max()
         assert of_mass[1:-1] @ powers == pytest.approx(added[1:-1], abs=tolerance)
 
 

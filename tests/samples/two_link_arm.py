@@ -1,4 +1,8 @@
-"""Logs of an arm of two links on PD motors, which may carry a tool that its model lacks."""
+"""Logs of an arm of two links on PD motors, which may carry a tool that its model lacks.
+
+Its axes are perpendicular: a planar arm does not tell a tilted base from another zero of the first
+joint.
+"""
 
 # pyright: reportAttributeAccessIssue=false
 from pathlib import Path
@@ -17,6 +21,7 @@ FINE = 4  # steps of the simulation per period
 KP = 30.0  # [N·m/rad]
 KD = 1.2  # [N·m·s/rad]
 FOREARM_MASS = 0.6  # [kg]
+FOREARM_REACH = 0.22  # twice the distance of its centre of mass from the elbow [m]
 
 _MJCF = """
 <mujoco>
@@ -26,7 +31,7 @@ _MJCF = """
       <joint name="shoulder" axis="0 1 0" range="-3 3"/>
       <inertial pos="0 0 0.14" mass="0.9" diaginertia="0.0075 0.0075 0.0006"/>
       <body name="forearm" pos="0 0 0.28">
-        <joint name="elbow" axis="0 1 0" range="-3 3"/>
+        <joint name="elbow" axis="1 0 0" range="-3 3"/>
         <inertial pos="0 0 0.11" mass="0.6" diaginertia="0.0032 0.0032 0.0003"/>
         {tool}
       </body>
@@ -68,7 +73,11 @@ def robot_of(folder: Path, tool_mass: float = 0.0, tool_distance: float = 0.3) -
 
 
 def swing(
-    robot: Robot, seconds: float, seed: int, tool_mass: float = 0.0, elbow_zero: float = 0.0
+    robot: Robot,
+    seconds: float,
+    seed: int,
+    tool_mass: float = 0.0,
+    elbow_zero: float = 0.0,
 ) -> MotorLog:
     """Log of the arm with a tool, and the loads of the model of ``robot``.
 

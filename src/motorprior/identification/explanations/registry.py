@@ -271,9 +271,13 @@ def _zero_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
 
 
 def _with_mass(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
-    """The loads of a mass on a link are added, by the formula of `LinkMass`."""
+    """The loads of a mass on a link are added, by the formula of `LinkMass`.
+
+    The parameters are the moment μ·d and log d: weight tells the one, inertia the other.
+    """
+    moment = theta[0]
     distance = np.exp(theta[1])
-    weights = theta[0] * np.stack([np.ones_like(distance), distance, distance**2])
+    weights = moment * np.stack([1.0 / distance, np.ones_like(distance), distance])
     inertia = np.einsum("tpl,pl->tl", rows[:, MASS_INERTIA], weights)
     external = np.einsum("tpl,pl->tl", rows[:, MASS_EXTERNAL], weights)
     stiffness = np.einsum("tpl,pl->tl", rows[:, MASS_STIFFNESS], weights)
@@ -285,13 +289,16 @@ def _with_mass(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray
 
 def _mass_text(estimate: Estimate, joint: int, facts: Facts) -> tuple[str, str]:
     size = Estimate(np.abs(estimate.values), estimate.half_widths)
-    mass = f"{size.text(0, float(facts.link_mass[joint]))} kg"
-    distance = facts.link_reach[joint] * np.exp(estimate.values[1])
-    where = f"about {distance:.2g} m from {facts.joint_names[joint]}"
+    moment_unit = float(facts.link_mass[joint] * facts.link_reach[joint])
+    moment = f"{size.text(0, moment_unit)} kg·m about {facts.joint_names[joint]}"
+    distance = float(facts.link_reach[joint] * np.exp(estimate.values[1]))
+    mass = moment_unit * float(size.values[0]) / distance
+    example = f"such as {mass:.2g} kg at {distance:.2g} m"
     if estimate.values[0] < 0.0:
-        return f"the model of the load has {mass} too much, {where}", "correct the robot's model"
+        problem = f"the model of the load has {moment} too much, {example}"
+        return problem, "correct the robot's model"
     remedy = "add this part (a tool, a cable, the next motor) to the robot's model"
-    return f"the model of the load lacks {mass}, {where}", remedy
+    return f"the model of the load lacks {moment}, {example}", remedy
 
 
 def _led(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
