@@ -39,6 +39,7 @@ _LANES = 768  # simulations at a time; bounds the memory
 _CONCURRENT_DESCENTS = 8
 _DIVERGED_LOSS = 1e9
 _DIVERGED_RESIDUAL = 1e6
+_DIVERGED_SLOPE = 1e15  # sums of squares of float32 slopes above it may be infinite
 FIXED = 1e6  # precision of a fixed unknown
 CORES = os.cpu_count() or 1
 
@@ -455,7 +456,8 @@ def _gauss_newton_sums(
         above = residuals[1 : count + 1]
         below = residuals[count + 1 :]
         slopes = (above - below) / np.float32(2.0 * diff_step)
-        usable = (np.abs(middle) < _DIVERGED_RESIDUAL) & np.isfinite(slopes).all(axis=0)
+        is_small = np.abs(middle) < _DIVERGED_RESIDUAL
+        usable = is_small & (np.abs(slopes) < _DIVERGED_SLOPE).all(axis=0)
     middle = np.where(usable, middle, 0.0)
     slopes = np.where(usable, slopes, 0.0)
 
