@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-import motorprior as mp
-from figures import PROGRESS
+from figures import import_log
 from motorprior.artifacts import write_text
 
 GRAVITY = 9.81  # [m/s²]
@@ -115,14 +114,6 @@ def _write_pendulum(folder: Path, pair: str, path: Path) -> None:
 
 
 def _imported(raw: Path, columns: Path, robot: Path | None) -> Path:
-    log = mp.load_log(
-        raw,
-        columns=columns,
-        robot=robot,
-        suspended=robot is not None,
-        progress=PROGRESS,
-        allow_errors=True,
-    )
     path = columns.with_name(f"{raw.name.split('.')[0]}.parquet")
-    mp.write_log(path, log)
+    import_log(raw, path, columns, robot)
     return path

@@ -1,4 +1,4 @@
-"""Run a benchmark; its figures are written as JSON, printed, and set in tables."""
+"""What benchmarks share: settings from the command line, figures as JSON and tables, recordings."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 import tyro
 
+import motorprior as mp
 from motorprior.artifacts import write_json
 from motorprior.progress import Lines
 from motorprior.stage import FIGURES
@@ -37,3 +38,20 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     lines += [f"| {' | '.join(cells)} |" for cells in rows]
     return "\n".join(lines)
+
+
+def import_log(raw: Path, path: Path, columns: str | Path | None, robot: str | Path | None) -> None:
+    """Write the motor log of a recording; ``robot``, if any, is suspended or has a fixed base.
+
+    Errors that the log doctor finds are reported and do not stop the import: benchmarks take public
+    recordings as they are.
+    """
+    log = mp.load_log(
+        raw,
+        columns=columns,
+        robot=robot,
+        suspended=robot is not None,
+        progress=PROGRESS,
+        allow_errors=True,
+    )
+    mp.write_log(path, log)

@@ -35,7 +35,7 @@ import numpy as np
 
 import motorprior as mp
 from ak80_logs import ak80_logs
-from figures import PROGRESS, run_benchmark
+from figures import PROGRESS, import_log, run_benchmark
 from motorprior.artifacts import read_json, write_json
 from motorprior.evaluation.bands import log_coverage, zero_shot
 from motorprior.evaluation.free_runs import MotorModel, free_run_errors
@@ -406,15 +406,7 @@ def imported(
     if not is_finished(folder, import_description):
         with working(folder, import_description):
             for raw, path in zip(raw_paths, paths, strict=True):
-                log = mp.load_log(
-                    raw,
-                    columns=columns,
-                    robot=robot,
-                    suspended=robot is not None,
-                    progress=PROGRESS,
-                    allow_errors=True,
-                )
-                mp.write_log(path, log)
+                import_log(raw, path, columns, robot)
     return paths
 
 

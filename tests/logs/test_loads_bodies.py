@@ -40,7 +40,7 @@ def test_loads_of_a_turned_joint_are_those_of_the_arm_at_these_angles(tmp_path: 
     robot = two_link_arm.robot_of(tmp_path)
     log = two_link_arm.swing(robot, 2.0, 1)
 
-    coefficients = turned_loads(log, tuple(log.segment_slices()), joint=1)
+    _, coefficients = turned_loads(log, tuple(log.segment_slices()))
 
     turned = with_loads(replace(log, joint_pos=log.joint_pos + np.array([0.0, turn])), robot)
     for name, of_turn in zip(LOADS, coefficients, strict=True):

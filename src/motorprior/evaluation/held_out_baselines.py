@@ -2,7 +2,7 @@
 
 The log is cut into chunks, every second of which is held out from the simpler models: the responses
 of `response_fit`, and the physics of each motor alone, without the other motors. The fitted motors
-have seen all chunks, so a simpler model with smaller errors is better beyond doubt.
+have seen all chunks, so the comparison favours them.
 """
 
 from dataclasses import replace

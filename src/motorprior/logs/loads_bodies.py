@@ -193,22 +193,25 @@ def _with_constant_inertia(
     return np.stack([inertia, external, stiffness])
 
 
-def turned_loads(log: MotorLog, segments: Sequence[slice], joint: int) -> np.ndarray:
-    """(3, T, J, TURN_POWERS) coefficients c of loads with a joint at another angle.
+def turned_loads(log: MotorLog, segments: Sequence[slice]) -> list[np.ndarray]:
+    """(3, T, J, TURN_POWERS) coefficients c of loads with a joint at another angle, for each joint.
 
     With the joint at its logged angle plus Δ [rad], and the same velocities, inertia, external
     torque and stiffness change by Σ_n c_n·Δⁿ, n from 1. Rows outside of the segments have 0.
     """
-    at_log = _loads_of_bodies(log, segments, joint, 0.0)
-    changes = [_loads_of_bodies(log, segments, joint, turn) - at_log for turn in _TURNS]
-    powers = _TURNS[:, None] ** np.arange(1, 1 + TURN_POWERS)
-    return np.einsum("nk,kctj->ctjn", np.linalg.inv(powers), np.stack(changes))
+    at_log = _loads_at(log, segments, log.joint_pos)
+    inverse_powers = np.linalg.inv(_TURNS[:, None] ** np.arange(1, 1 + TURN_POWERS))
+    coefficients = []
+    for direction in np.eye(log.num_joints):
+        changes = [
+            _loads_at(log, segments, log.joint_pos + turn * direction) - at_log for turn in _TURNS
+        ]
+        coefficients.append(np.einsum("nk,kctj->ctjn", inverse_powers, np.stack(changes)))
+    return coefficients
 
 
-def _loads_of_bodies(
-    log: MotorLog, segments: Sequence[slice], joint: int, turn: float
-) -> np.ndarray:
-    """(3, T, J) loads of the bodies, with a joint turned by ``turn`` [rad]."""
+def _loads_at(log: MotorLog, segments: Sequence[slice], joint_pos: np.ndarray) -> np.ndarray:
+    """(3, T, J) loads of the bodies at the angles (T, J), with the velocities of the log."""
     import mujoco
 
     compiled = _compiled(log)
@@ -226,8 +229,7 @@ def _loads_of_bodies(
         for row, joint_acc in zip(range(log.num_rows)[segment], acceleration, strict=True):
             if log.base_orientation is not None:
                 model.opt.gravity[:] = gravity_in_base(log.base_orientation[row], GRAVITY)
-            data.qpos[order] = log.joint_pos[row]
-            data.qpos[order[joint]] += turn
+            data.qpos[order] = joint_pos[row]
             data.qvel[order] = log.joint_vel[row]
             data.qacc[order] = joint_acc
             mujoco.mj_inverse(model, data)

@@ -61,8 +61,9 @@ def changed_rows(joints: np.ndarray, logs: LoggedRows, facts: Facts) -> Iterator
     levers = logs.levers
     runs_with_turn: list[WindowRuns] = []
     if levers is not None:
-        for joint in range(len(facts.joint_names)):
-            runs_with_turn.append(WindowRuns(_with_turn(logs, joint), logs.runs.recipe))
+        for joint, loads in enumerate(turned_loads(logs.log, logs.subset.segments)):
+            with_turn = _with_turn(logs.subset, joint, loads)
+            runs_with_turn.append(WindowRuns(with_turn, logs.runs.recipe))
 
     for explanation in EXPLANATIONS:
         if not explanation.applies(facts):
@@ -129,16 +130,16 @@ def _with_gravity(data: TrainingData, levers: GravityLevers) -> TrainingData:
     return replace(data, series=series)
 
 
-def _with_turn(logs: LoggedRows, joint: int) -> TrainingData:
-    """The rows of the runs with channels of a joint that is turned."""
-    series = _widened(logs.subset, CHANNELS_WITH_TURN)
-    inertia, external, stiffness = turned_loads(logs.log, logs.subset.segments, joint)
+def _with_turn(data: TrainingData, joint: int, loads: np.ndarray) -> TrainingData:
+    """The data with channels of a joint that is turned, from its `turned_loads`."""
+    series = _widened(data, CHANNELS_WITH_TURN)
+    inertia, external, stiffness = loads
     series[..., TURNED_INERTIA] = inertia.transpose(1, 0, 2)
     series[..., TURNED_EXTERNAL] = external.transpose(1, 0, 2)
     series[..., TURNED_STIFFNESS] = stiffness.transpose(1, 0, 2)
     series[..., TURNED_POS] = series[joint, :, windows.POS]
     series[joint, :, IS_TURNED] = 1.0
-    return replace(logs.subset, series=series)
+    return replace(data, series=series)
 
 
 def _widened(data: TrainingData, channels: int) -> np.ndarray:

@@ -155,11 +155,16 @@ def explain(
 
     runs = WindowRuns(subset, recipe, motors)
     log_names = _log_names(log, len(set(segment_logs)))
+    attempts = Attempts(model, outputs[motors], runs)
+    errors = attempts.errors_on(runs)
+    joints = np.flatnonzero(errors > MIN_ERROR)
+
     masses: Sequence[LinkMass | None] = [None] * len(motors)
-    if levers is not None:
+    if levers is not None and joints.size:
         masses = link_masses(log, subset.segments, levers.carries)
     facts = _facts(log, data, runs, model, outputs, motors, log_names, levers is not None, masses)
-    attempts = Attempts(model, outputs[motors], runs)
+    if not joints.size:
+        return Explanations(facts, errors, ())
 
     starts = np.array(sorted(first_rows))
     logs_of_runs = []
@@ -170,10 +175,6 @@ def explain(
     data_of_motors = _of_motors(data, motors)
     logs = LoggedRows(log, runs, data_of_motors, subset, logs_of_runs, levers, masses)
 
-    errors = attempts.errors_on(runs)
-    joints = np.flatnonzero(errors > MIN_ERROR)
-    if not joints.size:
-        return Explanations(facts, errors, ())
     errors[joints] = attempts.unchanged(joints).errors[joints]
     joints = np.flatnonzero(errors > MIN_ERROR)
     is_bad = errors > MISSING_PHYSICS * facts.motion

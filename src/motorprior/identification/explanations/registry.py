@@ -159,7 +159,7 @@ def _scaled_angle(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndar
 
 
 def _scale_of_joint(rows: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Scale exp(θ) of the joint that is turned; 1 for the joints that it carries."""
+    """Scale exp(θ) of the joint that is turned; 1 for other joints."""
     is_turned = rows[:, IS_TURNED] if has_turned_loads(rows) else 1.0
     return np.exp(theta[0] * is_turned)
 
@@ -242,7 +242,7 @@ def _moved_zero(rows: np.ndarray, theta: np.ndarray, period: float) -> np.ndarra
 
 
 def _turned(rows: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """What the joint carries is turned about its axis by an angle (T, L) [rad]."""
+    """A joint is turned by an angle (T, L) [rad], with all that it carries."""
     if has_turned_loads(rows):
         powers = angle[:, None] ** np.arange(1, 1 + TURN_POWERS)[:, None]  # (T, powers, L)
         stiffness = np.sum(rows[:, TURNED_STIFFNESS] * powers, axis=1)
