@@ -9,6 +9,7 @@ import pytest
 import motorprior as mp
 from motorprior.commands.walk import Walk, run_walk
 from motorprior.locomotion.policy import Policy
+from motorprior.progress import Note, Progress
 from motorprior.robots.pupper_v2.robot import PUPPER_V2
 from motorprior.simulation.training import POLICY
 
@@ -47,3 +48,19 @@ def test_a_finished_training_is_read_from_its_folder(tmp_path: Path):
 
     np.testing.assert_array_equal(again.arrays.weights, first.arrays.weights)
     assert (tmp_path / POLICY).stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize(
+    ("kp", "warns"),
+    [(1.0, True), (8.8, False)],
+    ids=["the base sinks to the floor", "the gains of the robot's firmware"],
+)
+def test_motors_that_do_not_carry_the_robot_are_reported_before_the_training(
+    kp: float, warns: bool
+):
+    notes: list[Note] = []
+
+    mp.train_policy(PUPPER_V2, f"pd:kp={kp},kd=0.1", progress=Progress(notes.append), **SHORT)
+
+    warnings = [note.text for note in notes if note.severity == "warning"]
+    assert any("does not stand on these motors" in text for text in warnings) == warns

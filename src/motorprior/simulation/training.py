@@ -34,6 +34,7 @@ from motorprior.simulation.motors import (
 from motorprior.simulation.physics import FAULTS, TOO_STIFF
 from motorprior.simulation.randomization import ROBUST, Randomization
 from motorprior.simulation.scene import Scene, WalkConfig, simulator_of
+from motorprior.simulation.standing import standing_warning
 from motorprior.stage import description, digest, is_finished, working
 from motorprior.texts import Printable
 
@@ -339,6 +340,9 @@ class Training:
         if self.robot.fleets and self._validation == self.robot.default_fleet:
             problem = "results on the twin are biased: validation uses its fleet"
             progress.note(f"{problem}; evaluate on another fleet")
+        warning = standing_warning(self._training_scene, self.settings.search.seed)
+        if warning:
+            progress.warn(warning)
 
     def _add(self, point: CurvePoint) -> None:
         faults = {FAULTS[fault]: count for fault, count in point["faults"].items()}
