@@ -87,6 +87,19 @@ def test_a_limit_that_is_not_identified_is_at_least_what_was_logged():
     assert np.isinf(high).all()
 
 
+def test_a_limit_in_force_is_not_at_least_what_the_unlimited_motor_requested():
+    values = alike(3.0)  # the log requested up to 17 N·m
+    uncertain = estimates(0.5)
+    scale = uncertain.scale.copy()
+    scale[:, PARAMETERS.index("torque_limit")] = 17.0
+
+    low, high = replace(uncertain, scale=scale).ends(values, ())["torque_limit"]
+
+    assert not is_identified("torque_limit", np.stack([low, high])).any()
+    np.testing.assert_allclose(low, 3.0 * np.exp(-0.5 * SCORE))
+    np.testing.assert_allclose(high, 3.0 * np.exp(0.5 * SCORE))
+
+
 def test_every_combination_names_its_parts():
     constants = {name: np.full(1, 2.0) for name in PARAMETERS}
     for combination in COMBINATIONS:

@@ -108,8 +108,9 @@ class Estimates:
     ) -> dict[str, np.ndarray]:
         """(2, M) ends of the interval of each constant of the motors with ``values`` (M,).
 
-        An interval reaches ``score`` standard deviations to both sides. The interval of a limit
-        that the log does not identify is from the largest value that the log reached to inf.
+        An interval reaches ``score`` standard deviations to both sides. A limit that the log does
+        not identify may be any higher value, if its interval has the largest value that the log
+        reached. A limit above this value has no effect on the log: its interval begins there.
         """
         ends = {}
         for column, name in enumerate(parameters_of(terms)):
@@ -120,9 +121,11 @@ class Estimates:
             both[1] = value_at(name, y + score * std, scale)
             ends[name] = np.sort(both, axis=0)
             if name in LIMITS:
-                is_open = ~is_identified(name, ends[name])
-                ends[name][0, is_open] = self.scale[is_open, column]
+                reached = self.scale[:, column]
+                is_open = ~is_identified(name, ends[name]) & (ends[name][1] >= reached)
                 ends[name][1, is_open] = np.inf
+                has_no_effect = is_open & (values[name] >= reached)
+                ends[name][0, has_no_effect] = reached[has_no_effect]
         return ends
 
     def fitted(self, terms: tuple[str, ...]) -> tuple[str, ...]:

@@ -108,11 +108,11 @@ def estimates(prior: "MotorPrior", motors: np.ndarray) -> dict[str, Estimate]:
 
 
 def unreached_torque_limits(prior: "MotorPrior") -> dict[str, float]:
-    """Largest logged torque [N·m] of each class whose logs do not identify the torque limit."""
+    """Largest logged torque [N·m] of each class whose logs do not reach a torque limit."""
     limits = {}
     for name in prior.classes.names:
         estimate = estimates(prior, prior.classes.rows_of(name)).get("torque_limit")
-        if estimate is not None and not estimate.is_identified:
+        if estimate is not None and np.isinf(estimate.high):
             limits[name] = estimate.low
     return limits
 
