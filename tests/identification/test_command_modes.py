@@ -1,5 +1,6 @@
 """Priors of drives under MIT, velocity and torque commands: constants, files, samples, notes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,21 @@ def test_an_unknown_load_is_fitted_in_every_command_mode(command_mode: str):
     assert load.gravity[0] == pytest.approx(weight, rel=0.15)
     # without play, the log identifies the sum of load inertia and armature only
     assert 0.3 * inertia < load.inertia < 1.1 * (inertia + constants["armature"][0])
+
+
+def test_constants_of_a_joint_whose_commands_were_logged_slowly_are_not_identified():
+    rng = np.random.default_rng(6)
+    constants = bench.drawn_constants(rng, 1)
+    log = bench.recorded(rng, constants, "mit", 8.0)
+    slow_rows = np.arange(log.num_rows) // 25 * 25  # every 50 ms
+    target = log.position_target[slow_rows]
+    slow = replace(log, position_target=target, slow_commands={"drive_0": 0.05})
+    notes: list[Note] = []
+
+    prior = mp.fit_prior(slow, "quick", progress=Progress(notes.append))
+
+    assert not any(row.identifiable for row in prior.constants())
+    assert any("sent between the logged ones (drive_0 50 ms)" in note.text for note in notes)
 
 
 @pytest.fixture(scope="module")

@@ -163,3 +163,31 @@ def test_logs_of_different_command_modes_are_not_joined():
     position = log_of(TIME, np.sin(5.0 * TIME), joint_names=("b",))
     with pytest.raises(LogError, match="command_mode"):
         joined([mit_log(), checked(position)])
+
+
+def test_a_log_names_its_joints_whose_commands_were_sent_faster_than_logged(tmp_path: Path):
+    time = 0.005 * np.arange(4000)
+    sent = 0.4 * np.sin(2.0 * np.pi * 0.7 * time) + 0.3 * np.sin(2.0 * np.pi * 1.3 * time + 1.0)
+    angle = np.zeros_like(sent)
+    speed = 0.0
+    for row in range(1, len(sent)):
+        speed += 0.005 * (200.0 * (sent[row - 1] - angle[row - 1]) - 20.0 * speed)
+        angle[row] = angle[row - 1] + 0.005 * speed
+    held = np.repeat(sent[::10], 10)
+    rows = np.column_stack([time, held, sent, angle, angle])
+    path = tmp_path / "run.csv"
+    header = "t,goal_a,goal_b,pos_a,pos_b"
+    np.savetxt(path, rows, delimiter=",", header=header, comments="")
+    columns = map_of(
+        tmp_path,
+        'motor = "drive"\ntime = "t"\nposition_target = "goal_{joint}"\n'
+        'joint_pos = "pos_{joint}"\n[joints.a]\n[joints.b]\n',
+    )
+
+    with pytest.warns(UserWarning, match="command of a changes every 50 ms"):
+        log = mp.load_log(path, columns=columns)
+    write_log(tmp_path / "log.parquet", log)
+    read = read_parquet(tmp_path / "log.parquet")
+
+    assert read.slow_commands == {"a": pytest.approx(0.05)}
+    assert not read.joint(1).slow_commands

@@ -1,5 +1,7 @@
 """Smoothing removes noise, and leaves a log without noise as it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -92,6 +94,19 @@ def test_commanded_steps_keep_their_time_and_size(make_log, size: float, backgro
     log = smooth_on_grid(log_of(make_log, command), DT)
 
     assert np.abs(log.position_target[:, 0] - command).max() < 1e-4
+
+
+@pytest.mark.parametrize("channel", ["velocity_target", "torque_feedforward"])
+def test_steps_of_velocities_and_torques_keep_their_time_and_size(make_log, channel: str):
+    time = DT * np.arange(1200)
+    command = 5.0 * (np.sin(4.0 * time - 0.5) > 0.0) + np.sin(3.0 * time)
+    recorded = log_of(make_log, 0.3 * np.sin(3.0 * time))
+    mode = channel.partition("_")[0]
+    commands = {channel: np.stack([command] * 2, axis=1), "position_target": recorded.joint_pos}
+
+    log = smooth_on_grid(replace(recorded, command_mode=mode, **commands), DT)
+
+    assert np.abs(getattr(log, channel)[:, 0] - command).max() < 0.02
 
 
 def test_a_step_between_two_rows_of_the_grid_changes_the_row_of_its_period_only(make_log):

@@ -93,10 +93,10 @@ class Estimates:
     scale: np.ndarray
 
     def contradicted(self, deviations: np.ndarray) -> "Estimates":
-        """The estimates with the variances of outliers larger by the square of their deviations.
+        """The estimates with variances that are larger by the squares of deviations (M, P).
 
-        ``deviations`` (M, P) are distances of outliers from the other motors of the same model, and
-        0 for other constants. An outlier thus counts as not identified.
+        Deviations are distances of outliers from the other motors of the same model, or UNKNOWN_STD
+        for constants that a log cannot identify, and 0 for other constants.
         """
         columns = np.arange(deviations.shape[1])
         covariance = self.covariance.copy()

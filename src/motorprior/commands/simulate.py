@@ -9,6 +9,7 @@ from motorprior.bounds import require_number, require_seed
 from motorprior.excitation.robot_targets import excitation_targets
 from motorprior.logs.loads import with_loads
 from motorprior.logs.readers.motor_log_file import write_log
+from motorprior.priors.prior_file import prior_notes
 from motorprior.progress import SILENT, Progress
 from motorprior.robots.load import load_robot
 from motorprior.robots.shipped import DEFAULT_ROBOT
@@ -51,6 +52,9 @@ def run_simulate(config: Simulate, progress: Progress = SILENT) -> None:
 
     robot = load_robot(config.robot)
     source = simulated_motors(config.motors, robot)
+    if source.prior is not None:
+        for line in prior_notes(source.prior, robot):
+            progress.note(line)
     targets = excitation_targets(
         robot, config.excitation, config.seconds, config.amplitude, config.seed
     )

@@ -23,6 +23,7 @@ from motorprior.actuator.grey_box import GreyBoxActuator
 from motorprior.actuator.ideal_pd import GainScaledPd
 from motorprior.actuator.optional_terms import OperatingConditions
 from motorprior.bench.dynamometer import run, trial_of
+from motorprior.exceptions import listed
 from motorprior.identification.baselines.pd_fit import fitted_tuned_pd
 from motorprior.identification.physics.term_selection import TERM_OF, min_condition_difference
 from motorprior.identification.physics.window_runs import TorqueMotors
@@ -199,8 +200,15 @@ def evaluate_replay(
 
 
 def notes_on_log(log: MotorLog, recipe: Recipe) -> list[Note]:
-    """Notes on static joints, and on operating conditions that the recipe was not fitted to."""
+    """Notes on static joints, slowly logged commands, and unknown operating conditions."""
     notes = []
+    if log.slow_commands:
+        joints = [f"{name} {1e3 * period:.3g} ms" for name, period in log.slow_commands.items()]
+        text = (
+            f"commands were sent between the logged ones ({listed(joints, 6)}): the constants of "
+            "these joints count as not identified -> log every command that is sent"
+        )
+        notes.append(Note("warning", text))
     static = static_joints(log)
     if static:
         remedy = "exclude these joints, or record them in motion"

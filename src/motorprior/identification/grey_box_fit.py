@@ -19,7 +19,7 @@ from motorprior.identification.checkpoint import Arrays, Checkpoint, parts_of
 from motorprior.identification.fit_notes import identifiability, notes_on_terms, outlier_notes
 from motorprior.identification.latents.standardise import UNIDENTIFIED_LIMIT_STD, assumed_std
 from motorprior.identification.physics import motor_fit, motor_problem, refinement, term_selection
-from motorprior.identification.physics.estimate_uncertainty import estimates_of
+from motorprior.identification.physics.estimate_uncertainty import UNKNOWN_STD, estimates_of
 from motorprior.identification.physics.motor_fit import MotorFits
 from motorprior.identification.physics.motor_model_fit import level_of_logs, sibling_deviations
 from motorprior.identification.physics.term_selection import Selection
@@ -68,6 +68,10 @@ def fit_grey_boxes(
     report(0, "uncertainty of constants")
     estimates = estimates_of(model, z, longer)
     fixed = motor_problem.fixed_constants(fits.terms, runs)
+    is_slow = np.isin(data.joint_names, data.slow_commands)
+    if is_slow.any():
+        # the logged commands are not those that moved the joint
+        estimates = estimates.contradicted(UNKNOWN_STD * is_slow[:, None] * ~fixed)
     level = level_of_logs(runs, fits.center, fits.terms)
     if level is not None:
         deviations = sibling_deviations(level, z, fixed)

@@ -43,6 +43,8 @@ class TrainingData:
     joint_classes: tuple[str, ...] = ()
     # M motor models, or none
     motor_models: tuple[MotorModel, ...] = ()
+    # names of the joints whose commands were sent faster than they were logged
+    slow_commands: tuple[str, ...] = ()
     # steps over which changes of the joint_reading error are velocity errors; 0: velocities are
     # compared
     velocity_steps: int = 0
@@ -123,6 +125,7 @@ def training_data(log: MotorLog, recipe: Recipe, where: str) -> TrainingData:
         joint_names=log.joint_names,
         joint_classes=log.joint_classes,
         motor_models=log.motor_models,
+        slow_commands=tuple(log.slow_commands),
         velocity_steps=_velocity_steps(log),
         has_torque=log.joint_torque is not None,
         command_mode=log.command_mode,

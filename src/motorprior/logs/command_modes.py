@@ -81,3 +81,20 @@ def gain_factors(segment: Log) -> np.ndarray:
     if segment.command_mode == "torque":
         factors[1] = 0.0
     return factors
+
+
+def unmeasured_scales(trained: str, commanded: str) -> str:
+    """What commands of the mode ``commanded`` use, and logs of the mode ``trained`` do not measure.
+
+    For example "position gains"; "" if they measure all.
+    """
+    used = {
+        "position": ("position gains",),
+        "mit": ("position gains", "feed-forward torques"),
+        "velocity": ("velocity gains",),
+        "torque": ("feed-forward torques",),
+    }
+    measured = used[trained]
+    if trained in ("position", "mit"):
+        measured += ("velocity gains",)
+    return " and ".join(name for name in used[commanded] if name not in measured)

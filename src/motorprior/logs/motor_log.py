@@ -129,6 +129,9 @@ class MotorLog(Printable):
     motor_models: tuple[MotorModel, ...] = ()
     # MJCF of the rigid bodies that the loads come from; "" for loads from elsewhere
     bodies: str = ""
+    # Joints whose commands were sent faster than they were logged, with the time between logged
+    # commands [s] (`doctor.commands.command_rate`). Their constants cannot be identified.
+    slow_commands: Mapping[str, float] = field(default_factory=dict)
 
     def overview(self) -> Overview:
         """For people: size, origin, channels, settings, and ranges of the joints."""
@@ -223,9 +226,12 @@ class MotorLog(Printable):
             for name, value in channels(self).items()
             if name in JOINT_SERIES
         }
+        names = tuple(self.joint_names[joint] for joint in joints)
+        slow = {name: value for name, value in self.slow_commands.items() if name in names}
         return replace(
             self,
-            joint_names=tuple(self.joint_names[joint] for joint in joints),
+            joint_names=names,
+            slow_commands=slow,
             given_classes=tuple(self.joint_classes[joint] for joint in joints),
             motor_models=tuple(self.motor_models[joint] for joint in joints if self.motor_models),
             **series,

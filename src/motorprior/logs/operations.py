@@ -200,8 +200,7 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
         noise, jerk_density = noise_and_jerk
         angles, _ = smoothed(angles, segments, log.period, noise, jerk_density)
         noise_on_grid = noise * math.sqrt(log.period / period)  # the same smoothing, see `smoothed`
-        steps = command_steps(log, noise)
-        grid = _with_smooth_commands(grid, log.time, steps, noise_on_grid, jerk_density)
+        grid = _with_smooth_commands(grid, log, noise, noise_on_grid, jerk_density)
 
     pos = np.empty_like(grid.joint_pos)
     vel = np.empty_like(grid.joint_pos)
@@ -220,22 +219,29 @@ def smooth_on_grid(log: MotorLog, period: float) -> MotorLog:
 _MIN_STEP = 6.0
 
 
-def command_steps(log: MotorLog, noise: float) -> np.ndarray:
-    """(T, J) whether the sender changed the command at once, at this row.
+def command_steps(log: MotorLog, name: str, noise: float) -> np.ndarray:
+    """(T, J) whether the sender changed a channel of COMMANDS at once, at this row.
 
     A change between two rows is a step if it is large compared with the ``noise`` [rad] of the
     angles, and differs from the changes before and after it by more than half of itself: a motion
-    in progress changes its command by similar amounts in successive rows.
+    in progress changes its command by similar amounts in successive rows. Velocity targets and
+    feed-forward torques have the share of noise of the angles.
     """
-    is_step = np.zeros(log.position_target.shape, bool)
+    command = channels(log)[name]
+    min_step = np.full(log.num_joints, _MIN_STEP * noise)
+    if name != "position_target":
+        motion = np.maximum(np.std(log.joint_pos, axis=0), noise)
+        min_step *= np.std(command, axis=0) / motion
+
+    is_step = np.zeros(command.shape, bool)
     for segment in log.segment_slices():
-        change = np.diff(log.position_target[segment], axis=0)
+        change = np.diff(command[segment], axis=0)
         static = np.zeros_like(change[:1])
         change_before = np.concatenate([static, change[:-1]])
         change_after = np.concatenate([change[1:], static])
         size = np.abs(change)
         is_step[segment][1:] = (
-            (size > _MIN_STEP * noise)
+            (size > min_step)
             & (np.abs(change - change_before) > 0.5 * size)
             & (np.abs(change - change_after) > 0.5 * size)
         )
@@ -243,26 +249,29 @@ def command_steps(log: MotorLog, noise: float) -> np.ndarray:
 
 
 def _with_smooth_commands(
-    log: MotorLog, recorded: np.ndarray, is_step: np.ndarray, noise: float, jerk_density: float
+    grid: MotorLog, log: MotorLog, noise: float, noise_on_grid: float, jerk_density: float
 ) -> MotorLog:
-    """The log with commands that are smoothed between their steps.
+    """The log on its grid with commands that are smoothed between their steps.
 
-    ``recorded`` (R,) are the times [s] of the rows of ``is_step`` (R, J).
+    ``log`` is the recording. The noises [rad] and the jerk density are those of its angles.
     """
     from motorprior.logs.smoothing import smoothed
 
-    values = {name: channels(log)[name].copy() for name in COMMANDS if name in channels(log)}
-    for joint in range(log.num_joints):
-        step_times = recorded[is_step[:, joint]]
-        pieces = []
-        for segment in log.segment_slices():
-            pieces += _pieces_between(step_times, log.time, segment, log.period)
-        for commands in values.values():
+    values = {name: channels(grid)[name].copy() for name in COMMANDS if name in channels(grid)}
+    if log.command_mode in ("velocity", "torque"):
+        del values["position_target"]  # it is the angle
+    for name, commands in values.items():
+        is_step = command_steps(log, name, noise)
+        for joint in range(grid.num_joints):
+            step_times = log.time[is_step[:, joint]]
+            pieces = []
+            for segment in grid.segment_slices():
+                pieces += _pieces_between(step_times, grid.time, segment, grid.period)
             column = commands[:, joint, None]
-            smooth, _ = smoothed(column, tuple(pieces), log.period, noise, jerk_density)
+            smooth, _ = smoothed(column, tuple(pieces), grid.period, noise_on_grid, jerk_density)
             for piece in pieces:
                 commands[piece, joint] = smooth[piece, 0]
-    return replace(log, **values)
+    return replace(grid, **values)
 
 
 def _pieces_between(
@@ -372,7 +381,15 @@ def _in_sequence(logs: Sequence[MotorLog]) -> MotorLog:
     values = {}
     for name in channels(logs[0]).keys() - {"segment"}:
         values[name] = np.concatenate([channels(segment)[name] for segment in segments])
-    return replace(logs[0], **values, segment=index)
+    return replace(logs[0], **values, segment=index, slow_commands=_slow_commands(logs))
+
+
+def _slow_commands(logs: Sequence[MotorLog]) -> dict[str, float]:
+    """`MotorLog.slow_commands` of all logs."""
+    slow: dict[str, float] = {}
+    for log in logs:
+        slow |= log.slow_commands
+    return slow
 
 
 def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
@@ -396,6 +413,7 @@ def _side_by_side(logs: Sequence[MotorLog], source: str) -> MotorLog:
         given_classes=classes if len(classes) == len(names) else (),
         motor_models=models if len(models) == len(names) else (),
         bodies="",
+        slow_commands=_slow_commands(logs),
         **values,
     )
 

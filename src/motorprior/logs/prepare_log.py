@@ -218,7 +218,13 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
 
     log, gaps = split_at_gaps(log, period)
 
-    for finding in grouped(check_log(log).findings):
+    findings = check_log(log).findings
+    slow = {
+        finding.joint: 1e-3 * finding.value
+        for finding in findings
+        if finding.check == "command_rate" and finding.joint is not None
+    }
+    for finding in grouped(findings):
         if finding.severity == "error" and finding.check == "rate":
             raise LogError(finding.message, where=log.source, remedy=finding.remedy)
         topic = ERRORS_TOPIC if finding.severity == "error" else ""
@@ -226,6 +232,8 @@ def cleaned(log: MotorLog, name: str, period: float = 0.0) -> tuple[MotorLog, li
             notes.append(Note("warning", f"{name}: {finding}", topic))
     if gaps:
         notes.append(Note("info", f"{name}: {gaps}"))
+    if slow:
+        log = replace(log, slow_commands=slow)
     return log, notes
 
 

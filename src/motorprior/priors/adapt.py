@@ -18,6 +18,7 @@ from motorprior.exceptions import LogError, listed
 from motorprior.identification.latents.latent_fit import LatentPosterior, fit_posterior
 from motorprior.identification.presets import Recipe, recipe_of
 from motorprior.identification.windows import TrainingData, training_data, with_window_that_fits
+from motorprior.logs.command_modes import unmeasured_scales
 from motorprior.logs.motor_log import MotorLog, checked
 from motorprior.logs.operations import moved
 from motorprior.priors.fit_prior import trained_on
@@ -236,27 +237,13 @@ def note_command_mode(prior: MotorPrior, log: MotorLog, progress: Progress) -> N
     """Warn if the prior was trained in another command mode than that of the log."""
     if prior.command_mode == log.command_mode:
         return
-    unmeasured = _unmeasured(prior.command_mode, log.command_mode)
+    unmeasured = unmeasured_scales(prior.command_mode, log.command_mode)
     if unmeasured:
         progress.warn(
             f"{log.source} has {log.command_mode} commands, the prior's logs "
             f"{prior.command_mode} commands: friction, armature and delay carry over, the scale of "
             f"{unmeasured} does not -> log commands of both modes"
         )
-
-
-def _unmeasured(trained: str, commanded: str) -> str:
-    """What logs of the mode ``commanded`` use, and logs of the mode ``trained`` do not measure."""
-    used = {
-        "position": ("position gains",),
-        "mit": ("position gains", "feed-forward torques"),
-        "velocity": ("velocity gains",),
-        "torque": ("feed-forward torques",),
-    }
-    measured = used[trained]
-    if trained in ("position", "mit"):
-        measured += ("velocity gains",)
-    return " and ".join(name for name in used[commanded] if name not in measured)
 
 
 def advice_on_weak_motors(prior: MotorPrior, names: tuple[str, ...], latents: np.ndarray) -> str:

@@ -11,6 +11,7 @@ from motorprior.actuator.motor_prior import MotorPrior, limit_text, robot_gains
 from motorprior.bench.dynamometer import BENCH
 from motorprior.exceptions import ArtifactError, ConfigError
 from motorprior.identification.presets import recipe_of
+from motorprior.logs.command_modes import unmeasured_scales
 from motorprior.logs.motor_log import MotorLog, range_text
 from motorprior.robots.robot import Robot
 
@@ -54,9 +55,16 @@ def require_adaptable(prior: MotorPrior, log: MotorLog) -> None:
 def prior_notes(prior: MotorPrior, robot: Robot) -> Iterator[str]:
     """Notes on a prior for a robot.
 
-    They are about other gains than the robot's, joint classes without logs, soft gears, and what
-    the logs do not identify.
+    They are about other commands than position targets, other gains than the robot's, joint classes
+    without logs, soft gears, and what the logs do not identify.
     """
+    unmeasured = unmeasured_scales(prior.command_mode, "position")
+    if unmeasured:
+        yield (
+            f"the prior's logs have {prior.command_mode} commands, and position targets are sent: "
+            f"friction, armature and delay are measured, the scale of {unmeasured} is not; the "
+            f"motors have exactly the gains of {robot.name}'s description"
+        )
     yield from _gain_note(prior, robot)
     yield from _class_notes(prior, robot)
     yield from _gear_note(prior, robot)

@@ -28,6 +28,20 @@ def answer(command: np.ndarray, kp: float = 200.0, kd: float = 20.0) -> np.ndarr
     return angle + 1e-4 * np.random.default_rng(0).standard_normal(len(command))
 
 
+def moved(command: np.ndarray, kd: float) -> np.ndarray:
+    """Angle of a joint of unit inertia with velocity targets, or damped with torques if kd is 0."""
+    angle = np.zeros(len(command))
+    q = 0.0
+    dq = 0.0
+    for row, value in enumerate(command):
+        angle[row] = q
+        for _ in range(5):
+            torque = kd * (value - dq) if kd else value - 30.0 * dq
+            dq += 0.001 * torque
+            q += 0.001 * dq
+    return angle + 1e-4 * np.random.default_rng(0).standard_normal(len(command))
+
+
 def mit_log(feedforward: np.ndarray) -> MotorLog:
     angle = answer(SMOOTH)
     return log_of(TIME, SMOOTH, angle, command_mode="mit", torque_feedforward=feedforward[:, None])
@@ -39,6 +53,24 @@ def test_a_command_that_was_sent_faster_than_logged_is_reported():
     assert finding.severity == "warning"
     assert finding.value == pytest.approx(50.0)
     assert "log every command" in finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("mode", "channel"), [("velocity", "velocity_target"), ("torque", "torque_feedforward")]
+)
+@pytest.mark.parametrize("is_slow", [True, False])
+def test_velocities_and_torques_that_were_sent_faster_than_logged_are_reported(
+    mode: str, channel: str, is_slow: bool
+):
+    velocity = np.gradient(SMOOTH, TIME)
+    sent = {"velocity": velocity, "torque": 30.0 * velocity}[mode]
+    angle = moved(sent, kd={"velocity": 20.0, "torque": 0.0}[mode])
+    logged = sent if not is_slow else np.repeat(sent[::10], 10)
+    commands = {channel: logged[:, None], "command_mode": mode}
+
+    findings = of_check(check_log(log_of(TIME, angle, angle, **commands)), "command_rate")
+
+    assert len(findings) == is_slow
 
 
 @pytest.mark.parametrize(("command", "kp"), [(SLOW, 200.0), (SLOW, 40.0), (SMOOTH, 200.0)])

@@ -3,9 +3,10 @@
 A check is a function that yields findings.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,7 @@ PER_JOINT = (
     signs.torque_sign,
     commands.command_rate,
 )
+Check: TypeAlias = Callable[[MotorLog], Iterable[Finding]]
 _SEVERITIES = ("error", "warning", "info")
 
 
@@ -37,7 +39,7 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
         (readings.angle_limits(log, robot), *(check(log) for check in readings.CHECKS)),
         (readings.jumps(log),),
         tuple(check(log) for check in (*response.CHECKS, *commands.CHECKS)),
-        (_joint_findings(log),) if commands_angles else (),
+        (_joint_findings(log, PER_JOINT if commands_angles else (commands.command_rate,)),),
         (signs.gravity_signs(log, robot),) if robot else (),
     )
 
@@ -49,8 +51,8 @@ def check_log(log: MotorLog, robot: Robot | None = None) -> LogReport:
     return LogReport(tuple(findings))
 
 
-def _joint_findings(log: MotorLog) -> Iterator[Finding]:
-    """Findings about windows of single joints, with rows of the log."""
+def _joint_findings(log: MotorLog, checks: Sequence[Check]) -> Iterator[Finding]:
+    """Findings of checks about windows of single joints, with rows of the log."""
     windows: dict[int, tuple[slice, MotorLog]] = {}
     findings: dict[int, list[Finding]] = {}
     for column in excited_joints(log).tolist():
@@ -62,9 +64,10 @@ def _joint_findings(log: MotorLog) -> Iterator[Finding]:
             yield Finding("warning", "tracking", 0.0, message, remedy, joint)
             continue
         windows[column] = window
-        findings[column] = [finding for check in PER_JOINT for finding in check(window[1])]
+        findings[column] = [finding for check in checks for finding in check(window[1])]
 
-    _name_followed_joints(log, windows, findings)
+    if response.tracking in checks:
+        _name_followed_joints(log, windows, findings)
 
     for column, joint_findings in findings.items():
         rows, grid = windows[column]

@@ -9,6 +9,7 @@ from motorprior.logs.motor_log import MotorLog
 from motorprior.logs.operations import excited_joints, with_velocities
 from motorprior.signals import rms, runs_of_true
 
+MIN_CHANGES = 10  # minimum number of changes of a command that `command_rate` checks
 MIN_HELD_ROWS = 3  # median number of rows between changes of a command that is logged slowly
 MAX_DELAY = 0.08  # maximum delay of a command that `command_rate` tries [s]
 # share of the unexplained acceleration that straight lines between commands must leave
@@ -30,19 +31,24 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
     Both commands, held and linear between their changes, explain the acceleration of the angle by
     linear regression,
 
-        q̈ = a·(command(t - delay) - q) - b·q̇ - c·sign q̇ + d·sin q + e·cos q + f.
+        q̈ = a·command(t - delay) - k·q - b·q̇ - c·sign q̇ + d·sin q + e·cos q + f.
+
+    In MIT mode there is a term of each command.
     """
-    command = window.position_target[:, 0]
-    changes = 1 + np.flatnonzero(np.diff(command))
-    if len(changes) < 10:
+    held = _commands(window)
+    changes = [1 + np.flatnonzero(np.diff(column)) for column in held.T]
+    if len(changes[0]) < MIN_CHANGES:
         return
-    held_rows = float(np.median(np.diff(changes)))
+    held_rows = float(np.median(np.diff(changes[0])))
     if held_rows < MIN_HELD_ROWS:
         return
 
-    linear = np.interp(window.time, window.time[changes], command[changes])
+    time = window.time
+    linear = held.copy()
+    for column, rows in zip(linear.T, changes, strict=True):
+        column[:] = np.interp(time, time[rows], column[rows])
     half_width = max(1, int(held_rows // 4))
-    held_error = _unexplained(window, command, half_width)
+    held_error = _unexplained(window, held, half_width)
     linear_error = _unexplained(window, linear, half_width)
     if linear_error >= MAX_REMAINING * held_error:
         return
@@ -54,14 +60,26 @@ def command_rate(window: MotorLog) -> Iterator[Finding]:
         f"by the line, {100 * held_error:.0f} % by held commands"
     )
     remedy = (
-        "commands were sent between the logged ones: log every command that is sent; armature, "
-        "delay and gear of this log are not identifiable"
+        "commands were sent between the logged ones: log every command that is sent; the constants "
+        "of this joint are not identifiable"
     )
     yield Finding("warning", "command_rate", milliseconds, message, remedy, joint)
 
 
-def _unexplained(window: MotorLog, command: np.ndarray, half_width: int) -> float:
-    """Share of the variance of the acceleration that a command (T,) does not explain [-].
+def _commands(window: MotorLog) -> np.ndarray:
+    """(T, C) commands of one joint that change; the main command of the mode is first."""
+    commands = [window.torque_feedforward]
+    if window.command_mode != "torque":
+        commands.insert(0, window.velocity_target)
+    if window.command_mode in ("position", "mit"):
+        commands.insert(0, window.position_target)
+    present = [command[:, 0] for command in commands if command is not None]
+    moving = [column for column in present[1:] if np.count_nonzero(np.diff(column)) >= MIN_CHANGES]
+    return np.stack([present[0], *moving], axis=1)
+
+
+def _unexplained(window: MotorLog, commands: np.ndarray, half_width: int) -> float:
+    """Share of the variance of the acceleration that commands (T, C) do not explain [-].
 
     The acceleration is a second difference over ``half_width`` rows, which is a triangular mean of
     the acceleration; the other terms have the same mean.
@@ -78,14 +96,15 @@ def _unexplained(window: MotorLog, command: np.ndarray, half_width: int) -> floa
     acceleration = (after - 2.0 * angle + before) / (half_width * window.period) ** 2
     velocity = mean(np.gradient(angle, window.period))
     friction = np.tanh(velocity / FULL_FRICTION_SPEED)
+    motion = [mean(angle), velocity, friction, np.sin(angle), np.cos(angle), np.ones_like(angle)]
     inside = slice(3 * half_width, -3 * half_width)
     variance = np.var(acceleration[inside])
 
     errors = []
     for delay in range(max(1, int(MAX_DELAY / window.period))):
-        delayed = np.concatenate([np.full(delay, command[0]), command[: len(command) - delay]])
-        terms = [mean(delayed - angle), velocity, friction, np.sin(angle), np.cos(angle)]
-        table = np.column_stack([*terms, np.ones_like(angle)])[inside]
+        first = np.repeat(commands[:1], delay, axis=0)
+        delayed = np.concatenate([first, commands[: len(commands) - delay]])
+        table = np.column_stack([*map(mean, delayed.T), *motion])[inside]
         coefficients = np.linalg.lstsq(table, acceleration[inside], rcond=None)[0]
         errors.append(np.mean((acceleration[inside] - table @ coefficients) ** 2))
     return float(min(errors) / max(variance, 1e-300))

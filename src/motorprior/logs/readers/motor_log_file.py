@@ -51,10 +51,13 @@ _HEADER = Schema(
         "motor_models": many(Field("a motor model", is_header_entry)),
         "firmware": TABLE,
         "bodies": TEXT,
+        "slow_commands": TABLE,
     },
     REWRITE,
     # a log of an older version has position commands
-    optional=frozenset({"firmware", "joint_classes", "motor_models", "command_mode", "bodies"}),
+    optional=frozenset(
+        {"firmware", "joint_classes", "motor_models", "command_mode", "bodies", "slow_commands"}
+    ),
     name="header",
 )
 
@@ -88,6 +91,8 @@ def write_log(path: str | Path, log: MotorLog) -> None:
         header["motor_models"] = [model.as_json() for model in log.motor_models]
     if log.bodies:
         header["bodies"] = log.bodies
+    if log.slow_commands:
+        header["slow_commands"] = dict(log.slow_commands)
 
     columns: dict[str, np.ndarray] = {}
     for channel, names in _column_names(channels, log.joint_names).items():
@@ -124,6 +129,7 @@ def read_parquet(path: str | Path, robot: Robot | None = None) -> MotorLog:
     values["motor_models"] = tuple(map(MotorModel.from_json, header.get("motor_models", ())))
     values["joint_names"] = tuple(header["joint_names"])
     values["bodies"] = header.get("bodies", "")
+    values["slow_commands"] = header.get("slow_commands", {})
     for channel, names in _column_names(header["channels"], header["joint_names"]).items():
         for name in names:
             if name not in table.column_names:
