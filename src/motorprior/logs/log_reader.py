@@ -123,7 +123,8 @@ def _set_commands(values: dict[str, Any], joints: tuple[MappedJoint, ...], path:
     """Replace kp and kd by logged gains, and set the command mode and missing commands.
 
     Gains of the file's columns count more than the numbers of the map. Gains of 0 in every row
-    stand for velocity or torque commands, and are left out.
+    stand for velocity or torque commands, and are left out. So are velocity targets and torques
+    that are 0 in every row.
     """
     angle = values["joint_pos"]
     for name in GAINS:
@@ -144,6 +145,9 @@ def _set_commands(values: dict[str, Any], joints: tuple[MappedJoint, ...], path:
 
     has_no_kp = "position_target" not in values or (kp is not None and not np.any(kp))
     if not has_no_kp:
+        for name in ("velocity_target", "torque_feedforward"):
+            if name in values and not np.any(values[name]):
+                del values[name]  # it was never used
         is_position = "velocity_target" not in values and "torque_feedforward" not in values
         values["command_mode"] = "position" if is_position else "mit"
         return

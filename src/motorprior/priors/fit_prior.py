@@ -244,8 +244,8 @@ def _fitted(
             # here: the import of the package stays light
             from motorprior.evaluation.held_out_baselines import better_baselines
 
-            for warning in better_baselines(separate, x, log, recipe, seed, progress):
-                progress.warn(warning)
+            for note in better_baselines(separate, x, log, recipe, seed, progress):
+                progress.report(note)
 
     misfit = np.ones(log.num_joints)
     if isinstance(model, GreyBox):

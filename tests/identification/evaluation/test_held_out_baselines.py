@@ -8,10 +8,11 @@ from motor_logs import log_of
 import motorprior as mp
 from motorprior.actuator.geared_motor_step import PARAMETERS
 from motorprior.actuator.grey_box import GreyBox
+from motorprior.actuator.motor_prior import with_command_mode
 from motorprior.bench.dynamometer import run, trial_of
 from motorprior.evaluation.held_out_baselines import better_baselines
 from motorprior.identification.physics.motor_problem import grey_box, initial_center
-from motorprior.identification.presets import PRESETS
+from motorprior.identification.presets import PRESETS, with_logged_settings
 from motorprior.progress import SILENT
 
 RECIPE = PRESETS["quick"]
@@ -36,10 +37,42 @@ def stiff_drive() -> mp.MotorLog:
 
 
 def test_a_stiff_drive_is_a_response_of_its_command():
-    (warning,) = better_baselines(motors(), MEAN, stiff_drive(), RECIPE, 0, SILENT)
+    (note,) = better_baselines(motors(), MEAN, stiff_drive(), RECIPE, 0, SILENT)
 
-    assert warning.startswith(("pure_delay", "second_order", "servo_limits")), warning
-    assert "not fitted to" in warning
+    assert note.text.startswith(("pure_delay", "second_order", "servo_limits")), note
+    assert "not fitted to" in note.text
+
+
+def test_a_log_too_short_for_a_comparison_gets_a_note():
+    short = stiff_drive().rows(slice(0, 900))
+    (note,) = better_baselines(motors(), MEAN, short, RECIPE, 0, SILENT)
+
+    assert note.severity == "info"
+    assert "too short" in note.text
+
+
+def test_a_rigid_motor_that_replays_torques_better_is_named():
+    """The fitted motors are four times too heavy."""
+    time = RECIPE.period * np.arange(6000)
+    torque = 0.6 * np.sin(2.0 * np.pi * (0.5 + 0.05 * time) * time)[:, None]
+    load = {
+        "load_inertia": np.full_like(torque, 0.01),
+        "external_torque": np.zeros_like(torque),
+    }
+    silent = log_of(time, 0.0 * time, command_mode="torque", torque_feedforward=torque, **load)
+    model = replace(motors(), command_mode="torque")
+    recipe = with_logged_settings(RECIPE, silent)
+    model = replace(model, gain_unit=recipe.gain_unit)
+    motor = with_command_mode(model.motors(MEAN, gains=np.ones((2, 1))))
+    angle = run(motor, trial_of(silent)).joint_pos
+    log = replace(silent, joint_pos=angle, position_target=angle)
+    heavy = MEAN.copy()
+    heavy[0, PARAMETERS.index("armature")] = np.log(4.0)
+
+    (note,) = better_baselines(model, heavy, log, recipe, 0, SILENT)
+
+    assert note.text.startswith("coulomb_viscous")
+    assert not better_baselines(model, MEAN, log, recipe, 0, SILENT)
 
 
 def test_a_log_that_the_motors_explain_has_no_better_baseline():

@@ -15,7 +15,7 @@ from motorprior.identification.physics.motor_problem import (
     initial_center,
 )
 from motorprior.identification.physics.window_runs import WindowRuns
-from motorprior.identification.presets import PRESETS
+from motorprior.identification.presets import PRESETS, Recipe
 from motorprior.identification.windows import POS, READING, TARGET, TORQUE, VEL, TrainingData
 
 Data = Callable[..., TrainingData]
@@ -25,17 +25,19 @@ KP = PARAMETERS.index("kp")
 KD_OVER_KP = PARAMETERS.index("kd_over_kp")
 
 
-def noisy_logs(decoder_data: Data, limits: list[float]) -> tuple[WindowRuns, np.ndarray]:
+def noisy_logs(
+    decoder_data: Data, limits: list[float], segments: int = 20, recipe: Recipe = PRESET
+) -> tuple[WindowRuns, np.ndarray]:
     """Free runs over noisy logs of motors with these limits, and the motors' outputs (M, K)."""
     center = initial_center(())
     z = 0.1 * np.random.default_rng(1).standard_normal((len(limits), len(center)))
     z[:, LIMIT] = np.log(limits) - center[LIMIT]
-    data = decoder_data(grey_box(center, (), PRESET), z, segments=20, rows=400)
+    data = decoder_data(grey_box(center, (), PRESET), z, segments=segments, rows=400)
     noise = np.random.default_rng(5).standard_normal((*data.series.shape[:2], 3))
     series = data.series.copy()
     series[..., [POS, VEL, TORQUE]] += (noise * [3e-4, 0.02, 0.02]).astype(np.float32)
     series[..., READING] = series[..., POS]
-    return WindowRuns(replace(data, series=series), PRESET), center + z
+    return WindowRuns(replace(data, series=series), recipe), center + z
 
 
 def saturated_share(runs: WindowRuns, outputs: np.ndarray) -> np.ndarray:
@@ -66,6 +68,19 @@ def test_a_limit_that_a_search_missed_is_found_in_the_fit(decoder_data: Data):
     x = decided(runs, center, x, groups=np.arange(2))
 
     np.testing.assert_allclose(np.exp(center[LIMIT] + x[:, LIMIT]), 1.5, rtol=0.1)
+
+
+def test_a_limit_that_binds_in_the_only_window_of_a_log_is_decided_without_a_test(
+    decoder_data: Data,
+):
+    recipe = replace(PRESET, window=330)
+    runs, outputs = noisy_logs(decoder_data, [0.3], 1, recipe)
+    center = initial_center(())
+    assert runs.windows == 1
+
+    x = decided(runs, center, outputs - center, groups=np.zeros(1, int))
+
+    np.testing.assert_allclose(np.exp(center[LIMIT] + x[:, LIMIT]), 0.3, rtol=0.1)
 
 
 def test_a_low_limit_that_all_siblings_exceed_is_off(decoder_data: Data):

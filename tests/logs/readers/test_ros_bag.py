@@ -50,8 +50,12 @@ def write_bag(
     names=JOINTS,
     numbers: str = "",
     velocity: float = 0.0,
+    feedforward: float | None = None,
 ) -> Path:
-    """A bag of two topics of JointState, and one of plain numbers where its name is given."""
+    """A bag of two topics of JointState, and one of plain numbers where its name is given.
+
+    With ``feedforward``, commands have velocities of 0 and efforts of this size.
+    """
     from mcap_ros2.writer import Writer
 
     with open(path, "wb") as file, Writer(file) as writer:
@@ -64,6 +68,9 @@ def write_bag(
                 "velocity": [],
                 "effort": [],
             }
+            if feedforward is not None:
+                order["velocity"] = [0.0] * len(order["name"])
+                order["effort"] = [feedforward] * len(order["name"])
             writer.write_message(
                 commands, schema, {"header": head} | order, log_time=int(1e9 * time) + 1
             )
@@ -130,6 +137,17 @@ def test_ambiguous_or_missing_topics_and_joints_are_refused_by_name(
 ):
     with pytest.raises(LogError, match=message):
         read_log(write_bag(tmp_path / "a.mcap", **changes))
+
+
+def test_velocities_and_efforts_of_commands_are_targets_unless_they_are_0(tmp_path: Path):
+    log = read_log(write_bag(tmp_path / "a.mcap", feedforward=0.4))
+    unused = read_log(write_bag(tmp_path / "b.mcap", feedforward=0.0))
+
+    assert log.command_mode == "mit"
+    assert log.torque_feedforward is not None
+    assert np.all(log.torque_feedforward == 0.4)
+    assert log.velocity_target is None
+    assert unused.command_mode == "position"
 
 
 def test_the_folder_of_a_bag_is_its_one_file(tmp_path: Path):

@@ -311,13 +311,15 @@ def is_held_out(runs: WindowRuns, binds: np.ndarray) -> np.ndarray:
 
     They are in every second block of the logs. Windows in which a limit ``binds`` (N,) are held out
     in every second sequence of such windows, or every second one if there is only one sequence.
+    None is held out if no other window would be left.
     """
     blocks = np.unique(blocks_of(runs), return_inverse=True)[1]
     is_first = binds & ~np.concatenate([[False], binds[:-1]])
     sequences = np.cumsum(is_first)  # (N,) number of the sequence, from 1
     if sequences[-1] == 1:
         sequences = np.cumsum(binds)
-    return np.where(binds, sequences, blocks) % 2 == 1
+    held_out = np.where(binds, sequences, blocks) % 2 == 1
+    return held_out & ~held_out.all()
 
 
 def _scan(name: str, log_reached: np.ndarray, center: float) -> np.ndarray:

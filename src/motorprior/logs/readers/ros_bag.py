@@ -13,7 +13,8 @@ it of every other column. A message that lists joint names has values of these j
 several publishers may share a topic.
 
 Without a map, a bag has two topics of sensor_msgs/JointState: the states, named ``joint_states`` in
-any namespace, and the commands. A velocity or effort that a first message lacks is not read.
+any namespace, and the commands, whose velocities and efforts are velocity targets and feed-forward
+torques. A velocity or effort that a first message lacks is not read.
 """
 
 import re
@@ -121,11 +122,16 @@ def read_ros_bag(path: Path, robot: Robot | None = None) -> MotorLog:
         "position_target": command + ":position[{joint}]",
         "joint_pos": state + ":position[{joint}]",
     }
-    for channel, name in (("joint_vel", "velocity"), ("joint_torque", "effort")):
-        values = [np.array(getattr(message, name)) for message in messages[state]]
+    for channel, topic, name in (
+        ("joint_vel", state, "velocity"),
+        ("joint_torque", state, "effort"),
+        ("velocity_target", command, "velocity"),
+        ("torque_feedforward", command, "effort"),
+    ):
+        values = [np.array(getattr(message, name)) for message in messages[topic]]
         # ros2_control writes NaN for a missing interface
         if all(array.size and not np.isnan(array).any() for array in values):
-            series[channel] = f"{state}:{name}[{{joint}}]"
+            series[channel] = f"{topic}:{name}[{{joint}}]"
 
     robot = robot_of_joints(robot, names)
     columns = ColumnMap(
