@@ -102,3 +102,21 @@ def test_a_joint_whose_torque_goes_off_is_reported_with_its_row():
     assert len(findings) == 1
     assert findings[0].row == pytest.approx(5600, abs=150)
     assert not of_check(check_log(log_of(TIME, SMOOTH, driven)), "torque_off")
+
+
+@pytest.mark.parametrize("is_on", [True, False])
+def test_a_joint_that_feed_forward_torques_move_against_its_target_has_torque(is_on: bool):
+    angle = answer(SMOOTH, 2000.0, 60.0)
+    torque = np.repeat(np.random.default_rng(3).uniform(-8.0, 8.0, 200), 40)  # for 0.2 s each
+    q = angle[5600]
+    dq = 0.0
+    for row in range(5600, len(angle)):
+        angle[row] = q
+        for _ in range(5):
+            dq += 0.001 * (is_on * torque[row] - 9.0 * (q + 1.5) - 3.0 * dq)
+            q += 0.001 * dq
+    commands = {"command_mode": "mit", "torque_feedforward": torque[:, None]}
+
+    findings = of_check(check_log(log_of(TIME, SMOOTH, angle, **commands)), "torque_off")
+
+    assert len(findings) == (not is_on)

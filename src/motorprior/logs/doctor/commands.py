@@ -22,6 +22,9 @@ MIN_ERROR = 0.15  # minimum error of a joint whose torque is off [rad]
 ERROR_RATIO = 6.0  # minimum error of such a block over the lower quartile of all blocks
 MAX_CROSSING = 4  # blocks in which the command may cross the angle of a joint without torque
 MIN_FALL = 0.4  # share of that error at which a joint that falls slowly counts as without torque
+ACCELERATION_TIME = 0.02  # over which `torque_off` takes accelerations [s]
+# share of the unexplained acceleration that commands must leave if the torque is on
+MAX_PASSIVE = 0.8
 MIN_CORRELATION = 0.5  # minimum correlation of an angle with its command if the torque is on
 
 
@@ -171,7 +174,18 @@ def torque_off(log: MotorLog) -> Iterator[Finding]:
 
 
 def _follows(log: MotorLog, column: int, stretch: slice) -> bool:
-    """Whether the angle correlates with its command, at the best delay up to 0.25 s."""
+    """Whether the angle correlates with its command, at the best delay up to 0.25 s.
+
+    In MIT mode, commands that explain the acceleration count, too: gains may be small.
+    """
+    if log.command_mode == "mit":
+        window = log.joint(column).rows(stretch)
+        commands = _commands(window)
+        half_width = max(1, round(ACCELERATION_TIME / window.period))
+        passive_error = _unexplained(window, commands[:, :0], half_width)
+        if _unexplained(window, commands, half_width) < MAX_PASSIVE * passive_error:
+            return True
+
     command = log.position_target[stretch, column]
     angle = log.joint_pos[stretch, column]
     best = 0.0
