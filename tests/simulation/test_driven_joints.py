@@ -14,6 +14,7 @@ import motorprior as mp
 from motorprior.actuator.grey_box import GreyBox, GreyBoxActuator
 from motorprior.actuator.motors import Motors
 from motorprior.exceptions import ConfigError, SimulationFault
+from motorprior.priors.prior_file import prior_notes
 from motorprior.simulation.driven_joints import DrivenJoints
 from motorprior.simulation.motors import simulated_motors
 
@@ -193,3 +194,14 @@ def test_a_robot_that_is_sent_position_targets_refuses_motors_of_velocity_comman
 
     with pytest.raises(ConfigError, match="velocity commands"):
         simulated_motors(prior, mp.load_robot("pupper_v2"))
+
+
+@pytest.mark.parametrize(("command_mode", "is_noted"), [("torque", True), ("mit", False)])
+def test_a_prior_whose_logs_have_no_position_gains_is_noted(command_mode: str, is_noted: bool):
+    prior = mp.from_pretrained("go2")
+    assert isinstance(prior.model, GreyBox)
+    prior = replace(prior, model=replace(prior.model, command_mode=command_mode))
+
+    notes = list(prior_notes(prior, mp.load_robot("pupper_v2")))
+
+    assert any("the scale of position gains is not" in note for note in notes) == is_noted

@@ -316,7 +316,7 @@ def motion_digest(log: MotorLog) -> str:
 
 
 def settings_text(log: MotorLog) -> str:
-    """Command mode, gains, registers and operating conditions with units, and postures.
+    """Command mode, gains, registers, operating conditions, slow commands and postures, with units.
 
     They are separated by semicolons; the text is empty without any.
     """
@@ -328,6 +328,8 @@ def settings_text(log: MotorLog) -> str:
     for name, values in channels(log).items():
         if name in OPERATING_CONDITIONS:
             texts.append(f"{name} {operating_condition_text(name, values.min(), values.max())}")
+    for name, period in log.slow_commands.items():
+        texts.append(f"commands of {name} every {1e3 * period:.3g} ms, fewer than were sent")
     if log.posture is not None:
         postures = [POSTURES[code] for code in np.unique(log.posture).tolist()]
         texts.append(f"posture {', '.join(postures)}")

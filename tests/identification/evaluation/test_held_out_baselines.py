@@ -52,12 +52,13 @@ def test_a_log_too_short_for_a_comparison_gets_a_note():
 
 
 def test_a_rigid_motor_that_replays_torques_better_is_named():
-    """The fitted motors are four times too heavy."""
+    # a spring of 2 N·m/rad is the load
     time = RECIPE.period * np.arange(6000)
     torque = 0.6 * np.sin(2.0 * np.pi * (0.5 + 0.05 * time) * time)[:, None]
     load = {
         "load_inertia": np.full_like(torque, 0.01),
         "external_torque": np.zeros_like(torque),
+        "load_stiffness": np.full_like(torque, -2.0),
     }
     silent = log_of(time, 0.0 * time, command_mode="torque", torque_feedforward=torque, **load)
     model = replace(motors(), command_mode="torque")
@@ -65,8 +66,8 @@ def test_a_rigid_motor_that_replays_torques_better_is_named():
     model = replace(model, gain_unit=recipe.gain_unit)
     motor = with_command_mode(model.motors(MEAN, gains=np.ones((2, 1))))
     angle = run(motor, trial_of(silent)).joint_pos
-    log = replace(silent, joint_pos=angle, position_target=angle)
-    heavy = MEAN.copy()
+    log = replace(silent, joint_pos=angle, position_target=angle, external_torque=-2.0 * angle)
+    heavy = MEAN.copy()  # four times the armature
     heavy[0, PARAMETERS.index("armature")] = np.log(4.0)
 
     (note,) = better_baselines(model, heavy, log, recipe, 0, SILENT)

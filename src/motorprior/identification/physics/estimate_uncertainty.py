@@ -3,7 +3,7 @@
 The fit minimises the loss U of a motor's windows. In the coordinates y of `actuator.estimates`, the
 covariance of all its constants together is
 
-    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·MODEL_ERROR/SCORE²·(U - U_noise)·H
+    C = (H·S⁻¹·H + I/UNKNOWN_STD²)⁻¹,   S = S_time + 2·MODEL_ERROR/SCORE²·U·H
 
 H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two parts:
 
@@ -14,8 +14,7 @@ H is the Gauss-Newton matrix of U. Priors of the fit do not enter. S has two par
 - The second part is the error of the model, the same in all blocks: the simulation, the loads and
   the grid are not exact, and the search ends a little beside the optimum. A 90 % interval therefore
   holds at least the values for which the other constants can be adjusted so that the loss is larger
-  by at most the share MODEL_ERROR. The loss U_noise of the smoothed angles themselves is left out:
-  it comes from the noise of the readings, which is no error of the model.
+  by at most the share MODEL_ERROR.
 
 A profile checks this linearisation. Each constant that seems identified is fixed at the ends of its
 interval, and the other constants are fitted again. If the loss rises by less than the quadratic
@@ -37,27 +36,14 @@ from motorprior.actuator.estimates import (
 from motorprior.actuator.geared_motor_step import MAX_LOG_FACTOR, parameters_of
 from motorprior.actuator.grey_box import GreyBox
 from motorprior.actuator.optional_terms import SIGNED
-from motorprior.identification import windows as channel
 from motorprior.identification.physics.effect_scales import effect_scale
 from motorprior.identification.physics.motor_problem import (
     WEAK_PRECISION,
     fixed_constants,
     motor_search,
 )
-from motorprior.identification.physics.window_runs import (
-    POSITION_SCALE,
-    VELOCITY_SCALE,
-    WindowRuns,
-)
-from motorprior.identification.search import (
-    FIXED,
-    NARROW,
-    WIDE,
-    GaussianPrior,
-    Problem,
-    Search,
-    huber,
-)
+from motorprior.identification.physics.window_runs import WindowRuns
+from motorprior.identification.search import FIXED, NARROW, WIDE, GaussianPrior, Problem, Search
 
 # Share by which the loss may rise within a 90 % interval. Chosen on simulated arms other than those
 # of the reported coverage (benchmarks/simulated_arms.py).
@@ -80,36 +66,17 @@ def estimates_of(model: GreyBox, x: np.ndarray, runs: WindowRuns) -> Estimates:
     free = np.flatnonzero(~fixed)
     blocks = blocks_of(runs)
     losses = search.losses(x)
-    model_losses = np.maximum(losses - noise_losses(runs), 0.0)
 
     covariance = np.zeros((*x.shape, x.shape[1]))
     for motor in range(len(x)):
         curvature, scores = _derivatives(search, coordinates, motor, free, blocks)
-        covariance[motor][np.ix_(free, free)] = joint_covariance(
-            curvature, scores, model_losses[motor]
-        )
+        covariance[motor][np.ix_(free, free)] = joint_covariance(curvature, scores, losses[motor])
     estimates = Estimates(covariance, coordinates.scale)
-    return _profiled(search, coordinates, estimates, free, losses, model_losses)
-
-
-def noise_losses(runs: WindowRuns) -> np.ndarray:
-    """(M,) loss U_noise of the smoothed angles of each motor, compared with its readings."""
-    steps = runs.velocity_steps
-    errors = []
-    for segment in runs.segments:
-        error = segment.rows[:, channel.READING] - segment.rows[:, channel.POS]
-        position = huber(error / POSITION_SCALE).mean(axis=0)
-        velocity = np.zeros_like(position)
-        if steps:
-            change = error[steps:] - error[:-steps]
-            scale = steps * runs.recipe.period * VELOCITY_SCALE
-            velocity = huber(change / scale).mean(axis=0)
-        errors.append(segment.windows * (position + velocity))
-    return np.sum(errors, axis=0) / runs.windows
+    return _profiled(search, coordinates, estimates, free, losses)
 
 
 def joint_covariance(curvature: np.ndarray, scores: np.ndarray, loss: float) -> np.ndarray:
-    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and U - U_noise."""
+    """(K, K) covariance C from H (K, K), the gradients g (B, K) of blocks, and the loss U."""
     count, size = scores.shape
     eigenvalues, vectors = np.linalg.eigh(curvature)
     largest = max(eigenvalues.max(), np.finfo(float).tiny / MIN_EIGENVALUE)
@@ -244,12 +211,10 @@ def _profiled(
     estimates: Estimates,
     free: np.ndarray,
     losses: np.ndarray,
-    model_losses: np.ndarray,
 ) -> Estimates:
     """The estimates with larger standard deviations where a profile of the loss is flatter.
 
-    ``free`` are the columns of the fitted constants, ``losses`` U (M,) those of the fit, and
-    ``model_losses`` U - U_noise.
+    ``free`` are the columns of the fitted constants, ``losses`` (M,) those of the fit.
     """
     factors = np.ones_like(coordinates.x)
     for column in free:
@@ -258,9 +223,7 @@ def _profiled(
         if not len(motors):
             continue
         for sign in (1.0, -1.0):
-            ratio = _profile_ratio(
-                search, coordinates, estimates, column, sign, motors, losses, model_losses
-            )
+            ratio = _profile_ratio(search, coordinates, estimates, column, sign, motors, losses)
             factor = np.clip(ratio**-0.5, 1.0, MAX_PROFILE_FACTOR)
             factors[motors, column] = np.maximum(factors[motors, column], factor)
 
@@ -286,7 +249,6 @@ def _profile_ratio(
     sign: float,
     motors: np.ndarray,
     losses: np.ndarray,
-    model_losses: np.ndarray,
 ) -> np.ndarray:
     """(m,) rise of the loss at an end of the interval, over the rise that identifies it.
 
@@ -310,7 +272,7 @@ def _profile_ratio(
 
     # the end of an interval that the decoder cannot reach is checked nearer by, or not at all
     share = (real_change[motors] / change[motors]) ** 2
-    expected_rise = MODEL_ERROR * model_losses[motors] * share
+    expected_rise = MODEL_ERROR * losses[motors] * share
     is_checked = expected_rise > 0.0
     ratio = np.where(is_checked, rise / np.where(is_checked, expected_rise, 1.0), 1.0)
     return np.maximum(ratio, MAX_PROFILE_FACTOR**-2)
