@@ -123,7 +123,7 @@ def test_an_episode_of_lerobot_is_a_segment(tmp_path: Path):
     np.testing.assert_array_equal(in_order_of_robot.joint_pos, log.joint_pos[:, ::-1])
 
 
-def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_path: Path):
+def test_lerobot_and_sage_record_the_registers_and_the_encoder_of_the_arm(tmp_path: Path):
     assert read_log(write_lerobot(tmp_path)).firmware == {}
 
     info = tmp_path / "dataset" / "meta" / "info.json"
@@ -132,7 +132,8 @@ def test_lerobot_and_sage_record_the_acceleration_that_the_driver_writes(tmp_pat
     firmware = read_log(tmp_path / "dataset").firmware
 
     assert firmware == pytest.approx(load_column_map("so101_sage").firmware, rel=1e-5)
-    assert firmware == {"profile_acceleration": pytest.approx(38.963, rel=1e-4)}
+    acceleration = pytest.approx(38.963, rel=1e-4)
+    assert firmware == {"profile_acceleration": acceleration, "output_encoder": 1.0}
     assert read_log(write_sage(tmp_path)).firmware == {}, "joints of another robot"
 
 
